@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.scenario.controls import CONSTANT_RATE, REAL_TIME
+from dembrick.scenario.controls import CONSTANT_RATE, LIMIT_LOAD, REAL_TIME
 from dembrick.scenario.custom_laws import CustomLaw
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
 SETTING = "custom_law"  # of a history: what `CustomLaw.as_dict` says
-REGIMES = (CONSTANT_RATE, REAL_TIME)  # whose loops call it step by step
+REGIMES = (LIMIT_LOAD, CONSTANT_RATE, REAL_TIME)  # whose loops call it step by step
 
 
 def with_law(assembly: Assembly, scenario: Scenario, law: Any, refine: bool = False, bound: bool = False) -> Assembly:
@@ -37,8 +37,9 @@ def _refuse(assembly: Assembly, scenario: Scenario, name: str) -> None:
     if scenario.control.regime not in REGIMES:
         raise ScenarioError(
             f'control.kind = "{scenario.control.kind}" of this scenario is answered by {scenario.control.regime.name}, '
-            f"which knows no joint law of one's own: the law {name} is for tests at a constant rate "
-            '(kind = "displacement" with a rate) and for motion in real time'
+            f"which knows no joint law of one's own: the law {name} is for searches of the limit load "
+            'of a single joint (kind = "yield"), tests at a constant rate (kind = "displacement" with a rate) and '
+            "motion in real time"
         )
     if scenario.stages:
         raise ScenarioError(

@@ -42,7 +42,7 @@ from dembrick.scenario.protocols import protocol_of
 from dembrick.simulation.expected_cost import LONG, WITHIN, longest_search, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
-from dembrick.simulation.statics import constant_rate, limit_load, point_placement, standing
+from dembrick.simulation.statics import constant_rate, custom_limit, limit_load, point_placement, standing
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import State
 
@@ -87,6 +87,8 @@ def _tolerance(scenario: Scenario) -> float:
 
 def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, float]:
     """The points of a lone distributed joint where they suit its limit load. Raises Interrupted."""
+    if assembly.custom_law is not None:
+        return assembly, 0.0
     try:
         return point_placement.place_points(assembly, _tolerance(scenario), scenario.solver.step_factor)
     except Interrupted as error:
@@ -95,6 +97,8 @@ def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, flo
 
 def _limit_load(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
     factor = scenario.solver.step_factor
+    if assembly.custom_law is not None:
+        return custom_limit.find_peak(assembly, _tolerance(scenario), factor, session)
     return limit_load.find_limit_load(assembly, _tolerance(scenario), factor, session, steps=steps)
 
 
@@ -149,7 +153,8 @@ def _searched(bound: bool = False, **fields) -> Result:
     """The yield point of a run compared with theory, if one holds, what stands beside it, and the collapse of a load on
     every block; ``bound``: with the associative bound, whatever it costs."""
     run, assembly, control = fields["run"], fields["assembly"], fields["scenario"].control
-    others = None if control.regime is CONSTANT_RATE else other_paths(run, assembly, control, bound)
+    unbounded = control.regime is CONSTANT_RATE or assembly.custom_law is not None
+    others = None if unbounded else other_paths(run, assembly, control, bound)
     if others is not None:
         run.yield_point = within(run.yield_point, others.bound)
     expected = theory_check.theory_of(assembly, control.regime is CONSTANT_RATE)

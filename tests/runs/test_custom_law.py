@@ -12,6 +12,7 @@ import pytest
 import dembrick
 from dembrick._jit import hearing
 from dembrick.errors import DembrickError, HistoryError, ScenarioError
+from dembrick.simulation.statics import custom_limit
 from dembrick.views.motion.joints import JointMotion
 from tests.helpers.custom_laws import BILINEAR, COULOMB, FOLLOWING, coulomb
 
@@ -69,14 +70,60 @@ def test_bilinear_springs_close_as_they_should_under_the_dead_load():
     assert result.yield_point.V == pytest.approx(MU * N, rel=1e-3)
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
+def test_a_search_finds_the_peak_within_its_bar(tolerance):
+    """In pure shear mu N (1 + rise) and, without a rise, mu N; in torsion and shear what theory says of mu."""
+    rise = FOLLOWING.parameters["rise"]
+    exact = 254.56982230222368  # N, theory of four points under equal forces, see `theory.limit_loads`
+    for name, law, V, after in (
+        ("shear", FOLLOWING, MU * N * (1.0 + rise), MU * N * FOLLOWING.parameters["residual"]),
+        ("shear", FOLLOWING.with_parameters(slip_distance=2e-4), MU * N * (1.0 + rise), 0.5 * MU * N),
+        ("shear", COULOMB, MU * N, None),
+        ("shear", BILINEAR, MU * N, None),
+        ("set4a", COULOMB, exact, None),
+        ("set4a", BILINEAR, exact, None),
+    ):
+        scenario = dembrick.load(name, ["joint.formulation=concave", f"control.tolerance={tolerance}"])
+        result = dembrick.simulate(scenario, law=law)
+        point = result.yield_point
+        assert point.V_lower <= V <= point.V_upper, (name, law.name)
+        assert point.half_width <= tolerance * point.V and point.bracket == "indicator"
+        assert point.V_after is None if after is None else point.V_after == pytest.approx(after, rel=2e-3)
+        assert point.mechanism == ("sliding" if name == "shear" else "torsion-shear")
+        assert point.V_2 == pytest.approx(point.V, rel=5e-3)
+        assert result.energy.relative_residual < 1e-6 and result.theory is None and not result.others
+
+
+def test_a_load_that_nothing_limits_is_no_answer(monkeypatch):
+    def sticking(move, law, memory):
+        normal = law.normal_stiffness * max(move.penetration, 0.0)
+        t1 = memory.shear_1 + law.shear_stiffness * move.slip_1
+        t2 = memory.shear_2 + law.shear_stiffness * move.slip_2
+        held = normal**2 / law.normal_stiffness + (t1**2 + t2**2) / law.shear_stiffness
+        return normal, t1, t2, 0.5 * held
+
+    monkeypatch.setattr(custom_limit, "MOST_STEPS", 100)
+    with pytest.raises(dembrick.NotConvergedError, match="no limit load: after 100 steps V is .* neither steady nor"):
+        dembrick.simulate(dembrick.load("shear", ["joint.formulation=concave"]), law=sticking)
+
+
+def test_a_search_is_for_blocks_that_stand_on_fixed_ones():
+    scenario = two_blocks(dembrick.load("shear", ["joint.formulation=concave"]))
+    with pytest.raises(ScenarioError, match="for blocks that each stand on fixed ones alone") as error:
+        dembrick.simulate(scenario, law=COULOMB)
+    assert "\n" not in str(error.value)
+
+
+def two_blocks(scenario):
+    """The same with a third block on top, which the actuator pushes in its lower face."""
+    top = replace(scenario.blocks[1], name="top", position=(0.0, 0.0, 0.15))
+    actuator = replace(scenario.actuators[0], block="top", point=(0.0, 0.0, 0.1))
+    return replace(scenario, blocks=(*scenario.blocks, top), actuators=(actuator,))
+
+
 def test_several_blocks():
     """Two blocks on a base, each on its own joint: the upper joint slips at mu N of its own N."""
-    scenario = lab()
-    upper = scenario.blocks[1]
-    top = replace(upper, name="top", position=(0.0, 0.0, 0.15))
-    actuator = replace(scenario.actuators[0], block="top", point=(0.0, 0.0, 0.1))
-    scenario = replace(scenario, blocks=(*scenario.blocks, top), actuators=(actuator,))
-    found = dembrick.simulate(scenario, law=COULOMB).yield_point
+    found = dembrick.simulate(two_blocks(lab()), law=COULOMB).yield_point
     assert found.V == pytest.approx(MU * 9.0 * 9.81, rel=2e-3)
     assert found.joint == ("upper", "top")
 

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError
-from dembrick.kernels.statics.loop import CONVERGED, RUNNING
+from dembrick.kernels.state import ScaledInertia
+from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Output
@@ -212,20 +213,10 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
 
     The record holds the load in equilibrium with the joint, not what inertia and dashpots of the search add to it.
     """
-    assembly = setup.assembly
-    state, load = setup.state, setup.load
-    # All frequencies of the scaled blocks are eta/dt; actuator and dashpots bring the critical eta below 2.
-    eta = step_factor * critical_time_step(math.sqrt(1.0 + ACTUATOR_STIFFNESS), VISCOUS)
+    assembly, state = setup.assembly, setup.state
     critical = setup.dashpots().critical_time_step
-    dt = step_factor * critical
-    inertia = inverse_inertia(state, setup.stiffness * (dt / eta) ** 2)
-    scale = rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
-    rate = float(SLIP_PER_STEP * scale / dt)
-    drive = steady_drive(rate, dt, setup.actuator_stiffness)
+    dt, inertia, drive = inertia_and_drive(setup, step_factor)
     drive = drive._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
-    if setup.certificate.tilts:
-        rate *= GENTLY
-        drive = drive._replace(rate=rate, damping=FLUCTUATION_DAMPING)
     frames_every = 1 if len(assembly.names) <= 100 else 8
     watched = assembly.control_points
     recorder = Recorder(state, session, CHUNK_OF_SEARCH, 1, frames_every, watched) if session.observe else None
@@ -247,8 +238,25 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
         status = stepper.to(loop.step - loop.step % CHUNK_OF_SEARCH + CHUNK_OF_SEARCH)
     steps = loop.step
     refuse_divergence(status, assembly, state, steps, dt, critical)
-    chosen = {"eta": float(eta), "rate": rate, "inertia": "scaled"}
+    chosen = {"eta": _eta(step_factor), "rate": drive.rate, "inertia": "scaled"}
     return setup.finished(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
+
+
+def _eta(step_factor: float) -> float:
+    """Frequencies of the scaled blocks times the time step; actuator and dashpots bring the critical one below 2."""
+    return float(step_factor * critical_time_step(math.sqrt(1.0 + ACTUATOR_STIFFNESS), VISCOUS))
+
+
+def inertia_and_drive(setup: Setup, step_factor: float) -> tuple[float, ScaledInertia, Drive]:
+    """The time step of a search with artificial inertia (s), that inertia, and the actuators at their pace."""
+    dt = step_factor * setup.dashpots().critical_time_step
+    inertia = inverse_inertia(setup.state, setup.stiffness * (dt / _eta(step_factor)) ** 2)
+    scale = rough_strength(setup.state, setup.certificate, setup.load) * setup.compliance / setup.weight
+    rate = float(SLIP_PER_STEP * scale / dt)
+    drive = steady_drive(rate, dt, setup.actuator_stiffness)
+    if setup.certificate.tilts:
+        drive = drive._replace(rate=rate * GENTLY, damping=FLUCTUATION_DAMPING)
+    return dt, inertia, drive
 
 
 def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: Output) -> Plan:

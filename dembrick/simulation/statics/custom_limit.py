@@ -1,0 +1,186 @@
+"""Search for the limit load of blocks whose joints follow a law of the user's own (`find_peak`).
+
+No theorem bounds what such a law carries, so nothing is certified: the blocks are pushed with artificial inertia, step
+by step, until the load is steady or has fallen to `FALLEN` of its peak, and again at half the pace, until the peak
+stays. Inertia, dashpots and what the law misses within a step are all of the order of the pace, so twice what the last
+halving changed is the bar.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.kernels.statics.loop import CONVERGED, RUNNING
+from dembrick.scenario.checks import present
+from dembrick.simulation.session import Session
+from dembrick.simulation.statics.elastic_factor import touches_itself
+from dembrick.simulation.statics.guards import new_guard, refuse_divergence
+from dembrick.simulation.statics.limit_load import inertia_and_drive
+from dembrick.simulation.statics.limit_state import copy_of
+from dembrick.simulation.statics.load_system import Replay, Setup
+from dembrick.simulation.statics.recorder import Recorder
+from dembrick.simulation.statics.state import State, new_energy
+from dembrick.simulation.statics.stepper import Loop, Stepper
+from dembrick.simulation.statics.yield_point import YieldPoint, read_off
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
+FALLEN = 0.05  # of the peak: a load that fell so far has had it
+HALVINGS = 8  # of the pace, at most
+MOST_STEPS = 200_000  # of a push at the whole pace
+BAR = 2.0  # times what the last halving of the pace changed
+BEHIND = 4.0  # tolerances below a peak, a steady load is another one than that of the peak
+ROUNDED = 1e-9  # of V: no bar is narrower
+RECORDED = 4096  # steps of a chunk of the push that is recorded
+
+
+@dataclass
+class _Push:
+    """One push: V of its peak (N), the state there, when it was and how far the head had come (m), the load at its end,
+    its steps, and whether it ended by itself."""
+
+    V: float
+    state: State
+    at: int
+    driven: float
+    after: float
+    steps: int
+    over: bool
+
+
+def find_peak(assembly: Assembly, tolerance: float, step_factor: float, session: Session | None = None) -> Replay:
+    """Push until the peak of V is known within ``tolerance`` of it (relative half-width).
+
+    Raises NotConvergedError where the load neither falls nor comes to rest, or the peak does not stay; ScenarioError if
+    free blocks touch each other, are tied or guided; and what the dead loads raise.
+    """
+    session = Session.of(session)
+    pushes: list[_Push] = []
+    bars: list[float] = []
+    pace = 1.0
+    for halvings in range(HALVINGS + 1):
+        pace = 0.5**halvings
+        push = _push(assembly, tolerance, step_factor, pace)
+        pushes.append(push)
+        if not push.over:
+            raise NotConvergedError(
+                f"no limit load: after {push.steps} steps V is {push.after:.6g} N, neither steady nor fallen to "
+                f'{FALLEN:g} of its peak of {push.V:.6g} N; follow it with kind = "displacement" and a rate'
+            )
+        if halvings:
+            bars.append(max(BAR * abs(push.V - pushes[-2].V), ROUNDED * abs(push.V)))
+        if halvings > 1 and max(bars[-1], 0.5 * bars[-2]) <= tolerance * abs(push.V):
+            return _recorded(assembly, tolerance, step_factor, pace, session, push, max(bars[-1], 0.5 * bars[-2]))
+    raise NotConvergedError(
+        f"the limit load was not found within {tolerance:g}: after {HALVINGS} halvings of the pace its peak of "
+        f"{pushes[-1].V:.6g} N still changes by {0.5 * bars[-1]:.3g} N. Allow a larger control.tolerance"
+    )
+
+
+def _loop(assembly: Assembly, tolerance: float, step_factor: float, pace: float) -> tuple[Setup, Loop, float]:
+    """The dead-load equilibrium, the loop that pushes it, and the critical time step (s)."""
+    setup = Setup(assembly, tolerance)
+    if touches_itself(setup.state):
+        raise ScenarioError(
+            "a search of a limit load with a joint law of one's own is for blocks that each stand on fixed ones alone, "
+            'without ties and guides: use kind = "displacement" with a rate'
+        )
+    dt, inertia, drive = inertia_and_drive(setup, step_factor)
+    drive = drive._replace(rate=pace * drive.rate)
+    loop = Loop(dt, setup.state, inertia, None, drive, setup.certificate, None, new_guard(assembly, setup.state))
+    return setup, loop, setup.dashpots().critical_time_step
+
+
+class _Carried:
+    """The load that the springs of the joints carry in the motion of a step, by virtual work: without the inertia and
+    the dashpots of the search, which make the actuators' V swing over its peak."""
+
+    def __init__(self, setup: Setup):
+        self._state, self._load = setup.state, setup.load
+        blocks = setup.state.blocks
+        self._dead = np.concatenate([blocks.dead_force, blocks.dead_torque], axis=1)
+        self._now = self._before = self._motion()
+
+    def load(self) -> float:
+        """V (N) after a step; zero if the actuators did not move ahead in it."""
+        step, self._before, self._now = self._now - self._before, self._now, self._motion()
+        custom = present(present(self._state.points).custom)
+        ahead = float((self._load * step).sum())
+        if not ahead > 0.0:
+            return 0.0
+        shear = custom.memory[:, 1:3] * custom.move[:, 2:]
+        taken = float((custom.memory[:, 0] * custom.move[:, 1]).sum() + shear.sum())
+        return (taken - float((self._dead * step).sum())) / ahead
+
+    def _motion(self) -> np.ndarray:
+        return np.concatenate([self._state.blocks.displacement, self._state.blocks.rotation], axis=1)
+
+
+def _push(assembly: Assembly, tolerance: float, step_factor: float, pace: float) -> _Push:
+    setup, loop, critical = _loop(assembly, tolerance, step_factor, pace)
+    drive, status, most = setup.state.actuators.drive, RUNNING, int(MOST_STEPS / pace)
+    carried = _Carried(setup)
+    peak = _Push(0.0, setup.state, 0, 0.0, 0.0, 0, False)
+    rising = False
+    while status == RUNNING and loop.step < most:
+        status = loop.advance(1)
+        V = min(carried.load(), float(drive[2]))
+        if V > peak.V:
+            peak.V, peak.at, peak.driven, rising = V, loop.step, float(drive[1]), True
+        elif rising:
+            peak.state, rising = copy_of(setup.state), False  # the first step behind it, where all moves as at it
+        if drive[2] < FALLEN * peak.V:
+            break
+    refuse_divergence(status, assembly, setup.state, loop.step, loop.dt, critical)
+    if rising:
+        peak.state = copy_of(setup.state)
+    peak.after, peak.steps, peak.over = float(drive[2]), loop.step, status == CONVERGED or loop.step < most
+    return peak
+
+
+def _recorded(
+    assembly: Assembly, tolerance: float, step_factor: float, pace: float, session: Session, push: _Push, bar: float
+) -> Replay:
+    """The last push once more, with its record, and the yield point of its peak."""
+    setup, loop, critical = _loop(assembly, tolerance, step_factor, pace)
+    state = setup.state
+    rows_every = max(1, push.steps // session.output.rows)
+    frames_every = max(1, min(push.steps, session.output.rows) // session.output.frames)
+    recorder = None
+    if session.observe:
+        chunk, watched = min(RECORDED, push.steps), assembly.control_points
+        recorder = Recorder(state, session, chunk, rows_every, frames_every, watched)
+        loop.record, loop.energy = recorder.record, new_energy(state)
+    began = time.perf_counter()
+    loop.advance(0)
+    compiled = time.perf_counter() - began
+    status = Stepper(loop, session, recorder, RECORDED, push.steps, rows_every).to(push.steps)
+    refuse_divergence(status, assembly, state, loop.step, loop.dt, critical)
+    replay = setup.finished(True, loop, critical, compiled, setup.settings(loop.drive) | {"inertia": "scaled"})
+    replay.yield_point, replay.state = _point(push, bar, tolerance, setup, loop.dt), push.state
+    return replay
+
+
+def _point(push: _Push, bar: float, tolerance: float, setup: Setup, dt: float) -> YieldPoint:
+    found = read_off(push.state, setup.certificate, setup.assembly.names)
+    lower, upper = push.V - bar, push.V + bar
+    behind = push.after < lower - BEHIND * tolerance * push.V
+    return replace(
+        found,
+        V=push.V,
+        V_lower=lower,
+        V_upper=upper,
+        bracket="indicator",
+        V_peak=push.V,
+        displacement=push.driven,
+        displacement_at_peak=push.driven,
+        actuator_load=push.after,
+        V_after=push.after if behind else None,
+        limit_at=push.at * dt,
+    )
