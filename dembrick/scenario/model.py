@@ -205,7 +205,8 @@ class Scenario(Generic[AControl]):
     are written; ``remarks`` are those on the gaps of the models. ``supports`` names blocks and groups that are fixed.
     ``groups`` maps the name of every group to the numbers of its blocks in ``all_blocks``: what ``group`` keys say, and
     for a name with dots in it, "wall.3.7", the parts before each dot, "wall" and "wall.3" (unless a block is named so).
-    ``stages``: controls that are carried out before ``control``.
+    ``stages``: controls that are carried out before ``control``. ``as_read``: the materials of a scenario that was read
+    from its ``text``, the one part of it that can be changed in place; None if it was made otherwise.
     """
 
     title: str
@@ -236,6 +237,7 @@ class Scenario(Generic[AControl]):
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
     remarks: tuple[str, ...] = field(default=(), init=False, compare=False, repr=False)
+    as_read: dict[str, Material] | None = field(default=None, init=False, compare=False, repr=False)
 
     def __post_init__(self):
         one_line("title", self.title)

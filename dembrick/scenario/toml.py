@@ -20,6 +20,7 @@ from dembrick.errors import ScenarioError
 from dembrick.scenario import shipped
 from dembrick.scenario.blocks import Mesh
 from dembrick.scenario.checks import Faults, nearest, show
+from dembrick.scenario.checks import assign as keep
 from dembrick.scenario.controls import ACTUATORS, CONTROLS
 from dembrick.scenario.generators import GENERATORS
 from dembrick.scenario.lines import line_of
@@ -123,9 +124,9 @@ def dumps(scenario: Scenario) -> str:
 
 def text_of(scenario: Scenario) -> str:
     """The scenario as TOML: the text it came from while that is still what it says, else :func:`dumps`."""
-    files = tuple(scenario.files.items())
-    if scenario.text is not None and _parsed(scenario.text, scenario.path or NAMELESS, files)[1] == scenario:
-        return scenario.text
+    text, name, files = scenario.text, scenario.path or NAMELESS, tuple(scenario.files.items())
+    if text and (scenario.as_read == scenario.materials or _parsed(text, name, files)[1] == scenario):
+        return text
     return dumps(scenario)
 
 
@@ -258,6 +259,7 @@ def _decode(
     drives = next((control for control in controls_of(scenario) if control.drives == ACTUATORS), None)
     if not driven and drives is not None:
         place.fail(f"control kind {show(drives.kind)} drives actuators and there is none; add [[actuators]]")
+    keep(scenario, as_read=None if text is None else dict(scenario.materials))
     return scenario
 
 

@@ -45,7 +45,7 @@ class Sizes(NamedTuple):
     @classmethod
     def of(cls, assembly: Assembly) -> Sizes:
         """Those of an assembly."""
-        points = sum(len(points.area) for points in assembly.contact_points if points is not None)
+        points = len(assembly.contact_points.area)
         return cls(
             len(assembly.names), len(assembly.joints), len(assembly.actuators.names),
             len(assembly.control_points.names), points, int(np.count_nonzero(assembly.supporting)),

@@ -62,6 +62,19 @@ def test_file_says_the_same_after_a_round_trip(file):
     assert toml.text_of(s) is s.text
 
 
+def test_a_scenario_that_was_read_is_not_read_again_for_its_text(monkeypatch):
+    whole, changed = (toml.load(FILES[0], given) for given in ((), ["gravity=[0.0, 0.0, -5.0]"]))
+    assert toml.loads(changed.text) == changed
+    moved = replace(whole, gravity=(0.0, 0.0, -1.0))
+    assert toml.loads(toml.text_of(moved)) == moved != whole
+    denser = toml.load(FILES[0])
+    name = next(iter(denser.materials))
+    denser.materials[name] = model.Material(1.01 * denser.materials[name].density)
+    assert toml.loads(toml.text_of(denser)) == denser != whole
+    monkeypatch.setattr(toml, "_parsed", None)
+    assert toml.text_of(whole) is whole.text and toml.text_of(changed) is changed.text
+
+
 @pytest.mark.parametrize("curve", ["", "_curve"])
 @pytest.mark.parametrize(("mid", "z"), [("", 0.0), ("_mid", 0.05)])
 @pytest.mark.parametrize(

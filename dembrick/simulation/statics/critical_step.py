@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.simulation.statics import joint_families, ties
+from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.state import State
-from dembrick.simulation.statics.stiffness import block_stiffness, couplings, to_joint
+from dembrick.simulation.statics.stiffness import JointStiffness, couplings, joint_stiffness, summed
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -40,44 +40,69 @@ def block_inertia(assembly: Assembly) -> np.ndarray:
     return inertia
 
 
-def greatest_frequency(
-    state: State,
-    inertia: np.ndarray,
-    stiffness: np.ndarray,
-    extra: np.ndarray | None = None,
-    times: np.ndarray | None = None,
-) -> float:
+def greatest_frequency(state: State, inertia: np.ndarray, stiffness: np.ndarray) -> float:
     """Upper bound (rad/s) of the circular frequencies of the assembly with all joints closed and none slipping.
 
-    ``inertia`` and ``stiffness`` (n, 6, 6) are those of every block alone, with its neighbours held; ``extra`` adds
-    stiffness to it; ``times`` (j,) scales the joints in what couples the blocks. Exact for blocks that touch fixed
-    blocks only. Else the 6 x 6 blocks of the scaled stiffness are replaced by their norms: the spectral radius of that
-    smaller, non-negative matrix N is never below the greatest eigenvalue, and for any positive vector x it is itself at
-    most max (N x)_i / x_i (Collatz and Wielandt). A few power iterations bring x near its best; the bound is safe after
+    ``inertia`` and ``stiffness`` (n, 6, 6) are those of every block alone, with its neighbours held. Exact for blocks
+    that touch fixed blocks only; see :class:`_Coupled`.
+    """
+    lower = _inverse_factor(state, inertia)
+    return math.sqrt(_Coupled.of(state, lower, joint_stiffness(state)).bound(_greatest_eigenvalues(lower, stiffness)))
+
+
+@dataclass(frozen=True)
+class _Coupled:
+    """How joints couple free blocks: numbers (c,) of the ``joints``, of their blocks ``a`` and ``b``, and the
+    ``norms`` (c,) of the scaled stiffness between them.
+
+    The 6 x 6 blocks of the scaled stiffness are replaced by their norms: the spectral radius of that smaller,
+    non-negative matrix N is never below the greatest eigenvalue, and for any positive vector x it is itself at most
+    max (N x)_i / x_i (Collatz and Wielandt). A few power iterations bring x near its best; the bound is safe after
     each.
     """
-    free = state.blocks.free
-    lower = np.linalg.inv(np.linalg.cholesky(inertia[free]))
-    total = stiffness[free] if extra is None else stiffness[free] + extra[free]
-    diagonal = _greatest_eigenvalues(lower, total)
-    number = np.full(len(inertia), -1)
-    number[free] = np.arange(len(free))
-    a, b, blocks = couplings(state, times)
-    a, b = number[a], number[b]
-    if not len(a):
-        return float(np.sqrt(diagonal.max()))
-    norms = np.linalg.norm(lower[a] @ blocks @ np.swapaxes(lower[b], 1, 2), ord=2, axis=(1, 2))
-    x = np.ones(len(free))
-    bound = np.inf
-    for _ in range(POWER_ITERATIONS):
-        y = diagonal * x
-        np.add.at(y, a, norms * x[b])
-        np.add.at(y, b, norms * x[a])
-        bound = min(bound, float((y / x).max()))
-        # the shift keeps x positive and the iteration from swinging between two halves of the graph
-        x = y + bound * x
-        x /= x.max()
-    return float(np.sqrt(bound))
+
+    free: np.ndarray
+    joints: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    norms: np.ndarray
+
+    @classmethod
+    def of(cls, state: State, lower: np.ndarray, found: JointStiffness) -> _Coupled:
+        """Those of a state, scaled by ``lower`` (n, 6, 6), see `_inverse_factor`."""
+        joints, blocks = couplings(state, found)
+        a, b = state.joints.block_a[joints], state.joints.block_b[joints]
+        scaled = lower[a] @ blocks @ np.swapaxes(lower[b], 1, 2)
+        squares = np.linalg.eigvalsh(scaled @ np.swapaxes(scaled, 1, 2))[:, -1]
+        return cls(state.blocks.free, joints, a, b, np.sqrt(np.maximum(squares, 0.0)))
+
+    def bound(self, diagonal: np.ndarray, times: np.ndarray | None = None) -> float:
+        """Of the eigenvalues of the whole, given those of each block alone (n,); ``times`` (j,) scales the joints."""
+        diagonal = diagonal[self.free]
+        if not len(self.joints):
+            return float(diagonal.max())
+        norms = self.norms if times is None else self.norms * times[self.joints]
+        number = np.zeros(max(self.a.max(), self.b.max(), self.free.max()) + 1, int)
+        number[self.free] = np.arange(len(self.free))
+        a, b = number[self.a], number[self.b]
+        x = np.ones(len(diagonal))
+        bound = np.inf
+        for _ in range(POWER_ITERATIONS):
+            y = diagonal * x
+            np.add.at(y, a, norms * x[b])
+            np.add.at(y, b, norms * x[a])
+            bound = min(bound, float((y / x).max()))
+            # the shift keeps x positive and the iteration from swinging between two halves of the graph
+            x = y + bound * x
+            x /= x.max()
+        return bound
+
+
+def _inverse_factor(state: State, inertia: np.ndarray) -> np.ndarray:
+    """Inverse Cholesky factors (n, 6, 6) of the inertia of free blocks; zero for fixed ones."""
+    lower, free = np.zeros_like(inertia), state.blocks.free
+    lower[free] = np.linalg.inv(np.linalg.cholesky(inertia[free]))
+    return lower
 
 
 def _greatest_eigenvalues(lower: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
@@ -103,24 +128,23 @@ def dashpots(state: State, inertia: np.ndarray, actuator: np.ndarray) -> Dashpot
     M.
     """
     joints, free = state.joints, state.blocks.free
-    alone = block_stiffness(state, shared=1.0)
+    found, lower = joint_stiffness(state), _inverse_factor(state, inertia)
+    alone = summed(state, found, np.ones(len(joints.block_a)))
     moves = np.zeros(len(inertia), bool)
     moves[free] = True
-    lower = np.zeros_like(inertia)
-    lower[free] = np.linalg.inv(np.linalg.cholesky(inertia[free]))
     squares = np.zeros(len(joints.block_a))
-    stiffness = joint_families.stiffness(state)
-    for side, arm in ((joints.block_a, joints.arm_a), (joints.block_b, joints.arm_b)):
+    for side, seen in ((joints.block_a, found.of_a), (joints.block_b, found.of_b)):
         mine = np.flatnonzero(moves[side])
-        there = to_joint(joints.axes[mine], arm[mine])
-        own = np.swapaxes(there, 1, 2) @ stiffness[mine] @ there + actuator[side[mine]]
+        own = seen[mine] + actuator[side[mine]]
         squares[mine] = np.maximum(squares[mine], _greatest_eigenvalues(lower[side[mine]], own))
     times = 2.0 * DAMPING_RATIO / np.sqrt(np.where(squares > 0.0, squares, np.inf))
     loaded = state.actuators.block[moves[state.actuators.block]]
     square = _greatest_eigenvalues(lower[loaded], alone[loaded] + actuator[loaded]).max()
     actuator_time = 2.0 * DAMPING_RATIO / math.sqrt(square)
-    k = greatest_frequency(state, inertia, alone, actuator + ties.bound(state)) ** 2
-    c = greatest_frequency(state, inertia, block_stiffness(state, 1.0, times), actuator * actuator_time, times) ** 2
+    coupled = _Coupled.of(state, lower, found)
+    k = coupled.bound(_greatest_eigenvalues(lower, alone + actuator + ties.bound(state)))
+    damping = summed(state, found, times) + actuator * actuator_time
+    c = coupled.bound(_greatest_eigenvalues(lower, damping), times)
     return Dashpots(times, actuator_time, (math.sqrt(c * c + 4.0 * k) - c) / k)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,32 +24,53 @@ def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _ends(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Stiffness (j, 6, 6) of the joints ``times`` (j,) a factor, and the matrices `to_joint` of their two blocks."""
+class JointStiffness(NamedTuple):
+    """Stiffness (j, 6, 6) of every closed joint as block a feels it when it moves alone, as block b does, and what the
+    motion of b does to a; about their centroids."""
+
+    of_a: np.ndarray
+    of_b: np.ndarray
+    between: np.ndarray
+
+
+def joint_stiffness(state: State) -> JointStiffness:
+    """That of the joints of a state."""
     joints, k = state.joints, joint_families.stiffness(state)
-    if times is not None:
-        k *= times[:, None, None]
-    return k, (to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b))
+    left, right = (to_joint(joints.axes, arm) for arm in (joints.arm_a, joints.arm_b))
+    from_a, from_b = left.transpose(0, 2, 1) @ k, right.transpose(0, 2, 1) @ k
+    return JointStiffness(from_a @ left, from_b @ right, -(from_a @ right))
 
 
-def block_stiffness(state: State, shared: float, times: np.ndarray | None = None) -> np.ndarray:
+def summed(state: State, found: JointStiffness, times: np.ndarray) -> np.ndarray:
+    """Stiffness (n, 6, 6) of each block on its joints, ``times`` (j,) each; zero for fixed blocks."""
+    n, joints = len(state.blocks.displacement), state.joints
+    stiffness = np.zeros((n, 6, 6))
+    for block, seen in ((joints.block_a, found.of_a), (joints.block_b, found.of_b)):
+        np.add.at(stiffness, block, times[:, None, None] * seen)
+    stiffness[~_free(state)] = 0.0
+    return _guided(state, stiffness)
+
+
+def block_stiffness(state: State, shared: float) -> np.ndarray:
     """Stiffness (n, 6, 6) of each block about its centroid with all its neighbours held; zero for fixed blocks.
 
     A joint between two free blocks counts ``shared`` times. With 2 the block matrices together bound the stiffness of
-    the assembly, because an element stores at most twice the energy of its two one-sided parts. ``times`` (j,) scales
-    the joints.
+    the assembly, because an element stores at most twice the energy of its two one-sided parts.
     """
-    joints = state.joints
-    n = len(state.blocks.displacement)
-    stiffness = np.zeros((n, 6, 6))
-    free = np.zeros(n, bool)
+    return summed(state, joint_stiffness(state), np.where(_both_free(state), shared, 1.0))
+
+
+def _free(state: State) -> np.ndarray:
+    """Which blocks (n,) are free."""
+    free = np.zeros(len(state.blocks.displacement), bool)
     free[state.blocks.free] = True
-    k, ends = _ends(state, times)
-    k *= np.where(free[joints.block_a] & free[joints.block_b], shared, 1.0)[:, None, None]
-    for block, t in zip((joints.block_a, joints.block_b), ends, strict=True):
-        np.add.at(stiffness, block, t.transpose(0, 2, 1) @ k @ t)
-    stiffness[~free] = 0.0
-    return _guided(state, stiffness)
+    return free
+
+
+def _both_free(state: State) -> np.ndarray:
+    """Which joints (j,) lie between free blocks."""
+    free = _free(state)
+    return free[state.joints.block_a] & free[state.joints.block_b]
 
 
 def _guided(state: State, stiffness: np.ndarray) -> np.ndarray:
@@ -62,18 +83,12 @@ def _guided(state: State, stiffness: np.ndarray) -> np.ndarray:
     return stiffness
 
 
-def couplings(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Off-diagonal stiffness between free blocks: indices a (c,), b (c,) and blocks K_ab (c, 6, 6), a joint each;
-    ``times`` (j,) scales the joints."""
-    joints = state.joints
-    free = np.zeros(len(state.blocks.displacement), bool)
-    free[state.blocks.free] = True
-    chosen = np.flatnonzero(free[joints.block_a] & free[joints.block_b])
+def couplings(state: State, found: JointStiffness | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Off-diagonal stiffness between free blocks: the numbers (c,) of their joints, and blocks K_ab (c, 6, 6)."""
+    chosen = np.flatnonzero(_both_free(state))
     if not len(chosen):
-        return chosen, chosen, np.zeros((0, 6, 6))
-    k, (left, right) = _ends(state, times)
-    blocks = -left[chosen].transpose(0, 2, 1) @ k[chosen] @ right[chosen]
-    return joints.block_a[chosen], joints.block_b[chosen], blocks
+        return chosen, np.zeros((0, 6, 6))
+    return chosen, (found or joint_stiffness(state)).between[chosen]
 
 
 def assembled_stiffness(state: State) -> np.ndarray:
@@ -82,7 +97,8 @@ def assembled_stiffness(state: State) -> np.ndarray:
     number = np.full(len(state.blocks.displacement), -1)
     number[free] = np.arange(len(free))
     stiffness = np.zeros((len(free), 6, len(free), 6))
-    every, (a, b, beside) = np.arange(len(free)), couplings(state)
+    every, (chosen, beside) = np.arange(len(free)), couplings(state)
+    a, b = state.joints.block_a[chosen], state.joints.block_b[chosen]
     stiffness[every, :, every] = block_stiffness(state, shared=1.0)[free]
     np.add.at(stiffness, (number[a], slice(None), number[b]), beside)
     np.add.at(stiffness, (number[b], slice(None), number[a]), beside.transpose(0, 2, 1))
