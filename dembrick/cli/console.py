@@ -45,6 +45,11 @@ class Console:
         elif text:
             put(printable(text))
 
+    def part(self, text: str) -> None:
+        """A part of an answer in text that is known before the rest; as JSON it comes with the whole."""
+        if not self.json:
+            put(printable(text))
+
     def failed(self, error: DembrickError) -> None:
         """That there is no answer: a sentence, and the JSON object if that was asked for and has not been printed."""
         if self.json and not self.answered:

@@ -44,14 +44,15 @@ def run(options, console) -> int:
     if replayed.rows_table_1:
         lab.write_csv(replayed.rows_table_1, os.path.join(folder, "table_1.csv"))
         text += ["", lab.table_1(replayed.rows_table_1)]
+    console.part("\n".join([*text, ""]))  # drawing takes as long again
     data = replayed.as_dict()
+    text = []
     if not options.no_figures:
         from dembrick.runs.lab_figures import draw
 
         data["figures"] = draw(replayed, folder, console)
-        text += ["", "figures: " + ", ".join(data["figures"])]
-    text += ["", f"histories: {folder}"]
-    console.result(data, "\n".join(text))
+        text = ["figures: " + ", ".join(data["figures"]), ""]
+    console.result(data, "\n".join([*text, f"histories: {folder}"]))
     if replayed.agrees:
         return 0
     console.error("theory and replay disagree in at least one row")

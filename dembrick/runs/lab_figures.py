@@ -30,6 +30,7 @@ def draw(replayed: LabReplay, folder: str, console) -> list[str]:
     for name, figure in figures.items():
         for ending in ENDINGS:
             files.append(plot.save(figure, os.path.join(folder, name + ending)))
+            figure.set_layout_engine("none")  # its parts stay where the first format has them
     turning = [path for path in replayed.curves if TURNING[1] in os.path.basename(path)]
     if turning:
         from dembrick.views import render
