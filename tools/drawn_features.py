@@ -46,6 +46,7 @@ ROUNDING = 1e-6
 SECOND_ORDER = 4e-3  # relative: what the deformed geometry may differ from that of the start in these scenes
 VIEW = 2e-5  # relative: what a view may change by rounding, beside the bars
 PATIENCE = 10.0  # s for one answer
+INSIDE = ("corrected", "corrected-shear", "distributed")  # formulations whose points lie inside the faces
 NO_ANSWER = ("refused", "undecided", "slow")
 
 
@@ -137,7 +138,7 @@ def judged(one: Drawn, deformed: bool = True) -> tuple[str, str]:
     if first.said in NO_ANSWER:
         return first.said, first.why[:160]
     wrong = []
-    proven = bound(scenario)
+    proven = bound(_with_edges(scenario) if levels["geometry"] == "deformed" else scenario)
     large = levels["geometry"] == "deformed" or levels["before"] == "a settlement"
     slack = ROUNDING + (SECOND_ORDER if large else 0.0)
     if proven.said == "falls" and first.said != "falls":
@@ -167,6 +168,13 @@ def judged(one: Drawn, deformed: bool = True) -> tuple[str, str]:
     if wrong:
         return "WRONG", "; ".join(wrong)
     return ("right" if first.unique else "told"), ""
+
+
+def _with_edges(scenario: Scenario) -> Scenario:
+    """The scene whose joints reach as far as their faces: in the deformed geometry edges catch a block that tips over
+    points that lie inside."""
+    law = scenario.joint
+    return replace(scenario, joint=replace(law, formulation="concave")) if law.formulation in INSIDE else scenario
 
 
 def _disagreement(first: Answer, levels: dict[str, str], scenario: Scenario, slack: float) -> list[str]:

@@ -14,7 +14,11 @@ from dembrick.runs.statics_result import RestResult
 from dembrick.scenario.checks import present
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED
 from dembrick.simulation.statics.yield_point import YieldPoint
-from dembrick.views.summary import known
+from dembrick.views.summary import known, length, plain
+
+LONG_WAY = (
+    0.05  # of the least width of a block: as far as it moves where the limit is that of the geometry of the start
+)
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.load_path import LoadPathRun
@@ -129,7 +133,18 @@ class LoadPathResult(MotionResult):
         name, told = "V" if self.collapse is None else "load factor", "" if angle is None else f", {angle:.5g} deg"
         lines.append(f"{name:13} {known(V, bar)}{unit} +- {bar:.2g}{unit}{told} ({between}; this path)")
         lines += [f"blocks        {listed(fallen['blocks'])}", f"hinges        {listed(fallen['hinges'])}"]
-        return "\n".join(lines + self._closing_lines())
+        return "\n".join(lines + [self._moved_line] + self._closing_lines())
+
+    @property
+    def _moved_line(self) -> str:
+        """Line on how far the blocks have moved up to the limit, which may be long after the one of the start."""
+        away = np.linalg.norm(self.displacement, axis=1)
+        furthest = int(np.argmax(away))
+        size = float(np.ptp(self.assembly.shapes[furthest].vertices, axis=0).min())
+        line = f"moved         {self.assembly.names[furthest]} by {_told(float(away[furthest]))} up to there"
+        if away[furthest] > LONG_WAY * size:
+            line += "; large_displacements = false gives the limit before they move"
+        return line
 
     def _closing_lines(self) -> list[str]:
         """Lines on the joint that moves most, on reactions, and on the cost of the run."""
@@ -144,6 +159,10 @@ class LoadPathResult(MotionResult):
             f"{run.loop_seconds:.3g} s",
             f"history       {self.history}",
         ]
+
+
+def _told(metres: float) -> str:
+    return plain(length(metres))
 
 
 @dataclasses.dataclass(repr=False)
@@ -176,8 +195,8 @@ class DrivenPathResult(LoadPathResult):
         point, unit = self.yield_point, " N" if self.curve.unit == "N" else ""
         lines = self.heading_lines
         bar = "no error bar: --refine gives one" if self.load_error is None else f"+- {self.load_error:.2g}{unit}"
-        lines.append(f"V_peak        {point.V_peak:.6g}{unit} ({bar}) at {1e6 * point.displacement_at_peak:.4g} um")
-        lines.append(f"V             {point.V:.6g}{unit} at the end, {1e6 * point.displacement:.4g} um")
+        lines.append(f"V_peak        {point.V_peak:.6g}{unit} ({bar}) at {_told(point.displacement_at_peak)}")
+        lines.append(f"V             {point.V:.6g}{unit} at the end, {_told(point.displacement)}")
         if self.run.collapse is not None:
             lines.append(f"blocks        {listed(self.run.collapse['blocks'])} come down there")
         return "\n".join(lines + self._closing_lines())
