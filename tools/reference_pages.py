@@ -198,6 +198,7 @@ PYTHON = {  # heading of the reference of Python: names at the top level of the 
     "Studies": "Study",
     "Scenarios": "load loads dumps Scenario Material JointLaw JointOverride Load Pressure Fill Tie TieEnd Actuator "
     "ControlPoint Solver Output Sine Pulse",
+    "Joint laws of your own": "joint_law CustomLaw",
     "Blocks and structures": "Block Part Prism Voussoir Mesh Wall Opening Return Stack Arch Dome CadModel",
     "Controls": "YieldControl DisplacementControl StaticsControl TiltControl PushoverControl SettlementControl "
     "SupportPath Turn DynamicControl BaseMotionControl Control",

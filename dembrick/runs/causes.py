@@ -140,7 +140,8 @@ class Cause:
 
 @dataclass(frozen=True)
 class Causes:
-    """Answer of a study of causes: the likeliest first. ``judged`` (j,) int8: 1 for joints that are to be open, 0
+    """Answer of a study of causes for the joints that a ``target`` says to be open, on the ``assembly``: ``causes``,
+    the likeliest first, found in so many ``seconds``. ``judged`` (j,) int8: 1 for joints that are to be open, 0
     closed, -1 not judged; ``tried`` motions, and how many are ``locked``, which no mechanism follows."""
 
     target: Target

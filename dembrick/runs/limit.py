@@ -36,11 +36,11 @@ SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
 @dataclass(repr=False)
 class LimitResult:
-    """The limit of a scenario's load by rigid-block limit analysis, associative flow.
+    """The limit of a ``scenario``'s load by rigid-block limit analysis of its ``assembly``, associative flow.
 
     ``limit``: load factor with its bounds, joint forces, mechanism. ``load_factor`` is V in N where actuators push.
     ``second_opinion``: without dilatancy, a heuristic, if it was asked for. ``left_out``: what the joint laws leave
-    out.
+    out; ``remarks``: sentences on what the answer means; ``wall``: seconds.
     """
 
     scenario: Scenario
@@ -169,7 +169,8 @@ class LimitResult:
 
 @dataclass
 class ReactionResult:
-    """Least and greatest reaction (N) of ``support`` along ``direction``: what it exerts on the other blocks."""
+    """Reaction of ``support`` along ``direction``, what it exerts on the other blocks: its ``least`` and ``greatest``
+    value (N) in the equilibria of a ``scenario`` and its ``assembly``; ``wall``: seconds."""
 
     scenario: Scenario
     assembly: assemblies.Assembly

@@ -21,7 +21,8 @@ SQUEEZE = "forces that balance the dead loads exist; blocks find none that need 
 
 @dataclass
 class StandingResult:
-    """Result of limit analysis of the dead loads alone. ``found``: with the least out-of-balance and the mechanism."""
+    """Result of limit analysis of the dead loads of a ``scenario`` and its ``assembly`` alone. ``found``: with the
+    least out-of-balance and the mechanism; ``wall``: seconds."""
 
     scenario: Scenario
     assembly: Assembly

@@ -48,7 +48,8 @@ def fell(answer: Mapping) -> bool:
 
 @dataclasses.dataclass(repr=False)
 class RunResult:
-    """Result of any run: what was run, the record, and how long it took (``wall``, s).
+    """Result of any run: the ``scenario`` that was run and its geometry (``assembly``), the finished ``run`` with its
+    state, the record, the ``energy`` audit (None if nothing was recorded), and how long it took (``wall``, s).
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
     reaction (T, s, 6: F_x, F_y, F_z, M_x, M_y, M_z of every support), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2,
@@ -255,8 +256,9 @@ class SearchResult(RunResult):
 class Result(SearchResult):
     """Result of a search or a constant-rate test: the yield point with its bracket, and theory beside it.
 
-    ``fallen``: what a load on every block brought down; ``path``: what stands beside the limit load of an assembly,
-    its associative bound and the range of other paths; ``others``: what is proven of these (see `path_dependence`).
+    ``theory`` is None where none holds. ``fallen``: what a load on every block brought down; ``path``: what stands
+    beside the limit load of an assembly, its associative bound and the range of other paths; ``others``: what is proven
+    of these (see `path_dependence`).
     """
 
     run: Replay

@@ -21,7 +21,9 @@ _NONE = 1e-12
 
 @dataclass(frozen=True)
 class Theory:
-    """Limit load by theory, the run's relative error against it, and how far its points are from the continuum."""
+    """Limit load ``V`` (N) by theory, the run's relative ``error`` against it (None before a run, or where theory is
+    zero), and how far the points of a joint are from the continuum that they stand for (``discretisation_error``,
+    relative; None where no continuum is meant)."""
 
     V: float
     error: float | None

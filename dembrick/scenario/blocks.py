@@ -99,7 +99,8 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A convex part of a block: one shape, placed in the block's own coordinates."""
+    """A convex part of a block: one shape (``box``, ``prism``, ``voussoir``, ``vertices`` or ``mesh``, as of a block),
+    at a ``position`` (m) and with an ``orientation`` (quaternion) in the block's own coordinates."""
 
     box: Vector | None = None
     prism: Prism | None = None
@@ -121,8 +122,9 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A rigid block with one of the shapes ``box`` (edge lengths, m), ``prism``, ``voussoir``, ``vertices`` (the
-    convex hull of the points), ``mesh``, or ``parts`` (convex parts that make one rigid block).
+    """A rigid block called ``name`` of a ``material``, with one of the shapes ``box`` (edge lengths, m), ``prism``,
+    ``voussoir``, ``vertices`` (the convex hull of the points), ``mesh``, or ``parts`` (convex parts that make one rigid
+    block).
 
     ``position`` (m) is where the origin of the shape sits: the centre of a box; it may be left out where the shape
     has coordinates to be meant as the world's (not for a box). ``orientation``: quaternion, body to world.

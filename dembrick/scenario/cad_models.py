@@ -19,7 +19,8 @@ _NEAR = 5e-3  # of the smallest solid: faces nearer than this may have been mean
 @dataclass(frozen=True, slots=True)
 class CadModel:
     """The solids of a CAD ``file`` (OBJ, STL, glTF, COMPAS JSON and others), beside the scenario unless the path says
-    else. Each must be closed and convex, and becomes a block called name.SOLID.
+    else. Each must be closed and convex, and becomes a block called ``name``.SOLID, of the
+    ``material`` and in the ``group``.
 
     ``unit`` of its lengths: m, cm, mm, in or ft. Faces of two solids that look at each other nearer than
     ``gap_tolerance`` (m) come to lie on one plane, so that they touch; remarks say how many. ``position`` and

@@ -277,7 +277,7 @@ class DynamicControl(Control):
 @dataclass(frozen=True, slots=True)
 class BaseMotionControl(Control):
     """Supports that shake along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a ``file``, whose
-    ``quantity`` is an acceleration, a velocity or a displacement, all of it times ``scale``.
+    ``quantity`` is an acceleration, velocity or displacement, times ``scale``; ``restitution`` as in `DynamicControl`.
 
     The file is a CSV whose first line names columns and units, "time [s], acceleration [g]", or a PEER record (.AT2,
     .VT2, .DT2). ``columns`` picks two of its columns by name, time first. Up to three directions have a component each:

@@ -9,7 +9,7 @@ import hashlib
 import keyword
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, overload
 
 from dembrick.scenario.checks import assign, real, require, require_type
 
@@ -69,9 +69,11 @@ class CustomLaw:
         return {"name": self.name, "memory": list(self.memory), "parameters": dict(self.parameters), "code": digest}
 
 
-def joint_law(
-    function: Callable | None = None, /, *, memory: str | Iterable[str] = (), **parameters: float
-) -> Any:  # CustomLaw, or a decorator that returns one
+@overload
+def joint_law(function: Callable, /, *, memory: str | Iterable[str] = (), **parameters: float) -> CustomLaw: ...
+@overload
+def joint_law(*, memory: str | Iterable[str] = (), **parameters: float) -> Callable[[Callable], CustomLaw]: ...
+def joint_law(function=None, /, *, memory=(), **parameters):
     """Make a `CustomLaw` of a function, or be its decorator.
 
     >>> @dembrick.joint_law(memory=["slipped"], slip_distance=1e-3, lost=0.4)

@@ -15,7 +15,8 @@ PRESSURES = ("full", "effective", "linear")
 
 @dataclass(frozen=True, slots=True)
 class JointLaw:
-    """Contact law of a joint: formulation, friction coefficient, stiffness per area (Pa/m).
+    """Contact law of a joint: ``formulation``, coefficient of ``friction``, stiffness per area (``normal_stiffness``,
+    ``shear_stiffness``, Pa/m).
 
     ``points`` (n along t1, m along t2) belongs to ``distributed`` only; None lets the tolerance choose.
     ``pressure`` belongs to ``convex`` only. Strengths in Pa: ``cohesion`` and ``tensile_strength`` of a bond;
@@ -110,7 +111,7 @@ class JointLaw:
 
 @dataclass(frozen=True, slots=True)
 class JointOverride:
-    """A law for the joints between two named blocks or groups, in place of the default.
+    """A ``law`` for the joints ``between`` two named blocks or groups, in place of the default.
 
     A group named twice means the joints inside it. ``stages``: numbers of the stages in which it holds, None for all.
     """

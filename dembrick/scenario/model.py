@@ -112,7 +112,8 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """An actuator: a spring at a material ``point`` (m, world at the start), along a ``direction`` fixed in the world.
+    """An actuator (``name``) on a ``block``: a spring at a material ``point`` (m, world at the start), along a
+    ``direction`` fixed in the world.
 
     ``direction`` is stored at length 1. The actuator carries ``weight`` times the load of the system of all actuators
     of a stage; ``stages``: numbers of those in which it does, None for all that drive actuators.
@@ -137,7 +138,8 @@ class Actuator:
 
 @dataclass(frozen=True, slots=True)
 class ControlPoint:
-    """A material ``point`` (m, world at the start; None: the centroid) of a ``block``; its displacement is recorded."""
+    """A material ``point`` (m, world at the start; None: the centroid) of a ``block``, whose displacement is recorded
+    under a ``name``."""
 
     name: str
     block: str
@@ -196,6 +198,11 @@ class Output:
 @dataclass(frozen=True, slots=True, repr=False)
 class Scenario(Generic[AControl]):
     """One test, complete: the blocks and how they touch, the loads, and what is done to them.
+
+    ``title`` in a line, ``gravity`` (m/s2); ``joint`` is the law of all joints but those that ``joints`` tell of,
+    ``materials`` by their names. ``loads``, ``pressures``, ``ties`` and ``fills`` act on the blocks, ``actuators`` push
+    them; ``control_points`` are watched. ``walls``, ``stacks``, ``arches`` and ``domes`` are generators of blocks.
+    ``solver`` and ``output``: how fine the steps are, and what is recorded.
 
     ``text`` is the TOML it came from, ``path`` its file (both None when written in Python). ``files``: paths of the
     files that it names, by their names, if they came with it out of a history; others are looked for beside ``path``.

@@ -26,3 +26,13 @@ with dembrick.read_history("wall.h5") as run:
 found = dembrick.limit("wall.toml")
 if isinstance(found, dembrick.LimitResult):
     print(found.load_factor)
+
+
+@dembrick.joint_law(memory="slipped", slip_distance=1e-3)
+def own_law(move, law, memory):
+    return law.normal_stiffness * max(move.penetration, 0.0), 0.0, 0.0, 0.0
+
+
+assert_type(own_law, dembrick.CustomLaw)
+assert_type(own_law.with_parameters(slip_distance=2e-3), dembrick.CustomLaw)
+dembrick.simulate(scenario, law=own_law)

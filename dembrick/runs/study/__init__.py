@@ -32,7 +32,8 @@ _COMPILED_BY = ("joint.formulation", "joint.pressure", "control.kind")  # keys t
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a sweep: how many cases have a row, how many of them failed, and the tables.
+    """Outcome of a sweep: how many ``cases`` the study has, how many of them this call ``ran``, have their row
+    (``finished``) and ``failed``, the tables (paths, ``csv`` and ``h5``), and the time that it took (``wall``, s).
 
     ``statistics``: a row for each combination of the keys that are not drawn at random, with the number of cases that
     gave a V (of a search: a value), its mean, its standard deviation and the standard error of the mean; of a search

@@ -55,8 +55,10 @@ _KEYS = ("title", "base", "histories", "grid", "list", "table", "draws", "search
 
 @dataclass(frozen=True)
 class Study:
-    """A study: its base scenario as text, the keys that change, and its cases by number.
+    """A study: its ``title`` and file (``path``), its ``base`` scenario as text with the file of that (``base_path``),
+    the ``keys`` that change, and its cases by number.
 
+    ``histories``: whether every case keeps its history; ``search``: the quantity that is searched for, if one is.
     ``digest`` tells one study from another: it covers the base scenario and everything that makes the cases.
     """
 

@@ -33,8 +33,8 @@ class Arch:
     and inertia of the stones are those of pieces of a ring (:class:`dembrick.scenario.blocks.Voussoir`). ``abutments``
     puts a fixed stone under each springing, wider than the arch; without them something else must carry it.
 
-    Stones are called name.1, name.2, ... from the left springing (towards -x) to the right; the abutments name.left
-    and name.right.
+    Stones of ``material``, and of a ``group``, are called ``name``.1, ``name``.2, ... from the left springing (towards
+    -x) to the right; the abutments name.left and name.right.
     """
 
     name: str
@@ -98,8 +98,8 @@ class Dome:
     of the sphere. A ring of fixed stones, thicker than the dome, carries the lowest ring (``springing`` = false
     leaves it out).
 
-    Stones are called name.ring.number, rings from the springing up; the key stone name.key; the fixed ones
-    name.springing.number.
+    The dome is turned by ``heading`` (deg). Stones of ``material``, and of a ``group``, are called
+    ``name``.ring.number, rings from the springing up; the key stone name.key; the fixed ones name.springing.number.
     """
 
     name: str

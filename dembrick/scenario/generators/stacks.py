@@ -15,7 +15,8 @@ class Stack:
     """``blocks`` equal blocks on one another: a ``box`` (edges, m) or a ``prism`` each, a column of drums.
 
     ``position`` is the foot of the stack: the origin of the shape, at the bottom of the lowest block. ``base`` (m)
-    adds a fixed slab, so thick and reaching so far beyond the stack. Blocks are called name.1, name.2, ... from the
+    adds a fixed slab, so thick and reaching so far beyond the stack. The whole is turned
+    by ``heading`` (deg). Blocks of ``material``, and of a ``group``, are called ``name``.1, ``name``.2, ... from the
     bottom, the slab name.base.
     """
 

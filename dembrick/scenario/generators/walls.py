@@ -75,8 +75,11 @@ class Wall:
     a block, ``h`` half of one, ``q`` one and a half, ``o`` a gap as long as a block, ``.`` as long as half; blanks
     do not count. ``base`` (m) adds a fixed slab, so thick and reaching so far beyond the wall.
 
-    Blocks are called name.course.number, both from 1, from the bottom and from the left; those of a return
-    name.left.course.number or name.right.course.number, from the corner on; the slab name.base.
+    ``openings``: doors and windows; ``returns``: walls across its ends, in bond with it.
+
+    Blocks of ``material``, and of a ``group``, are called ``name``.course.number, both from 1, from the bottom and from
+    the left; those of a return name.left.course.number or name.right.course.number, from the corner on; the slab
+    name.base.
     """
 
     name: str

@@ -29,11 +29,12 @@ class YieldPoint:
     the load, else "indicator"; "open" where the bounds are further apart than a limit load allows (or ``V_upper`` is
     None: there is no upper one), and V then only what the actuators carry at the end. ``unlimited``: no mechanism up to
     ``V_lower``, and V is None. ``actuator_load`` is what the actuators carried when the replay ended, ``displacement``
-    the driven one at the limit, or at the end of a test that went past it; ``V_peak`` the largest load in equilibrium,
-    as far as the bracket knows it; at a constant rate the largest V of the record, with its rate effect. ``V_1``,
-    ``V_2``, ``M_T``, ``N`` are carried by the joint at the limit, ``torsion_centre`` is measured from its O (None in
-    pure shear). ``limit_at``: when the record was there (s, or the number of the equilibrium), None of a test that goes
-    on past its peak.
+    the driven one at the limit, or at the end of a test that went past it (m); ``V_peak`` the largest load in
+    equilibrium, as far as the bracket knows it, at ``displacement_at_peak``; at a constant rate the largest V of the
+    record, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint at the limit,
+    ``torsion_centre`` is measured from its O (None in pure shear). ``limit_at``: when the record was there (s, or the
+    number of the equilibrium), None of a test that goes on past its peak. ``mechanism`` in a word, ``joint``: the
+    blocks of the joint that moves most.
     """
 
     V: float | None

@@ -1,0 +1,19 @@
+"""What an editor shows of a class: every attribute is told of where the class is."""
+
+import dataclasses
+import re
+
+import pytest
+
+import dembrick
+
+CLASSES = [name for name in dembrick.__all__ if dataclasses.is_dataclass(getattr(dembrick, name))]
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_attribute_of_a_dataclass_is_told_of(name):
+    """In its docstring, or in one of a class that it extends."""
+    kind = getattr(dembrick, name)
+    told = "\n".join(base.__doc__ or "" for base in kind.__mro__ if base is not object)
+    public = [field.name for field in dataclasses.fields(kind) if not field.name.startswith("_")]
+    assert not [one for one in public if not re.search(rf"``[^`]*\b{one}\b[^`]*``", told)]
