@@ -53,29 +53,38 @@ def _sized(kind: str, description, path_of: Callable[[str], str]) -> Shape:
 
 
 def _shape(kind: str, description, path_of: Callable[[str], str]) -> Shape:
-    return _compound(description, path_of) if kind == "parts" else _convex(kind, description, path_of)
+    if kind == "parts":
+        return _compound(description, path_of)
+    solids = _convex(kind, description, path_of)
+    if len(solids) == 1:
+        return solids[0]
+    return compound(solids, np.zeros((len(solids), 3)), [(1.0, 0.0, 0.0, 0.0)] * len(solids))
 
 
 def _compound(parts: Sequence[Part], path_of: Callable[[str], str]) -> Shape:
-    solids = []
+    solids, positions, orientations = [], [], []
     for number, part in enumerate(parts):
         try:
-            solids.append(_convex(*part.solid, path_of))
+            found = _convex(*part.solid, path_of)
         except ScenarioError as error:
             raise ScenarioError(f"parts[{number}]: {error}") from None
-    return compound(solids, [part.position for part in parts], [part.orientation for part in parts])
+        solids += found
+        positions += [part.position] * len(found)
+        orientations += [part.orientation] * len(found)
+    return compound(solids, positions, orientations)
 
 
-def _convex(kind: str, description, path_of: Callable[[str], str]) -> Polyhedron:
+def _convex(kind: str, description, path_of: Callable[[str], str]) -> list[Polyhedron]:
+    """The convex parts of a solid: a mesh may have several."""
     if kind == "box":
-        return box(description)
+        return [box(description)]
     if kind == "vertices":
-        return hull(description)
+        return [hull(description)]
     if isinstance(description, Prism):
-        return prism(description.polygon, description.height)
+        return [prism(description.polygon, description.height)]
     if isinstance(description, Mesh):
-        from dembrick.geometry.mesh_file import convex_solid  # only scenes with meshes pay for the reader
+        from dembrick.geometry.mesh_file import convex_solids  # only scenes with meshes pay for the reader
 
-        return convex_solid(path_of(description.file), description.metres)
+        return convex_solids(path_of(description.file), description.metres)
     stone = description
-    return voussoir(stone.radius, stone.thickness, stone.depth, math.radians(stone.angle), stone.curved)
+    return [voussoir(stone.radius, stone.thickness, stone.depth, math.radians(stone.angle), stone.curved)]

@@ -2,7 +2,8 @@
 
 Objects (``o``) of an OBJ file are solids, or its groups (``g``) where it has no objects; so are the named solids of a
 text STL file, the nodes of a glTF scene and the blocks of a COMPAS assembly. Within each, and in files that name
-nothing, a solid ends where its surface is closed. Every solid is checked as :mod:`dembrick.geometry.mesh_file` says.
+nothing, a solid ends where its surface is closed. Every solid is checked as :mod:`dembrick.geometry.mesh_file` says,
+and one that is not convex is cut into parts that bear its name.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ T = TypeVar("T")
 
 
 class Solid(NamedTuple):
-    """A convex polyhedron of a file: its ``name`` there, whether the file says that it is a support, its ``shape``."""
+    """A convex polyhedron of a file, a solid or a part of one: the ``name`` of the solid there, whether the file says
+    that it is a support, its ``shape``."""
 
     name: str
     fixed: bool
@@ -49,7 +51,9 @@ class _Named(NamedTuple):
 def read(path: str, scale: float) -> list[Solid]:
     """The solids of a file in its order, lengths times ``scale`` in metres; equal names get numbers.
 
-    Raises ScenarioError for a file that cannot be read and for a solid that is no convex block.
+    The convex parts of a solid that is not convex follow one another under its name.
+
+    Raises ScenarioError for a file that cannot be read and for a solid that is no block.
     """
     ending = os.path.splitext(path)[1].lower()
     mesh_file.check_file(path, ENDINGS, LARGEST_FILE)
@@ -66,10 +70,10 @@ def read(path: str, scale: float) -> list[Solid]:
     solids = []
     for name, part in zip(_different([part.name for part in found]), found, strict=True):
         try:
-            shape = mesh_file.checked(part.points * scale, part.faces)
+            shapes = mesh_file.checked(part.points * scale, part.faces)
         except ScenarioError as error:
             raise ScenarioError(f"{path}: solid {name!r}: {error}") from None
-        solids.append(Solid(name, part.fixed, shape))
+        solids += [Solid(name, part.fixed, shape) for shape in shapes]
     return solids
 
 

@@ -134,11 +134,11 @@ def compound(parts, positions, orientations) -> Compound:
     return Compound(tuple(turned), places, float(volumes.sum()), inertia, centroid)
 
 
-def hull(points) -> Polyhedron:
+def hull(points, inner: bool = False) -> Polyhedron:
     """The convex hull of points (n, 3), with coplanar triangles merged to one face each.
 
-    Points on a face or an edge are dropped. ScenarioError if the points have no volume, or if one of them lies
-    inside the hull of the others, since a hole of that shape was probably meant.
+    Points on a face or an edge are dropped. ScenarioError if the points have no volume, or, unless ``inner`` ones are
+    expected, if one of them lies inside the hull of the others, since a hole of that shape was probably meant.
     """
     points = np.asarray(points, float)
     size = float(np.ptp(points, axis=0).max())
@@ -154,7 +154,7 @@ def hull(points) -> Polyhedron:
     shape = from_faces(points[used], renumbered)
     rest = np.setdiff1d(np.arange(len(points)), used)
     depth = (shape.face_offsets - (points[rest] - shape.centroid) @ shape.face_normals.T).min(axis=1)
-    if len(rest) and depth.max() > 10.0 * FLAT * size:
+    if len(rest) and depth.max() > 10.0 * FLAT * size and not inner:
         raise ScenarioError(
             f"vertices: point {int(rest[np.argmax(depth)])} (counted from 0) lies {depth.max():.6g} m inside the hull "
             "of the others; leave it out, or describe a block that is not convex by parts"
@@ -221,20 +221,24 @@ def _ordered(points: np.ndarray, chosen: np.ndarray, normal: np.ndarray) -> tupl
     first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     first /= np.linalg.norm(first)
     plane = points[chosen] @ np.stack([first, np.cross(normal, first)], axis=1)
-    order = sorted(range(len(chosen)), key=lambda i: (plane[i][0], plane[i][1]))
-
-    def chain(sequence):
-        kept: list[int] = []
-        for i in sequence:
-            while len(kept) >= 2:
-                u, v = plane[kept[-1]] - plane[kept[-2]], plane[i] - plane[kept[-2]]
-                if _cross(u, v) > FLAT * np.hypot(*v):
-                    break
-                kept.pop()
-            kept.append(i)
-        return kept[:-1]
-
-    return tuple(int(chosen[i]) for i in chain(order) + chain(order[::-1]))
+    arms = plane - plane.mean(axis=0)
+    distance = np.hypot(arms[:, 0], arms[:, 1])
+    turn = np.arctan2(arms[:, 1], arms[:, 0])
+    # from the corner furthest off the middle, which no rounding makes a point between two others
+    furthest = int(np.argmax(distance))
+    order = np.lexsort((distance, (turn - turn[furthest]) % (2.0 * np.pi)))
+    first_at = int(np.flatnonzero(order == furthest)[0])
+    kept: list[int] = []
+    for i in [*order[first_at:].tolist(), *order[:first_at].tolist(), furthest]:
+        while len(kept) >= 2:
+            u, v = plane[kept[-1]] - plane[kept[-2]], plane[i] - plane[kept[-2]]
+            if _cross(u, v) > FLAT * np.hypot(*v):
+                break
+            kept.pop()
+        kept.append(i)
+    kept = kept[:-1]
+    lowest = min(range(len(kept)), key=lambda k: (plane[kept[k]][0], plane[kept[k]][1]))
+    return tuple(int(chosen[i]) for i in kept[lowest:] + kept[:lowest])
 
 
 def _check_closed(faces) -> None:

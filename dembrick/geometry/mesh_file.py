@@ -1,8 +1,9 @@
 """Shapes from mesh files: STL, OBJ, PLY, gmsh .msh and .vtu, read by meshio and checked here.
 
 A file is a surface of triangles and polygons, or a solid mesh whose skin is taken. Corners that nearly coincide are
-one corner (STL repeats them). The surface must be closed, look outward, and be convex; a message names the face that is
-wrong by its number in the file, from 0, and by its middle.
+one corner (STL repeats them). The surface must be closed and look outward, and one that is not convex is cut into
+convex parts along its own faces. Faces are plane; a message names the one that is wrong by its number in the file, from
+0, and by its middle.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from dembrick.errors import ScenarioError, needed
 from dembrick.geometry.convex_hull import FLAT, hull, mass_properties
+from dembrick.geometry.convex_parts import convex_parts
 from dembrick.geometry.shapes import LARGEST, SMALLEST, Polyhedron
 
 ENDINGS = (".stl", ".obj", ".ply", ".msh", ".vtu")
@@ -31,11 +33,12 @@ _SOLIDS = {  # faces of the cells of solid meshes, outward
 }
 
 
-def convex_solid(path: str, scale: float = 1.0) -> Polyhedron:
-    """The convex polyhedron whose surface is in a file, its lengths times ``scale`` in metres.
+def convex_solids(path: str, scale: float = 1.0) -> list[Polyhedron]:
+    """The convex parts of the solid whose surface is in a file, its lengths times ``scale`` in metres: itself, or those
+    that it is cut into.
 
-    Raises ScenarioError for a file that cannot be read, and for a surface with holes, inside out, flat or not convex;
-    MissingDependency without meshio.
+    Raises ScenarioError for a file that cannot be read, and for a surface with holes, inside out, flat, or of too many
+    parts; MissingDependency without meshio.
     """
     points, faces = read_surface(path)
     try:
@@ -44,8 +47,8 @@ def convex_solid(path: str, scale: float = 1.0) -> Polyhedron:
         raise ScenarioError(f"{path}: {error}") from None
 
 
-def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> Polyhedron:
-    """The convex polyhedron with a surface of ``faces`` (numbers into ``points``), checked as the module says."""
+def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> list[Polyhedron]:
+    """The convex parts of a solid with a surface of ``faces`` (numbers into ``points``), checked as the module says."""
     if not faces:
         raise ScenarioError("there is no surface in the file; a block needs one that is closed")
     if not np.isfinite(points).all():
@@ -74,18 +77,19 @@ def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> Polyhedron:
             f"the surface is inside out: its faces look inward (volume {volume:.6g} m3), {_face(points, faces[0])} for "
             "one; turn the order of the corners of every face"
         )
-    _check_convex(points, faces, size)
     corners = np.unique(np.concatenate([np.array(face) for _, face in faces]))
     if len(corners) > _MOST_CORNERS:
         bound = f"at most {_MOST_CORNERS} are taken: simplify the mesh"
         raise ScenarioError(f"the surface has {len(corners)} corners; {bound}")
+    if _before_faces(points, faces, size) > 2.0 * FLAT * size:
+        return convex_parts(points, [face for _, face in faces])
     solid = hull(points[corners])
     if abs(solid.volume / volume - 1.0) > 10.0 * FLAT:
         raise ScenarioError(
-            f"the surface holds {volume:.9g} m3 and its convex hull {solid.volume:.9g} m3: it covers itself or is not "
-            "convex; describe the block by convex parts"
+            f"the surface holds {volume:.9g} m3 and its convex hull {solid.volume:.9g} m3: it covers itself; mend the "
+            "mesh"
         )
-    return solid
+    return [solid]
 
 
 class _Ended(io.BufferedReader):
@@ -226,10 +230,10 @@ def _check_closed(points, faces) -> None:
         )
 
 
-def _check_convex(points, faces, size: float) -> None:
-    """No corner lies before the plane of a face."""
+def _before_faces(points, faces, size: float) -> float:
+    """How far a corner stands before the plane of a face at most (m): zero for a convex solid."""
     corners = np.unique(np.concatenate([np.array(face) for _, face in faces]))
-    worst, where = 0.0, None
+    worst = 0.0
     for numbered in faces:
         p = points[list(numbered[1])]
         normal = 0.5 * np.cross(p - p[0], np.roll(p, -1, axis=0) - p[0]).sum(axis=0)
@@ -240,11 +244,8 @@ def _check_convex(points, faces, size: float) -> None:
         height = (points[corners] - p.mean(axis=0)) @ (normal / length)
         bent = float(np.abs((p - p.mean(axis=0)) @ (normal / length)).max())
         if bent > FLAT * size:
-            raise ScenarioError(f"{_face(points, numbered)} is not plane: its corners are up to {bent:.3g} m off")
-        if float(height.max()) > worst:
-            worst, where = float(height.max()), numbered
-    if worst > 2.0 * FLAT * size:
-        raise ScenarioError(
-            f"the surface is not convex: a corner stands {worst:.6g} m before the plane of {_face(points, where)}; "
-            "describe the block by convex parts: parts of [[blocks]], or solids that [[models]] has united"
-        )
+            raise ScenarioError(
+                f"{_face(points, numbered)} is not plane: its corners are up to {bent:.3g} m off; draw plane faces"
+            )
+        worst = max(worst, float(height.max()))
+    return worst

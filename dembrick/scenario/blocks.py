@@ -77,9 +77,10 @@ class Voussoir:
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """A closed convex surface in a ``file`` (STL, OBJ, PLY, .msh, .vtu), beside the scenario unless the path says else.
+    """A closed surface in a ``file`` (STL, OBJ, PLY, .msh, .vtu), beside the scenario unless the path says else.
 
-    ``unit`` of its lengths: m, cm, mm, in or ft; ``scale`` is a factor of these.
+    One that is not convex is cut into convex parts. ``unit`` of its lengths: m, cm, mm, in or ft; ``scale`` is a
+    factor of these.
     """
 
     file: str

@@ -19,13 +19,13 @@ _NEAR = 5e-3  # of the smallest solid: faces nearer than this may have been mean
 @dataclass(frozen=True, slots=True)
 class CadModel:
     """The solids of a CAD ``file`` (OBJ, STL, glTF, COMPAS JSON and others), beside the scenario unless the path says
-    else. Each must be closed and convex, and becomes a block called ``name``.SOLID, of the
-    ``material`` and in the ``group``.
+    else. Each must be closed, and becomes a block called ``name``.SOLID, of the ``material`` and in the ``group``; of
+    convex parts if it is not convex.
 
     ``unit`` of its lengths: m, cm, mm, in or ft. Faces of two solids that look at each other nearer than
     ``gap_tolerance`` (m) come to lie on one plane, so that they touch; remarks say how many. ``position`` and
     ``heading`` move and turn the whole. ``united``: lists of solids that are one rigid block each, called by the
-    first of them, as the convex pieces of an L or a T are; it is a support if the file says so of any.
+    first of them, as the pieces of a stone that were drawn apart are; it is a support if the file says so of any.
     """
 
     name: str

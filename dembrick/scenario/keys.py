@@ -101,7 +101,7 @@ group | | text | a set of blocks that loads, supports and joint laws can name
 prism | | table | a convex polygon, extruded
 voussoir | | table | a stone of an arch
 vertices | m | at least 4 points | the convex hull of these points
-mesh | | table | a closed convex surface in a file
+mesh | | table | a closed surface in a file
 parts | | tables | convex parts that make one rigid block
 """
 _PLACED = """

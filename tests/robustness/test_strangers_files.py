@@ -15,7 +15,7 @@ from dembrick.assembly.build import assemble
 from dembrick.cli import main
 from dembrick.cli.console import Console, printable
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.geometry.mesh_file import convex_solid
+from dembrick.geometry.mesh_file import convex_solids
 from dembrick.runs import study as studies
 from dembrick.runs.simulate import simulate
 from dembrick.runs.study.draws import distribution
@@ -133,17 +133,17 @@ def test_a_mesh_file_that_is_cut_does_not_hang(name, tmp_path):
     file, text, said = MESHES[name]
     (tmp_path / file).write_text(text)
     with pytest.raises(ScenarioError, match=said):
-        convex_solid(str(tmp_path / file))
+        convex_solids(str(tmp_path / file))
 
 
 def test_a_mesh_file_is_an_ordinary_file_of_bounded_size(tmp_path):
     os.mkfifo(tmp_path / "pipe.stl")
     with pytest.raises(ScenarioError, match="not an ordinary file"):
-        convex_solid(str(tmp_path / "pipe.stl"))
+        convex_solids(str(tmp_path / "pipe.stl"))
     with open(tmp_path / "scan.stl", "wb") as file:
         file.truncate((16 << 20) + 1)
     with pytest.raises(ScenarioError, match="longer than 16 MiB"):
-        convex_solid(str(tmp_path / "scan.stl"))
+        convex_solids(str(tmp_path / "scan.stl"))
 
 
 # --- studies ----------------------------------------------------------------------------------------------------------
