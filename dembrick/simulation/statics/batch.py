@@ -111,6 +111,8 @@ def face(polygon: np.ndarray, law: JointLaw) -> Joint:
 class _Faces:
     """The different joints of a batch with friction and stiffnesses of 1, as the engine sees them."""
 
+    custom_law = None
+
     def __init__(self, cases: Cases):
         law = JointLaw(cases.formulation, 1.0, 1.0, 1.0, points=cases.points, pressure=cases.pressure)
         self.joints = [face(polygon, law) for polygon in cases.polygons]
