@@ -18,6 +18,7 @@ def run(options, console) -> int:
 
 
 def _report(file, options, console) -> int:
+    from dembrick.scenario.custom_laws import described
     from dembrick.views.summary import key_numbers, plain
 
     if options.scenario:
@@ -46,6 +47,8 @@ def _report(file, options, console) -> int:
         f"blocks        {len(data['blocks'])}, joints {data['joints']}",
         f"rows          {data['rows']}, frames {data['frames']}",
     ]
+    if isinstance(law := file.settings.get("custom_law"), dict):
+        lines.append(f"joint law     {described(law)}")
     if file.has_new_contacts:
         lines.append(f"new contacts  {data['new_contacts']} in all frames")
     numbers = key_numbers(results, file.curve.unit)

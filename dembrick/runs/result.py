@@ -16,6 +16,7 @@ from dembrick.assembly.contact_points import widest_rim
 from dembrick.errors import UndecidedError
 from dembrick.runs import theory_check
 from dembrick.runs.cycles import cycles_of
+from dembrick.scenario.custom_laws import described
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
 from dembrick.simulation.energy_audit import EnergyAudit
@@ -80,6 +81,7 @@ class RunResult:
             **({"ties": self._tied()} if self._tied() else {}),
             **({} if self.cycles is None else {"cycles": self.cycles}),
             **({"stages": self.stages} if self.scenario.stages else {}),
+            **({} if (law := self.assembly.custom_law) is None else {"custom_law": law.as_dict()}),
         }
 
     def _tied(self) -> list[dict]:
@@ -116,6 +118,8 @@ class RunResult:
     def heading_lines(self) -> list[str]:
         """First lines of the command line: the title, the formulation, and the stages before."""
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
+        if self.assembly.custom_law is not None:
+            lines.append(f"joint law     {described(self.assembly.custom_law.as_dict())}")
         for stage in self.stages:
             point = stage.get("yield_point") or {}
             load = "" if point.get("V") is None else f", V = {plain(str(limit_text(point, stage.get('path'), '')))}"

@@ -275,14 +275,14 @@ def _run(
                 assembly, placing = driver.place(scenario, assembly)
                 if store:
                     store.place(assembly)
-                session = store.session(scenario.output) if store else Session()
+                session, custom = store.session(scenario.output) if store else Session(), bool(assembly.custom_law)
                 shown = notebook_bar() if progress is None else progress
                 session.tell, session.report = shown if callable(shown) else None, report
                 stages = Stages(scenario)
                 if scenario.stages:
                     session = stages.run(session)
                 run = driver.run(at_stage(scenario, len(scenario.stages) + 1), assembly, session)
-            audit = store.auditor.result(run.energy) if store and run.energy is not None else None
+            audit = store.auditor.result(run.energy, custom) if store and run.energy is not None else None
             until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
         except WriteError as error:  # the disk has what it has
             kept = isinstance(store, RecordStore) and store.has_checkpoint

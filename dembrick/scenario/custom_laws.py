@@ -69,6 +69,13 @@ class CustomLaw:
         return {"name": self.name, "memory": list(self.memory), "parameters": dict(self.parameters), "code": digest}
 
 
+def described(told: Mapping) -> str:
+    """A law in a line, from what `CustomLaw.as_dict` or a history says of it."""
+    given = told.get("parameters")
+    numbers = ", ".join(f"{name} = {value:g}" for name, value in given.items()) if isinstance(given, Mapping) else ""
+    return f"{told.get('name')}, of Python{f' ({numbers})' if numbers else ''}"
+
+
 @overload
 def joint_law(function: Callable, /, *, memory: str | Iterable[str] = (), **parameters: float) -> CustomLaw: ...
 @overload

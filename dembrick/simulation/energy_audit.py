@@ -13,6 +13,7 @@ from dembrick.kernels.state import BY_LAW, LEAST, SLIDING, Energy
 LIMIT = 1e-3  # of the external work: beyond it the integration is not to be trusted
 MOTION = 1e-2  # of what was put in, in a run in real time: where blocks tumble, joints turn within a step
 STEPPING = 0.1  # of what was put in: where blocks may bounce, no impact loses more than (w dt)^2 / 4 = 0.09 of its own
+GIVEN = 1e-3  # of the external work: what joints may give back by rounding and by opening within steps
 NEGATIVE = 1e-6  # of the external work: what friction may give back in one increment whose slip turns about
 SLIP = 1e-2  # of the external work: between the friction work and the sum of mu N |slip increment|
 
@@ -83,13 +84,20 @@ class Auditor:
             self.worst[i] = np.maximum(self.worst[i], np.abs(term).max())  # a NaN stays
         return self
 
-    def result(self, energy: Energy | Sums) -> EnergyAudit:
-        """The audit; EnergyAuditError if the energy terms do not balance."""
+    def result(self, energy: Energy | Sums, custom: bool = False) -> EnergyAudit:
+        """The audit; EnergyAuditError if the energy terms do not balance, or if joints that follow a ``custom`` law
+        gave back more than they took, which no law of the program does."""
         residual, scale = (float(value) for value in self.worst[:2])
+        friction = float(energy.friction if isinstance(energy, Sums) else energy.work[SLIDING])
+        if custom and friction < -GIVEN * scale:
+            raise EnergyAuditError(
+                f"the joints gave back {-friction:.2g} J more than they took: the energy that a joint law of one's own "
+                "returns must be what its springs hold at the forces that it returns"
+            )
         if isinstance(energy, Sums):
             return _of_motion(residual, max(scale, energy.floor, energy.rounding / MOTION), energy)
         relative = residual / scale if scale else 0.0
-        by_law, friction = float(energy.work[BY_LAW]), float(energy.work[SLIDING])
+        by_law = float(energy.work[BY_LAW])
         result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(energy.work[LEAST]))
         if not relative <= LIMIT:
             raise EnergyAuditError(

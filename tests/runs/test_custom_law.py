@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dembrick
+from dembrick import cli
 from dembrick._jit import hearing
 from dembrick.errors import DembrickError, HistoryError, ScenarioError
 from dembrick.simulation.statics import custom_limit
@@ -226,6 +227,24 @@ def test_a_law_that_fails_on_its_way_ends_the_run():
         dembrick.simulate(lab(), law=breaking)
 
 
+@pytest.mark.parametrize("kind", ["displacement", "base-motion"])
+def test_an_energy_that_is_none_of_the_forces_is_refused(kind):
+    @dembrick.joint_law
+    def boasting(move, law, memory):
+        normal = law.normal_stiffness * max(move.penetration, 0.0)
+        t1 = memory.shear_1 + law.shear_stiffness * move.slip_1
+        t2 = memory.shear_2 + law.shear_stiffness * move.slip_2
+        kept = min(1.0, law.friction * normal / max(math.hypot(t1, t2), 1e-30))
+        held = (kept * t1) ** 2 + (kept * t2) ** 2
+        return normal, kept * t1, kept * t2, 0.5 * normal**2 / law.normal_stiffness + 1e7 * held / law.shear_stiffness
+
+    scenario = lab()
+    if kind == "base-motion":
+        scenario = dembrick.load("newmark_pulse", ["joint.formulation=concave", "control.duration=0.1"])
+    with pytest.raises(dembrick.EnergyAuditError, match="the energy that a joint law of one's own returns must be"):
+        dembrick.simulate(scenario, law=boasting)
+
+
 def test_names_and_numbers():
     with pytest.raises(ScenarioError, match="memory = 'normal' is out of range: the program's own are normal"):
         dembrick.joint_law(coulomb, memory="normal")
@@ -240,12 +259,18 @@ def test_names_and_numbers():
     assert FOLLOWING.as_dict()["code"] != COULOMB.as_dict()["code"]
 
 
-def test_a_history_tells_of_its_law_and_is_run_by_no_command(tmp_path):
+def test_a_history_tells_of_its_law_and_is_run_by_no_command(tmp_path, capsys):
     file = tmp_path / "own.h5"
     dembrick.simulate(lab(), file, law=FOLLOWING)
     with dembrick.read_history(file) as history:
         told = history.settings["custom_law"]
         assert told["name"] == "following" and told["parameters"]["rise"] == 0.2
+        assert history.results["custom_law"] == told
+    assert cli.main(["info", str(file)]) == 0
+    assert (
+        "joint law     following, of Python (slip_distance = 2e-05, rise = 0.2, residual = 0.5)"
+        in capsys.readouterr().out
+    )
     words = "its joints followed the law following of a user's Python, which no file holds"
     with pytest.raises(HistoryError, match=words):
         dembrick.load(file)
