@@ -118,7 +118,6 @@ class _Faces:
         self.joints = [face(polygon, law) for polygon in cases.polygons]
         self.contact_points: list[ContactPoints | None] = [contact_points(f, cases.tolerance) for f in self.joints]
         self.width = np.array([polygons.width(p) for p in cases.polygons])
-        self.custom_law = None
         self.points, self.areas = joint_families.at_rest(self)
 
 
