@@ -14,6 +14,7 @@ from dembrick._kernel_sources import kernel_hash
 from dembrick.errors import HistoryError
 from dembrick.scenario.model import Output, Scenario
 from dembrick.simulation.channels import FRAMES, ROWS, followed, recorded
+from dembrick.simulation.dynamics.waiting_rows import joined
 from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.session import GoesOn, Kept, Session
 
@@ -56,12 +57,12 @@ class Memory:
     @property
     def rows(self) -> Mapping:
         """All rows, one array a name."""
-        return _joined(self._rows)
+        return joined(self._rows)
 
     @property
     def frames(self) -> Mapping:
         """All frames, one array a name."""
-        return _joined(self._frames)
+        return joined(self._frames)
 
 
 class RecordStore:
@@ -162,11 +163,11 @@ class RecordStore:
             return
         rows, frames = [rows for rows, _ in self._waiting], [frames for _, frames in self._waiting if frames]
         self._waiting = []
-        together = _joined(rows)
+        together = joined(rows)
         self._auditor.add(together["energy"])
         self.writer.append(together)
         if frames:
-            self.writer.append_frames(**_joined(frames))
+            self.writer.append_frames(**joined(frames))
 
     def keep(self, arrays: Mapping[str, np.ndarray], where: str) -> None:
         """Flush the history, then write a checkpoint that says how much of it was there, and how far the run was."""
@@ -214,16 +215,3 @@ class RecordStore:
 def _bytes(record: Mapping) -> int:
     """Memory of the arrays of a record, but for those in mappings of it."""
     return sum(array.nbytes for array in record.values() if isinstance(array, np.ndarray))
-
-
-def _joined(parts: list) -> dict:
-    """The chunks as one mapping of arrays (or of mappings of arrays)."""
-    if len(parts) < 2:
-        return parts[0] if parts else {}
-    first = parts[0]
-    return {
-        name: _joined([part[name] for part in parts])
-        if isinstance(first[name], Mapping)
-        else np.concatenate([part[name] for part in parts])
-        for name in first
-    }

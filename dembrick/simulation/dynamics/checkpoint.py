@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class Past:
         self.longest, self.may_end_early = 0, False  # steps of the run, and whether a collapse ends it
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
         self.extremes = Extremes.of(moving)
+        self.pass_on: Callable[[], None] = lambda: None  # what of the record waits, before a snapshot
 
     @property
     def where(self) -> str:
@@ -75,6 +76,7 @@ class Past:
         return arrays | moving.energy.arrays | self.extremes.arrays
 
     def snapshot(self) -> dict[str, np.ndarray]:
+        self.pass_on()
         moving = self.moving
         loop = np.array([moving.steps, moving.time_step, moving.dead_load_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}

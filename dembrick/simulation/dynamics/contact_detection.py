@@ -46,6 +46,7 @@ PAIRS = ("first", "second", "joint")
 # what is told of a contact that carries something: its type and shape
 NEW_CONTACT = {"blocks": (np.int64, (2,)), "point": (float, (3,)), "normal": (float, (3,)), "force": (float, (3,)),
                "torque": (float, (3,)), "area": (float, ()), "slip": (float, ())}  # fmt: skip
+_NO_CONTACTS = {name: np.zeros((0, *tail), kind) for name, (kind, tail) in NEW_CONTACT.items()}
 
 
 @dataclass
@@ -153,7 +154,7 @@ class ContactDetection:
         """
         touching = self.touching
         if touching is None:
-            return {name: np.zeros((0, *tail), kind) for name, (kind, tail) in NEW_CONTACT.items()}
+            return dict(_NO_CONTACTS)
         on = touching.normal > 0.0
         return {
             "blocks": touching.parts.owner[np.column_stack([touching.first, touching.second])[on]],

@@ -34,6 +34,7 @@ from dembrick.simulation.channels import energies
 from dembrick.simulation.checkpoint_arrays import plain
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.joint_polygons import Polygons
+from dembrick.simulation.dynamics.known_types import KnownTypes
 from dembrick.simulation.dynamics.state import MovingState, cross, out_of_balance, seen
 from dembrick.simulation.energy_audit import Sums
 
@@ -51,6 +52,7 @@ class MotionEnergy:
     def __init__(self, state: MovingState, loads: int = 0, wanted: bool = True, supports: int = 0):
         self.start = np.zeros(2)
         self.table = _blank(state, loads, supports) if wanted else None
+        self._known = KnownTypes()
 
     @property
     def wanted(self) -> bool:
@@ -113,7 +115,7 @@ class MotionEnergy:
         """N and its moments (a, 3) of the springs of convex joints, and energy (j,) J of those of all joints."""
         n = len(state.links.host)
         held, energy = np.zeros((len(joint_families.convex_joints(state)), 3)), np.zeros(n)
-        take_stock(state.links, state.corners, state.faces, held, energy)
+        self._known.call(state, take_stock, state.links, state.corners, state.faces, held, energy)
         return held, energy
 
     def energies(self, state: MovingState, dt: float) -> dict[str, float]:
@@ -123,22 +125,25 @@ class MotionEnergy:
             return {}
         if not self.table.begun[0]:
             return dict.fromkeys(ENERGIES, 0.0) | {"kinetic": float(self.start[0])}
-        table = self.table
-        settle_all(table, state.links)
-        lost = table.lost.sum(axis=0)
-        kinetic = kinetic_energy(state.bodies, state.links.wrenches, *table.gravity.tolist(), dt)
+        table, known = self.table, self._known
+        known.call(state, settle_all, table, state.links)
+        lost = table.lost.sum(axis=0).tolist()
+        kinetic = known.call(
+            state, kinetic_energy, state.bodies, state.links.wrenches, *table.gravity.tolist(), float(dt)
+        )
+        total = table.total.tolist()
         return {
             "kinetic": kinetic,
-            "elastic": float((table.share * self._springs(state)[1]).sum() + tie_energy(state.ties) - self.start[1]),
-            "external": float(table.fallen.sum() + table.total[LOADS]),
-            "friction": float(lost[FRICTION]),
+            "elastic": float((table.share * self._springs(state)[1]).sum()) + _of_ties(state) - float(self.start[1]),
+            "external": float(table.fallen.sum()) + total[LOADS],
+            "friction": lost[FRICTION],
             "dashpots": float(table.damped.sum()),
-            "released": float(lost[RELEASED] + table.total[HANDED]),
-            "stepping": float(lost[STEPPING] + table.total[TIES_STEPPED]),
-            "new_contacts": float(-table.total[CONTACTS]),
-            "crushing": float(lost[CRUSHING]),
-            "fracture": float(lost[FRACTURE]),
-            "yielding": float(table.total[TIES_YIELDED]),
+            "released": lost[RELEASED] + total[HANDED],
+            "stepping": lost[STEPPING] + total[TIES_STEPPED],
+            "new_contacts": -total[CONTACTS],
+            "crushing": lost[CRUSHING],
+            "fracture": lost[FRACTURE],
+            "yielding": total[TIES_YIELDED],
         }
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
@@ -157,6 +162,11 @@ class MotionEnergy:
         """All that a run goes on from."""
         table = {} if self.table is None else self.table._asdict()
         return {f"energy.{name}": plain(array) for name, array in table.items()} | {"energy.start": self.start}
+
+
+def _of_ties(state: MovingState) -> float:
+    """Energy (J) in the ties."""
+    return tie_energy(state.ties) if len(state.ties.stiffness) else 0.0
 
 
 def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:

@@ -39,7 +39,7 @@ from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
-from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.loads import Driving, LoadsAhead
 from dembrick.simulation.dynamics.pace import LONGEST_CHUNK, Pace
 from dembrick.simulation.dynamics.state import MovingState, moving_state, reactions
 from dembrick.simulation.dynamics.tiling import without_rounding
@@ -116,7 +116,10 @@ class Motion:
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
     _pace: Pace = field(default_factory=Pace)
     _compiled: dict = field(default_factory=dict)
+    _typed: tuple = ()
+    _types: object = None
     _shares: dict = field(default_factory=dict)  # see `_loops`
+    ahead: LoadsAhead = field(default_factory=LoadsAhead)
     _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
 
     def __post_init__(self):
@@ -137,6 +140,12 @@ class Motion:
     def no_contacts(self) -> Touching:
         """Arrays of contacts for the loop if there are none."""
         return self.contact_detection.blank(self.polygons)
+
+    def types_of(self, *arguments) -> object:
+        """A mark of the types of arguments; those of the last call are not looked at again, as arrays keep theirs."""
+        if len(arguments) != len(self._typed) or any(a is not b for a, b in zip(arguments, self._typed, strict=True)):
+            self._typed, self._types = arguments, compute_fingerprint(arguments)
+        return self._types
 
     @property
     def time(self) -> float:
@@ -211,8 +220,8 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
         most = min(LONGEST_CHUNK, last - motion.steps)
         times = (motion.steps + np.arange(most)) * dt
         supports = driving.prescribed(times, dt)
-        loads = driving.loads(times, dt, supports) if most <= FEW_STEPS else None
-        gravity = driving.at(times[[0, -1]], dt)[0] if loads is None else loads.gravity[[0, -1]]
+        loads = motion.ahead.of(driving, motion.steps, most, dt, supports) if most <= FEW_STEPS else None
+        gravity = driving.at(times[[0, -1]], dt)[0] if loads is None else loads.gravity[[0, most - 1]]
         fastest = float(np.sqrt(supports.moved.max(initial=0.0))) / dt
         n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
         status, done = advance_chunk(
@@ -379,7 +388,11 @@ def _compiled(motion: Motion, loop, own, dt: float, state: MovingState, bodies, 
     the shares, as in `_call`. What new contacts do is compiled by a second process meanwhile.
     """
     limits, *_, touching, table = others
-    types = loop is advance_bodies, compute_fingerprint((bodies, *state[1:5], loads, limits, touching, table))
+    types = (
+        loop is advance_bodies,
+        motion.types_of(bodies, *state[1:5], touching, table),
+        compute_fingerprint((loads, limits)),
+    )
     if types not in motion._compiled:
         began, touch_at = time.perf_counter(), 0
         arguments, near = _in_loop(motion, touch_at, 0, dt, state, bodies, loads, *others, own)

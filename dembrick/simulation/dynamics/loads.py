@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.integrator import Motion
 
 NOTHING_MOVES = AT_REST.between(np.zeros(1), 1.0)
+AHEAD = 512  # steps whose loads are found together
 RESOLVED = 4.0  # time steps in the period of a load: fewer would make another load of it
 
 
@@ -66,6 +67,11 @@ class Driving:
     def n_load(self) -> int:
         """Forces and pressed polygons: each has its own row in the energy balance."""
         return len(self.block) + len(self.pressed.block)
+
+    @property
+    def by_time_alone(self) -> bool:
+        """Whether loads and gravity are what curves of the time make of them, and no support moves."""
+        return self.tilt is None and self.driven is None and not len(self.supports)
 
     @cached_property
     def _faces(self) -> PressedFaces:
@@ -114,17 +120,55 @@ class Driving:
             return NOTHING_MOVES
         return self.supports.between(self.share(np.append(times[:1], times + dt)), dt)
 
-    def load(self, time: float, dt: float) -> float:
+    def load(self, time: float, dt: float, gravity: np.ndarray | None = None) -> float:
         """Load in the record: the multiplier of a load system, load factor of a tilt, acceleration of shaken supports
-        (m/s2), else zero."""
+        (m/s2), else zero. ``gravity`` (3,): of that time, if it is known."""
         if self.driven is not None:
             return float(self.multiplier(np.array([time]))[0])
         if self.tilt is not None:
             return math.tan(min(float(self.tilt[1](np.array([time]))[0]), math.radians(89.999)))
         if self.support_velocity:
-            gravity, _ = self.at(np.array([time]), dt)
-            return float((self.gravity - gravity[0]) @ self.support_velocity[0][0])
+            gravity = self.at(np.array([time]), dt)[0][0] if gravity is None else gravity
+            return float((self.gravity - gravity) @ self.support_velocity[0][0])
         return 0.0
+
+
+class LoadsAhead:
+    """Loads of few steps at a time, found for many: a run of few blocks takes longer to find them than to step.
+
+    What they are of is one after another and depends on the time alone, so that they are the same to the last bit
+    however many are found together. That is not tried where supports move, a table tilts or a load path grows, nor for
+    a driving that is new, which may be another one at the next call.
+    """
+
+    def __init__(self) -> None:
+        self._driving: Driving | None = None
+        self._found: Loads | None = None
+        self._first, self._dt = 0, 0.0
+
+    def of(self, driving: Driving, first: int, count: int, dt: float, supports: PrescribedMotion) -> Loads:
+        """Those of ``count`` steps from the step ``first`` on, and perhaps of more."""
+        known, self._driving = self._driving is driving, driving
+        if not known or not driving.by_time_alone:
+            self._found = None
+            return driving.loads((first + np.arange(count)) * dt, dt, supports)
+        found, begin = self._found, first - self._first
+        if found is None or dt != self._dt or not 0 <= begin <= len(found.gravity) - count:
+            self._first, self._dt, begin = first, dt, 0
+            found = self._found = driving.loads((first + np.arange(max(count, AHEAD) + 1)) * dt, dt, supports)
+        return found._replace(
+            force=found.force[begin:],
+            gravity=found.gravity[begin:],
+            multiplier=found.multiplier[begin:],
+            height=found.height[begin:],
+        )
+
+    def gravity(self, driving: Driving, step: int, dt: float) -> np.ndarray | None:
+        """Gravity (3,) at the beginning of a step, if it is known."""
+        found, at = self._found, step - self._first
+        if found is None or driving is not self._driving or dt != self._dt or not 0 <= at < len(found.gravity):
+            return None
+        return found.gravity[at]
 
 
 def turned_back(vectors: np.ndarray, axis: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:

@@ -53,14 +53,16 @@ class Extremes:
 
     def note(self, moving: Motion) -> None:
         """Take in the present state; the rows come at the same times however often a run is stopped."""
-        np.maximum(self.furthest, np.linalg.norm(moving.displacement, axis=1), out=self.furthest)
+        away = moving.displacement
+        np.maximum(self.furthest, np.sqrt((away * away).sum(axis=1)), out=self.furthest)
         self.note_ties(moving)
         half = np.abs(np.einsum("nk,nk->n", moving.state.bodies.orientation, moving.assembly.orientation))
         np.minimum(self.turned, half, out=self.turned)
         velocity, time = moving.state.bodies.velocity, moving.time
         passed = time - self.last[-1, 0]
         if passed > 0.0:
-            acceleration = np.linalg.norm(velocity - self.last[:-1], axis=1) / passed
+            gained = velocity - self.last[:-1]
+            acceleration = np.sqrt((gained * gained).sum(axis=1)) / passed
             self.quiet[acceleration <= self.threshold] = time
         self.last[:-1], self.last[-1, 0] = velocity, time
 
@@ -71,7 +73,8 @@ class Extremes:
 
     def note_ties(self, moving: Motion) -> None:
         """Take in the present tensions, as at the row of the start."""
-        np.maximum(self.tension, moving.state.ties.now[:, TENSION], out=self.tension)
+        if len(self.tension):
+            np.maximum(self.tension, moving.state.ties.now[:, TENSION], out=self.tension)
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:

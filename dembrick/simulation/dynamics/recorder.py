@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.kernels.dynamics.record import unbalanced_ratio
+from dembrick.kernels.dynamics.record import unbalanced_ratio, write_resultants
 from dembrick.kernels.joint.ties import TENSION, YIELDED
+from dembrick.scenario.checks import present
 from dembrick.simulation.channels import NO_BOUND
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion, present_velocities
+from dembrick.simulation.dynamics.known_types import KnownTypes
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import PushController
-from dembrick.simulation.dynamics.state import (
-    contact_arms,
-    contact_forces,
-    joint_resultants,
-)
+from dembrick.simulation.dynamics.state import contact_arms, contact_forces
+from dembrick.simulation.dynamics.waiting_rows import WaitingRows, no_rows
 from dembrick.simulation.session import Session
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+NO_ACTUATORS = np.zeros(0)
 
 
 def _in_frames(pressed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -38,13 +44,20 @@ class Recorder:
         self._controller = controller
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
+        self._any_fixed = bool(np.any(moving.assembly.fixed))
+        self._waiting = WaitingRows(self._observe)
+        self._known = KnownTypes()
+
+    def _observe(self, rows: Mapping, frames: Mapping) -> None:
+        if self._session.observe is not None:
+            self._session.observe(rows, frames)
 
     def compile(self) -> None:
         """Compile what rows take, or load it; after the loop, beside which a second process compiles (`_ahead`)."""
         began = time.perf_counter()
         if self._session.observe is not None:
-            self._unbalanced()
-            joint_resultants(self._moving.state)
+            self._unbalanced(self._gravity())
+            self._resultants()
         self._moving.compile_seconds += time.perf_counter() - began
 
     def take(self, last: bool = False, equilibrium: int | None = None) -> None:
@@ -57,41 +70,53 @@ class Recorder:
         if self.takes_frames:
             row = moving.steps // self._rows_every if equilibrium is None else equilibrium
             due = last or row % self._frames_every == 0
-            frames = self.frame(rows["time"][0]) if due else {}
+            frames = self.frame(rows["time"]) if due else {}
+        due = self._waiting.add(rows, frames)
         moving.phases["record"] += time.perf_counter() - began - (moving.compile_seconds - compiled)
-        self._session.observe(rows, frames)
+        if due or last or equilibrium is not None:
+            self.pass_on()
+
+    @contextmanager
+    def gathering(self) -> Iterator[None]:
+        """Whatever ends the run, its observer gets the rows and frames that wait."""
+        try:
+            yield
+        finally:
+            self.pass_on()
+
+    def pass_on(self) -> None:
+        """Let the observer have the rows and frames that wait for others."""
+        self._waiting.pass_on()
 
     def _row(self, equilibrium: int | None) -> dict:
         """A row of the present state, of an ``equilibrium`` with that number."""
         moving = self._moving
-        counts, reaction = equilibrium is not None, moving.reactions
-        energy = {} if counts else moving.energy.energies(moving.state, moving.time_step)
-        displacement, load = self.curve(reaction)
+        counts, reaction, gravity = equilibrium is not None, moving.reactions, self._gravity()
+        displacement, load = self.curve(reaction, gravity)
         row = {
-            "time": np.array([float(equilibrium) if counts else moving.time]),
-            "load": np.array([load]),
-            "displacement": np.array([displacement]),
-            "unbalanced": np.array([self._unbalanced()]),
-            "lower": np.zeros(1),
-            "upper": np.zeros(1),
-            "actuator_displacement": np.zeros((1, 0)),
-            "actuator_force": np.zeros((1, 0)),
+            "time": float(present(equilibrium)) if counts else moving.time,
+            "load": load,
+            "displacement": displacement,
+            "unbalanced": self._unbalanced(gravity),
+            "lower": 0.0,
+            "upper": 0.0,
+            "actuator_displacement": NO_ACTUATORS,
+            "actuator_force": NO_ACTUATORS,
             **self._of_actuators(load),
-            "energy": {name: np.array([value]) for name, value in energy.items()},
-            "new_contacts": np.array([float(moving.contact_detection.carrying)]),
+            "energy": {} if counts else moving.energy.energies(moving.state, moving.time_step),
+            "new_contacts": float(moving.contact_detection.carrying),
         }
-        if np.any(moving.assembly.fixed):
-            row["reaction"] = reaction[None]
+        if self._any_fixed:
+            row["reaction"] = reaction
         watched = moving.assembly.control_points
         if watched.names:
             moved = moving.state.bodies.position - self._origin
-            row["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)[None]
+            row["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)
         if len(moving.state.ties.stiffness):
-            row["tension"], row["yielded"] = (
-                moving.state.ties.now[None, :, [TENSION, YIELDED]].transpose(2, 0, 1).copy()
-            )
+            now = moving.state.ties.now
+            row["tension"], row["yielded"] = now[:, TENSION], now[:, YIELDED]
         if "joints" in self._session.output.channels:
-            row["joint"] = joint_resultants(moving.state)[None]
+            row["joint"] = self._resultants()
         return row
 
     def _of_actuators(self, load: float) -> dict:
@@ -101,10 +126,10 @@ class Recorder:
         if driven is None:
             return {}
         return {
-            "actuator_displacement": driven.displacements(self._moving.state.bodies)[None],
-            "actuator_force": load * driven.weight[None],
-            "lower": np.array([load]),
-            "upper": np.array([NO_BOUND]),
+            "actuator_displacement": driven.displacements(self._moving.state.bodies),
+            "actuator_force": load * driven.weight,
+            "lower": load,
+            "upper": NO_BOUND,
         }
 
     def frame(self, time: float) -> dict:
@@ -133,10 +158,7 @@ class Recorder:
     def follow_up(self, frames: list[dict]) -> None:
         """Frames after the last equilibrium, of what is none and has no row."""
         if self._session.observe is not None:
-            none = {
-                name: {key: value[:0] for key, value in of.items()} if isinstance(of, dict) else of[:0]
-                for name, of in self._row(0).items()
-            }
+            none = no_rows(self._row(0))
             for frame in frames:
                 self._session.observe(none, frame)
 
@@ -144,8 +166,8 @@ class Recorder:
     def takes_frames(self) -> bool:
         return self._session.observe is not None and "frames" in self._session.output.channels
 
-    def curve(self, reaction: np.ndarray) -> tuple[float, float]:
-        """Displacement and load of now, given the reactions (s, 6) of the supports.
+    def curve(self, reaction: np.ndarray, gravity: np.ndarray | None = None) -> tuple[float, float]:
+        """Displacement and load of now, given the reactions (s, 6) of the supports, and ``gravity`` (3,) if known.
 
         Of a push the driven displacement and the load factor, of loads that grow the driven displacement and their
         multiplier; of supports that move their displacement, and the reaction along their motion; else the displacement
@@ -161,13 +183,26 @@ class Recorder:
             return share * driving.supports.length, load
         if driving.driven is not None:
             return driving.driven.displacement(moving.state.bodies), driving.load(moving.time, moving.time_step)
-        return float(np.linalg.norm(away, axis=1).max()), driving.load(moving.time, moving.time_step)
+        furthest = float(np.sqrt((away * away).sum(axis=1)).max())
+        return furthest, driving.load(moving.time, moving.time_step, gravity)
 
     def _present(self) -> Driving:
         """Loads and supports of the run at present."""
         return self.driving if self._controller is None else self._controller.pushing(self.driving)
 
-    def _unbalanced(self) -> float:
+    def _gravity(self) -> np.ndarray:
+        """Gravity (3,) of now, as the loads of the run have it."""
+        moving, driving = self._moving, self._present()
+        known = moving.ahead.gravity(driving, moving.steps, moving.time_step)
+        return driving.at(np.array([moving.time]), moving.time_step)[0][0] if known is None else known
+
+    def _unbalanced(self, gravity: np.ndarray) -> float:
         state = self._moving.state
-        gravity, _ = self._present().at(np.array([self._moving.time]), self._moving.time_step)
-        return unbalanced_ratio(state.bodies, state.links, *gravity[0].tolist())
+        return self._known.call(state, unbalanced_ratio, state.bodies, state.links, *gravity.tolist())
+
+    def _resultants(self) -> np.ndarray:
+        """See `dynamics.state.joint_resultants`."""
+        state = self._moving.state
+        out = np.empty((len(state.links.host), 7))
+        self._known.call(state, write_resultants, state.bodies, state.links, state.corners, state.faces, out)
+        return out

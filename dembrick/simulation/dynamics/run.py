@@ -207,11 +207,12 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
     recorder = Recorder(moving, driving, session, every, frames_every, controller)
     recorder.compile()
+    past.pass_on = recorder.pass_on
     if not moving.steps:
         past.extremes.note_ties(moving)
         recorder.take()
     status = None
-    with interrupts.deferred():
+    with interrupts.deferred(), recorder.gathering():
         while moving.steps < steps and status != REACHED:
             n = min(stride, every - moving.steps % every, steps - moving.steps)
             if controller is None:

@@ -223,14 +223,15 @@ def reactions(state: MovingState, supporting: np.ndarray, contacts: Mapping[str,
     (s, 6), through its joints, ties and new ``contacts`` (see `ContactDetection.pressed`), of the last forces; of a
     block that is held in some directions what its guides exert on it, about its centroid. World axes."""
     bodies, links = state.bodies, state.links
-    total = np.zeros((len(supporting), 6))
-    np.add.at(total, links.host, -links.wrench[:, :6])
-    np.add.at(total, links.other, np.concatenate([links.wrench[:, :3], -links.wrench[:, 6:9]], axis=1))
+    total, wrench = np.zeros((len(supporting), 6)), links.wrench
+    np.add.at(total, links.host, -wrench[:, :6])
+    np.add.at(total, links.other, np.concatenate([wrench[:, :3], -wrench[:, 6:9]], axis=1))
     for side, sense in ((0, 1.0), (1, -1.0)) if len(contacts["force"]) else ():
         block, force = contacts["blocks"][:, side], contacts["force"]
         arm = contacts["point"] - state.middle - bodies.position[block]
         np.add.at(total, block, sense * np.concatenate([force, contacts["torque"] + cross(arm, force)], axis=1))
-    total -= at_ends(state.ties, len(supporting))
+    if len(state.ties.stiffness):
+        total -= at_ends(state.ties, len(supporting))
     total[:, 3:] += cross(bodies.position - bodies.start, total[:, :3])
     total[bodies.guided] = bodies.guide
     return total[supporting]

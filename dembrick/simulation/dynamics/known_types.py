@@ -1,0 +1,29 @@
+"""Calls of small kernels between the chunks of a run, without a look at the types of their arguments at each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from dembrick._jit import ready
+
+if TYPE_CHECKING:
+    from dembrick.simulation.dynamics.state import MovingState
+
+
+class KnownTypes:
+    """The machine code of kernels for the arguments of a state, as long as it is the same one: its arrays change, and
+    their types do not. Arguments beside those of the state have the same types at every call."""
+
+    def __init__(self) -> None:
+        self._state: MovingState | None = None
+        self._codes: dict[int, Callable] = {}
+
+    def call(self, state: MovingState, kernel: Callable, *arguments) -> Any:
+        """Call a kernel with arrays of the ``state``, and others."""
+        if state is not self._state:
+            self._state, self._codes = state, {}
+        code = self._codes.get(id(kernel))
+        if code is None:
+            code = self._codes[id(kernel)] = ready(kernel, *arguments)
+        return code(*arguments)
