@@ -47,7 +47,8 @@ def greatest_frequency(state: State, inertia: np.ndarray, stiffness: np.ndarray)
     that touch fixed blocks only; see :class:`_Coupled`.
     """
     lower = _inverse_factor(state, inertia)
-    return math.sqrt(_Coupled.of(state, lower, joint_stiffness(state)).bound(_greatest_eigenvalues(lower, stiffness)))
+    coupled = _Coupled.of(state, lower, joint_stiffness(state))
+    return coupled.frequency(_greatest_eigenvalues(lower, stiffness))
 
 
 @dataclass(frozen=True)
@@ -76,11 +77,12 @@ class _Coupled:
         squares = np.linalg.eigvalsh(scaled @ np.swapaxes(scaled, 1, 2))[:, -1]
         return cls(state.blocks.free, joints, a, b, np.sqrt(np.maximum(squares, 0.0)))
 
-    def bound(self, diagonal: np.ndarray, times: np.ndarray | None = None) -> float:
-        """Of the eigenvalues of the whole, given those of each block alone (n,); ``times`` (j,) scales the joints."""
+    def frequency(self, diagonal: np.ndarray, times: np.ndarray | None = None) -> float:
+        """Bound (rad/s) of the whole, given the greatest eigenvalue of each block alone (n,); ``times`` (j,) scales the
+        joints."""
         diagonal = diagonal[self.free]
         if not len(self.joints):
-            return float(diagonal.max())
+            return math.sqrt(diagonal.max())
         norms = self.norms if times is None else self.norms * times[self.joints]
         number = np.zeros(max(self.a.max(), self.b.max(), self.free.max()) + 1, int)
         number[self.free] = np.arange(len(self.free))
@@ -95,7 +97,7 @@ class _Coupled:
             # the shift keeps x positive and the iteration from swinging between two halves of the graph
             x = y + bound * x
             x /= x.max()
-        return bound
+        return math.sqrt(bound)
 
 
 def _inverse_factor(state: State, inertia: np.ndarray) -> np.ndarray:
@@ -129,7 +131,7 @@ def dashpots(state: State, inertia: np.ndarray, actuator: np.ndarray) -> Dashpot
     """
     joints, free = state.joints, state.blocks.free
     found, lower = joint_stiffness(state), _inverse_factor(state, inertia)
-    alone = summed(state, found, np.ones(len(joints.block_a)))
+    alone = summed(state, found)
     moves = np.zeros(len(inertia), bool)
     moves[free] = True
     squares = np.zeros(len(joints.block_a))
@@ -142,9 +144,9 @@ def dashpots(state: State, inertia: np.ndarray, actuator: np.ndarray) -> Dashpot
     square = _greatest_eigenvalues(lower[loaded], alone[loaded] + actuator[loaded]).max()
     actuator_time = 2.0 * DAMPING_RATIO / math.sqrt(square)
     coupled = _Coupled.of(state, lower, found)
-    k = coupled.bound(_greatest_eigenvalues(lower, alone + actuator + ties.bound(state)))
-    damping = summed(state, found, times) + actuator * actuator_time
-    c = coupled.bound(_greatest_eigenvalues(lower, damping), times)
+    k = coupled.frequency(_greatest_eigenvalues(lower, alone + actuator + ties.bound(state))) ** 2
+    damping = summed(state, joint_stiffness(state, times)) + actuator * actuator_time
+    c = coupled.frequency(_greatest_eigenvalues(lower, damping), times) ** 2
     return Dashpots(times, actuator_time, (math.sqrt(c * c + 4.0 * k) - c) / k)
 
 

@@ -33,20 +33,22 @@ class JointStiffness(NamedTuple):
     between: np.ndarray
 
 
-def joint_stiffness(state: State) -> JointStiffness:
-    """That of the joints of a state."""
+def joint_stiffness(state: State, times: np.ndarray | None = None) -> JointStiffness:
+    """That of the joints of a state, ``times`` (j,) each."""
     joints, k = state.joints, joint_families.stiffness(state)
+    if times is not None:
+        k *= times[:, None, None]
     left, right = (to_joint(joints.axes, arm) for arm in (joints.arm_a, joints.arm_b))
     from_a, from_b = left.transpose(0, 2, 1) @ k, right.transpose(0, 2, 1) @ k
     return JointStiffness(from_a @ left, from_b @ right, -(from_a @ right))
 
 
-def summed(state: State, found: JointStiffness, times: np.ndarray) -> np.ndarray:
-    """Stiffness (n, 6, 6) of each block on its joints, ``times`` (j,) each; zero for fixed blocks."""
+def summed(state: State, found: JointStiffness) -> np.ndarray:
+    """Stiffness (n, 6, 6) of each block on its joints; zero for fixed blocks."""
     n, joints = len(state.blocks.displacement), state.joints
     stiffness = np.zeros((n, 6, 6))
     for block, seen in ((joints.block_a, found.of_a), (joints.block_b, found.of_b)):
-        np.add.at(stiffness, block, times[:, None, None] * seen)
+        np.add.at(stiffness, block, seen)
     stiffness[~_free(state)] = 0.0
     return _guided(state, stiffness)
 
@@ -57,7 +59,7 @@ def block_stiffness(state: State, shared: float) -> np.ndarray:
     A joint between two free blocks counts ``shared`` times. With 2 the block matrices together bound the stiffness of
     the assembly, because an element stores at most twice the energy of its two one-sided parts.
     """
-    return summed(state, joint_stiffness(state), np.where(_both_free(state), shared, 1.0))
+    return summed(state, joint_stiffness(state, np.where(_both_free(state), shared, 1.0)))
 
 
 def _free(state: State) -> np.ndarray:
