@@ -2,15 +2,19 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numba
 import numpy as np
 import pytest
 
+import dembrick
+from dembrick.assembly.build import assemble
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.simulation.dynamics import integrator
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.loads import Driving
+from helpers.custom_laws import COULOMB
 from helpers.places import TESTS
 from helpers.walls import wall
 
@@ -40,6 +44,19 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
     assert np.abs(ends[0].links.wrench).max() > 100.0
     assert found[1:] == found[:1] * len(found[1:]) and found[0]["kinetic"] > 0.0 and found[0]["dashpots"] > 0.0
     np.testing.assert_array_equal(built.rotation, before)  # a run leaves the assembly as it was
+
+
+@pytest.mark.parametrize("kind", ["concave", "convex", "linear", "custom"])
+def test_large_scenes_that_threads_cannot_share_go_without(kind, monkeypatch):
+    """Joints with strengths, pressures that follow the bending, a law of the user's own: numba does not share them."""
+    law = {"formulation": "convex"} if kind in ("convex", "linear") else {"formulation": "concave"}
+    more = {"linear": {"pressure": "linear"}, "custom": {}}.get(kind, {"cohesion": 1e4})
+    built = assemble(dembrick.load("wall_tilt", [f"joint.{k}={v}" for k, v in (law | more).items()]))
+    built = replace(built, custom_law=COULOMB if kind == "custom" else None)
+    monkeypatch.setattr(integrator, "MANY", 0)
+    moving = integrator.motion(built, 0.1, 0.5)
+    integrator.advance(moving, Driving(built.gravity), 10, Limits(1.0, 1.0))
+    assert moving.steps == 10 and np.isfinite(moving.state.bodies.position).all()
 
 
 def test_a_small_scene_compiles_no_parallel_code():

@@ -36,6 +36,7 @@ from dembrick.kernels.dynamics.loop import (
 from dembrick.kernels.dynamics.rigid_bodies import write_rotations
 from dembrick.kernels.dynamics.tiles import rows_of_lanes
 from dembrick.scenario.model import show
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
@@ -429,7 +430,7 @@ def _in_loop(motion: Motion, touch_at: int, n_steps: int, dt: float, state: Movi
 def _loops(motion: Motion, bodies) -> list[tuple]:
     """The compiled loops for a scene of that size, each with its scratch and what shares the work of a large one."""
     state, threads = motion.state, get_num_threads()
-    if len(state.links.host) < MANY:
+    if len(state.links.host) < MANY or joint_families.of_several_parts(state):
         threads = 1
     wanted = len(bodies.free), threads  # neither joints nor their tiles become more or fewer
     if wanted not in motion._shares:

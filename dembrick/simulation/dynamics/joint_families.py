@@ -110,6 +110,12 @@ def has_strengths(state) -> bool:
     return any(joints.strengths is not None for _, joints in present(state))
 
 
+def of_several_parts(state) -> bool:
+    """Whether the arrays of a family hold tuples of arrays in turn, those of strengths, of pressures that follow the
+    bending, or of a law of the user's own: numba hands threads none of them."""
+    return any(isinstance(field, tuple) for _, joints in present(state) for field in joints)
+
+
 def hold_bonds(state, held: bool) -> None:
     """Let no bond break that would let go of something, or let bonds break again."""
     for _, joints in present(state):
