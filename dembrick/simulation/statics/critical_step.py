@@ -21,7 +21,7 @@ import numpy as np
 
 from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.state import State
-from dembrick.simulation.statics.stiffness import JointStiffness, couplings, joint_stiffness, summed
+from dembrick.simulation.statics.stiffness import couplings, felt, summed
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -47,7 +47,7 @@ def greatest_frequency(state: State, inertia: np.ndarray, stiffness: np.ndarray)
     that touch fixed blocks only; see :class:`_Coupled`.
     """
     lower = _inverse_factor(state, inertia)
-    coupled = _Coupled.of(state, lower, joint_stiffness(state))
+    coupled = _Coupled.of(state, lower)
     return coupled.frequency(_greatest_eigenvalues(lower, stiffness))
 
 
@@ -69,13 +69,18 @@ class _Coupled:
     norms: np.ndarray
 
     @classmethod
-    def of(cls, state: State, lower: np.ndarray, found: JointStiffness) -> _Coupled:
+    def of(cls, state: State, lower: np.ndarray) -> _Coupled:
         """Those of a state, scaled by ``lower`` (n, 6, 6), see `_inverse_factor`."""
-        joints, blocks = couplings(state, found)
-        a, b = state.joints.block_a[joints], state.joints.block_b[joints]
-        scaled = lower[a] @ blocks @ np.swapaxes(lower[b], 1, 2)
-        squares = np.linalg.eigvalsh(scaled @ np.swapaxes(scaled, 1, 2))[:, -1]
-        return cls(state.blocks.free, joints, a, b, np.sqrt(np.maximum(squares, 0.0)))
+        joints, norms = [np.zeros(0, np.int64)], [np.zeros(0)]
+        for some, blocks in couplings(state):
+            a, b = state.joints.block_a[some], state.joints.block_b[some]
+            scaled = lower[a] @ blocks @ np.swapaxes(lower[b], 1, 2)
+            squares = np.linalg.eigvalsh(scaled @ np.swapaxes(scaled, 1, 2))[:, -1]
+            joints.append(some)
+            norms.append(np.sqrt(np.maximum(squares, 0.0)))
+        every = np.concatenate(joints)
+        a, b = state.joints.block_a[every], state.joints.block_b[every]
+        return cls(state.blocks.free, every, a, b, np.concatenate(norms))
 
     def frequency(self, diagonal: np.ndarray, times: np.ndarray | None = None) -> float:
         """Bound (rad/s) of the whole, given the greatest eigenvalue of each block alone (n,); ``times`` (j,) scales the
@@ -130,22 +135,21 @@ def dashpots(state: State, inertia: np.ndarray, actuator: np.ndarray) -> Dashpot
     M.
     """
     joints, free = state.joints, state.blocks.free
-    found, lower = joint_stiffness(state), _inverse_factor(state, inertia)
-    alone = summed(state, found)
+    lower, alone = _inverse_factor(state, inertia), summed(state)
     moves = np.zeros(len(inertia), bool)
     moves[free] = True
     squares = np.zeros(len(joints.block_a))
-    for side, seen in ((joints.block_a, found.of_a), (joints.block_b, found.of_b)):
-        mine = np.flatnonzero(moves[side])
-        own = seen[mine] + actuator[side[mine]]
-        squares[mine] = np.maximum(squares[mine], _greatest_eigenvalues(lower[side[mine]], own))
+    for some, block, felt_alone in felt(state):
+        mine = np.flatnonzero(moves[block])
+        own = felt_alone[mine] + actuator[block[mine]]
+        squares[some[mine]] = np.maximum(squares[some[mine]], _greatest_eigenvalues(lower[block[mine]], own))
     times = 2.0 * DAMPING_RATIO / np.sqrt(np.where(squares > 0.0, squares, np.inf))
     loaded = state.actuators.block[moves[state.actuators.block]]
     square = _greatest_eigenvalues(lower[loaded], alone[loaded] + actuator[loaded]).max()
     actuator_time = 2.0 * DAMPING_RATIO / math.sqrt(square)
-    coupled = _Coupled.of(state, lower, found)
+    coupled = _Coupled.of(state, lower)
     k = coupled.frequency(_greatest_eigenvalues(lower, alone + actuator + ties.bound(state))) ** 2
-    damping = summed(state, joint_stiffness(state, times)) + actuator * actuator_time
+    damping = summed(state, times) + actuator * actuator_time
     c = coupled.frequency(_greatest_eigenvalues(lower, damping), times) ** 2
     return Dashpots(times, actuator_time, (math.sqrt(c * c + 4.0 * k) - c) / k)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from dembrick.simulation.statics import joint_families
 
 if TYPE_CHECKING:
     from dembrick.simulation.statics.state import State
+
+AT_ONCE = 1024  # joints whose matrices are made together: some 300 kB each
 
 
 def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
@@ -24,31 +27,29 @@ def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
     return matrix
 
 
-class JointStiffness(NamedTuple):
-    """Stiffness (j, 6, 6) of every closed joint as block a feels it when it moves alone, as block b does, and what the
-    motion of b does to a; about their centroids."""
-
-    of_a: np.ndarray
-    of_b: np.ndarray
-    between: np.ndarray
+def pieces(numbers: np.ndarray) -> Iterator[np.ndarray]:
+    """The numbers of joints some at a time, whose matrices stay where the processor finds them."""
+    for begin in range(0, len(numbers), AT_ONCE):
+        yield numbers[begin : begin + AT_ONCE]
 
 
-def joint_stiffness(state: State, times: np.ndarray | None = None) -> JointStiffness:
-    """That of the joints of a state, ``times`` (j,) each."""
+def felt(state: State, times: np.ndarray | None = None) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Numbers (k,) of some joints, those of their blocks, and the stiffness (k, 6, 6), ``times`` (j,) each, of the
+    joints as the blocks feel it that move alone, about their centroids: first every block a, then every block b."""
     joints, k = state.joints, joint_families.stiffness(state)
     if times is not None:
         k *= times[:, None, None]
-    left, right = (to_joint(joints.axes, arm) for arm in (joints.arm_a, joints.arm_b))
-    from_a, from_b = left.transpose(0, 2, 1) @ k, right.transpose(0, 2, 1) @ k
-    return JointStiffness(from_a @ left, from_b @ right, -(from_a @ right))
+    for block, arm in ((joints.block_a, joints.arm_a), (joints.block_b, joints.arm_b)):
+        for some in pieces(np.arange(len(k))):
+            t = to_joint(joints.axes[some], arm[some])
+            yield some, block[some], t.transpose(0, 2, 1) @ k[some] @ t
 
 
-def summed(state: State, found: JointStiffness) -> np.ndarray:
-    """Stiffness (n, 6, 6) of each block on its joints; zero for fixed blocks."""
-    n, joints = len(state.blocks.displacement), state.joints
-    stiffness = np.zeros((n, 6, 6))
-    for block, seen in ((joints.block_a, found.of_a), (joints.block_b, found.of_b)):
-        np.add.at(stiffness, block, seen)
+def summed(state: State, times: np.ndarray | None = None) -> np.ndarray:
+    """Stiffness (n, 6, 6) of each block on its joints, ``times`` (j,) each; zero for fixed blocks."""
+    stiffness = np.zeros((len(state.blocks.displacement), 6, 6))
+    for _, block, own in felt(state, times):
+        np.add.at(stiffness, block, own)
     stiffness[~_free(state)] = 0.0
     return _guided(state, stiffness)
 
@@ -59,7 +60,7 @@ def block_stiffness(state: State, shared: float) -> np.ndarray:
     A joint between two free blocks counts ``shared`` times. With 2 the block matrices together bound the stiffness of
     the assembly, because an element stores at most twice the energy of its two one-sided parts.
     """
-    return summed(state, joint_stiffness(state, np.where(_both_free(state), shared, 1.0)))
+    return summed(state, np.where(_both_free(state), shared, 1.0))
 
 
 def _free(state: State) -> np.ndarray:
@@ -85,12 +86,13 @@ def _guided(state: State, stiffness: np.ndarray) -> np.ndarray:
     return stiffness
 
 
-def couplings(state: State, found: JointStiffness | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Off-diagonal stiffness between free blocks: the numbers (c,) of their joints, and blocks K_ab (c, 6, 6)."""
-    chosen = np.flatnonzero(_both_free(state))
-    if not len(chosen):
-        return chosen, np.zeros((0, 6, 6))
-    return chosen, (found or joint_stiffness(state)).between[chosen]
+def couplings(state: State) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Off-diagonal stiffness between free blocks: the numbers (k,) of some of their joints, and blocks K_ab
+    (k, 6, 6)."""
+    joints, k = state.joints, joint_families.stiffness(state)
+    for some in pieces(np.flatnonzero(_both_free(state))):
+        left, right = (to_joint(joints.axes[some], arm[some]) for arm in (joints.arm_a, joints.arm_b))
+        yield some, -left.transpose(0, 2, 1) @ k[some] @ right
 
 
 def assembled_stiffness(state: State) -> np.ndarray:
@@ -99,9 +101,10 @@ def assembled_stiffness(state: State) -> np.ndarray:
     number = np.full(len(state.blocks.displacement), -1)
     number[free] = np.arange(len(free))
     stiffness = np.zeros((len(free), 6, len(free), 6))
-    every, (chosen, beside) = np.arange(len(free)), couplings(state)
-    a, b = state.joints.block_a[chosen], state.joints.block_b[chosen]
+    every = np.arange(len(free))
     stiffness[every, :, every] = block_stiffness(state, shared=1.0)[free]
-    np.add.at(stiffness, (number[a], slice(None), number[b]), beside)
-    np.add.at(stiffness, (number[b], slice(None), number[a]), beside.transpose(0, 2, 1))
+    for some, beside in couplings(state):
+        a, b = state.joints.block_a[some], state.joints.block_b[some]
+        np.add.at(stiffness, (number[a], slice(None), number[b]), beside)
+        np.add.at(stiffness, (number[b], slice(None), number[a]), beside.transpose(0, 2, 1))
     return stiffness.reshape(6 * len(free), 6 * len(free))
