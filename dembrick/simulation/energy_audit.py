@@ -15,7 +15,7 @@ MOTION = 1e-2  # of what was put in, in a run in real time: where blocks tumble,
 STEPPING = 0.1  # of what was put in: where blocks may bounce, no impact loses more than (w dt)^2 / 4 = 0.09 of its own
 GIVEN = 1e-3  # of the external work: what joints may give back by rounding and by opening within steps
 NEGATIVE = 1e-6  # of the external work: what friction may give back in one increment whose slip turns about
-SLIP = 1e-2  # of the external work: between the friction work and the sum of mu N |slip increment|
+SLIP = 0.1  # of the external work: between the friction work and the sum of mu N |slip increment|, of first order
 
 
 @dataclass(frozen=True)

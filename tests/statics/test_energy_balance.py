@@ -159,8 +159,8 @@ def test_an_energy_balance_that_does_not_close_fails_the_run(monkeypatch):
     with pytest.raises(EnergyAuditError, match="friction gave back"):
         energy_audit.Auditor().add(energies).result(giving)
     slipping = run.energy._replace(work=run.energy.work.copy())
-    slipping.work[BY_LAW] *= 1.03
-    with pytest.raises(EnergyAuditError, match="friction work is off by -0.0"):
+    slipping.work[BY_LAW] *= 1.2
+    with pytest.raises(EnergyAuditError, match="friction work is off by -0.1"):
         energy_audit.Auditor().add(energies).result(slipping)
     monkeypatch.setattr(energy_audit, "LIMIT", 1e-20)
     with pytest.raises(EnergyAuditError):
