@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import inspect
 import json
-import sys
 import tempfile
 from dataclasses import MISSING
 from pathlib import Path
@@ -280,5 +279,12 @@ def _grid(shown: list[tuple[str, dict]]) -> str:
     return "\n".join(parts)
 
 
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    there = Path(__file__).resolve().parent.parent / "docs" / "reference"
+    parser.add_argument("folder", nargs="?", type=Path, default=there)
+    write(parser.parse_args().folder)
+
+
 if __name__ == "__main__":
-    write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parent.parent / "docs" / "reference")
+    main()
