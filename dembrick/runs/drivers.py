@@ -47,10 +47,9 @@ from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import State
 
 if TYPE_CHECKING:
-    from dembrick.simulation.dynamics.equilibria import EquilibriaRun
     from dembrick.simulation.dynamics.integrator import Motion
     from dembrick.simulation.dynamics.loads import Driving
-    from dembrick.simulation.dynamics.run import MotionRun
+    from dembrick.simulation.dynamics.run import EquilibriaRun, MotionRun
 
 
 SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to tell how long a run will be

@@ -11,7 +11,7 @@ from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.motion_result import MotionResult
 
 if TYPE_CHECKING:
-    from dembrick.simulation.dynamics.equilibria import EquilibriaRun
+    from dembrick.simulation.dynamics.run import EquilibriaRun
 
 
 @dataclasses.dataclass(repr=False)

@@ -384,3 +384,31 @@ def test_a_search_after_a_settlement_goes_on_where_it_was_stopped(last, tmp_path
         with read(path) as one, read(tmp_path / "whole.h5") as other:
             np.testing.assert_array_equal(one.load, other.load)
             assert one.results["yield_point"] == other.results["yield_point"]
+
+
+def test_a_block_that_may_not_turn_slides_without_a_hinge():
+    text = """
+title = "guided"
+gravity = [0, 0, -9.81]
+joint = {formulation = "concave", friction = 0.5, normal_stiffness = 1e8, shear_stiffness = 4e7}
+materials.stone.density = 2000.0
+control = {kind = "pushover", direction = [1, 0, 0], large_displacements = true}
+[[blocks]]
+name = "floor"
+material = "stone"
+box = [2, 2, 0.2]
+position = [0, 0, -0.1]
+fixed = true
+[[blocks]]
+name = "stone"
+material = "stone"
+box = [0.2, 0.2, 0.8]
+position = [0, 0, 0.4]
+held = ["rx", "ry", "rz"]
+"""
+    found = simulate(toml.loads(text), record=False)
+    assert found.collapse["load_factor"] == pytest.approx(0.5, rel=2e-3) and found.collapse["hinges"] == []
+    lines = found.text().splitlines()
+    assert "hinges        none" in lines
+    (moved,) = (line for line in lines if line.startswith("moved"))
+    assert moved.startswith("moved         stone by ")

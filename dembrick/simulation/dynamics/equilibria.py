@@ -20,12 +20,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
+from dembrick.errors import DivergedError, HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.scenario.model import Output
@@ -39,7 +39,7 @@ from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Moti
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, settlement_collapse
 from dembrick.simulation.dynamics.recorder import Recorder
-from dembrick.simulation.dynamics.run import MEETINGS, MotionRun
+from dembrick.simulation.dynamics.run import MEETINGS, EquilibriaRun
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve, eased
@@ -57,26 +57,10 @@ FALL = 8  # frames of that, equally far apart
 SLOWER_STILL, SLOWEST = 4, 64  # times the steps, once ties have yielded in a swing, and at the most
 HOLDS = 1e-6  # of its strength: a tie that carries so much less rests below it
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds:
+SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
+G = 9.81  # m/s2
 BREAKS = 64  # of each joint
 SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
-
-
-@dataclass
-class EquilibriaRun(MotionRun):
-    """A finished path of equilibria. ``path`` (T, 3): displacement (m), load and out-of-balance over joint forces of
-    every equilibrium; ``reaction`` (s, 6): of all supports at the last one, and ``state``: everything then, for a stage
-    that comes after. ``bracket``: the parameter at the last equilibrium, and at which the blocks came down (infinite:
-    they did not)."""
-
-    path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    reaction: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
-    state: Kept | None = None
-    bracket: tuple[float, float] = (0.0, math.inf)
-
-    @property
-    def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6) at the last equilibrium."""
-        return self.reaction
 
 
 class EquilibriumPath(ABC):
@@ -167,10 +151,25 @@ class EquilibriumPath(ABC):
     def _go(self, parameter: float) -> float | None:
         """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if
         they come down."""
-        driving, steps = self._growing(self.reached, parameter)
         before = self.moving.state.bodies.position.copy()
+        try:
+            return self._gone(parameter, before, math.inf)
+        except DivergedError:
+            # blocks that fall freely for long get too fast for a step: look at them before they can
+            self._go_back()
+            return self._gone(parameter, before, SEEN_FALLING)
+
+    def _gone(self, parameter: float, before: np.ndarray, often: float) -> float | None:
+        """`_go`, with a look after every ``often`` of the time in which the smallest block falls by its size."""
+        driving, steps = self._growing(self.reached, parameter)
         joint_families.hold_bonds(self.moving.state, self.bonded)
-        self.advance(driving, steps)
+        falls = math.sqrt(2.0 * self.moving.smallest / G) / self.dt  # steps
+        few = max(1, int(min(often * falls, steps)))
+        for done in range(0, steps, few):
+            self.advance(driving, min(few, steps - done))
+            if often < math.inf and self._down(before) > 1.0:
+                self._look_on(1.0)
+                return None
         ratio = self._rest(parameter, before)
         if not self.bonded or ratio is None:
             return ratio
@@ -181,12 +180,10 @@ class EquilibriumPath(ABC):
         """Let the blocks come to rest, which were at ``before`` (n, 3) at the last equilibrium; as `_go`."""
         still = self._at(parameter)
         free = ~np.asarray(self.moving.assembly.fixed)
-        least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in self.moving.assembly.shapes])
         balanced, chunks, passed, ratio = 0, most_steps(self.moving) // CHUNK, {}, 1.0
         for chunk in range(ROUNDS * chunks):
             self.advance(still, CHUNK)
-            away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
-            down = float((away / (self.dropped * least))[free].max())
+            down = self._down(before)
             self._look_on(down)
             if down > 1.0:
                 return None
@@ -206,6 +203,13 @@ class EquilibriumPath(ABC):
             f"undecided at {self.said(parameter)}, neither at rest nor falling: after {ROUNDS * CHUNK * chunks} "
             f"steps of relaxation the out-of-balance force is still {ratio:.2g} of the joint forces; {self.slow}"
         )
+
+    def _down(self, before: np.ndarray) -> float:
+        """How far blocks have come down that were at ``before`` (n, 3): 1 for one that has."""
+        assembly = self.moving.assembly
+        least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
+        away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
+        return float((away / (self.dropped * least))[~np.asarray(assembly.fixed)].max())
 
     def _look_on(self, down: float) -> None:
         """Keep a frame of how blocks come down, where that is to be seen: ``down`` is how far, 1 at the end."""

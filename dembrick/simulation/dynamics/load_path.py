@@ -17,11 +17,12 @@ import numpy as np
 
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import ACTUATORS, Control
-from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriaRun, EquilibriumPath, plan_of
+from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriumPath, plan_of
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import moved_most
 from dembrick.simulation.dynamics.pushover import STRONGEST
+from dembrick.simulation.dynamics.run import EquilibriaRun
 from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session

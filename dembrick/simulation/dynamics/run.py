@@ -43,7 +43,7 @@ from dembrick.simulation.dynamics.state import (
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.energy_audit import Sums
 from dembrick.simulation.expected_cost import fall_seconds, heap_seconds, motion_seconds
-from dembrick.simulation.session import Plan, Session
+from dembrick.simulation.session import Kept, Plan, Session
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -102,6 +102,24 @@ class MotionRun:
     def phases(self) -> dict[str, float]:
         """The same by phase; the compiled steps are one."""
         return {"steps": self.motion.loop_seconds, **self.motion.phases}
+
+
+@dataclass
+class EquilibriaRun(MotionRun):
+    """A finished path of equilibria. ``path`` (T, 3): displacement (m), load and out-of-balance over joint forces of
+    every equilibrium; ``reaction`` (s, 6): of all supports at the last one, and ``state``: everything then, for a stage
+    that comes after. ``bracket``: the parameter at the last equilibrium, and at which the blocks came down (infinite:
+    they did not)."""
+
+    path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    reaction: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+    state: Kept | None = None
+    bracket: tuple[float, float] = (0.0, math.inf)
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6) at the last equilibrium."""
+        return self.reaction
 
 
 def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
