@@ -133,7 +133,9 @@ def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
             part = " (of the way to the first turning point)" if misfit.goes_on(ours, curve) else ""
             if one.compared[1] < curve.displacement.max():
                 where = "the run turns" if misfit.goes_on(ours, curve) else "the run ends"
-                part = f" (compared up to {1e3 * one.compared[1]:.4g} mm, where {where})"
+                part = (
+                    f" (compared up to {1e3 * one.compared[1]:.4g} mm: {where} at {1e3 * ours.displacement.max():.4g})"
+                )
             lines.append(f"misfit{whose}: {misfit.text(one)}{part}")
     answer = {"misfit": {name: found[0][name] for name in misfit.NUMBERS}} if found else {}
     return answer | ({"misfits": found} if len(found) > 1 else {}), lines

@@ -15,7 +15,10 @@ from dembrick.errors import ScenarioError
 from dembrick.scenario.protocols import turning_points
 
 THIRD = 1.0 / 3.0  # of the peak, up to which the initial stiffness is taken, as EN 1052-1 takes the modulus of masonry
-BACK = 0.05  # of its range, by which a measured displacement may go back: the scatter of a gauge, and not a cycle
+BACK = (
+    0.05  # of its range, by which a measured displacement may go back: the scatter of a gauge, and not a cycle; and by
+)
+# which a turning point that was measured may lie beyond the simulated one
 
 
 NUMBERS = ("rms", "peak", "stiffness", "energy")
@@ -68,13 +71,14 @@ def between(simulated: Curve, measured: Curve, name: str = "the measured curve")
 
 def compared(simulated: Curve, measured: Curve, beyond: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Displacements (m) of the measured points that the simulated curve reaches, the forces (N) of the simulated one
-    there, and those measured; with ``beyond`` of all points of the ways that both have, where those out of reach count
-    with the last simulated force."""
+    there, and those measured; a little beyond a turn the last simulated force counts, and with ``beyond`` at all points
+    of the ways that both have."""
     found = []
     for (way_u, way_V), (our_u, our_V) in zip(_ways(measured), _ways(simulated), strict=False):
         order = np.argsort(our_u, kind="stable")
         x, y = our_u[order], our_V[order]
-        slack = 1e-9 * float(np.ptp(x))
+        # a jack gives a little, so that the blocks turn back somewhat before its end does
+        slack = (BACK if len(_ways(simulated)) > 1 else 1e-9) * float(np.ptp(x))
         inside = beyond | ((way_u >= x[0] - slack) & (way_u <= x[-1] + slack))
         found.append((way_u[inside], np.interp(way_u[inside], x, y), way_V[inside]))
     displacement, ours, theirs = (np.concatenate(column) for column in zip(*found, strict=True))

@@ -221,7 +221,8 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     of_blocks = collapse or unit == "1"
     at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
     lines += _of_collapse(collapse, point)
-    lines += _of_yield(point, "" if of_blocks else unit, at_rate, path | collapse)
+    if not isinstance(results.get("error"), str):  # what a run that failed had come to is no limit
+        lines += _of_yield(point, "" if of_blocks else unit, at_rate, path | collapse)
     lines += cycle_numbers(results.get("cycles"), unit)
     lines += _after(part(results, "after"))
     lines += _of_theory(part(results, "theory"))

@@ -113,6 +113,14 @@ def test_the_misfit_of_loops():
         between(MeasuredCurve("", loop[:50], force[:50]), lab)
 
 
+def test_a_loop_that_turns_a_little_before_the_measured_one_is_compared_to_its_end():
+    ways = (np.linspace(0, 1, 11), np.linspace(1, -1, 21)[1:], np.linspace(-1, 0, 11)[1:])
+    lab = MeasuredCurve("lab", np.concatenate(ways), np.concatenate(ways))
+    short = MeasuredCurve("", 0.98 * lab.displacement, lab.load)
+    assert len(curve_fit.compared(short, lab)[0]) == len(lab.load) + 2  # turning points belong to both ways
+    assert between(short, lab).peak == pytest.approx(0.0, abs=1e-12)
+
+
 def test_the_misfit_of_loops_against_a_curve_that_goes_one_way():
     """What the simulated loops do after their first turning point does not count."""
     u = np.linspace(0.0, 1.0, 50)

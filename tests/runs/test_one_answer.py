@@ -157,3 +157,57 @@ def test_a_search_without_an_upper_end_takes_that_of_limit_analysis():
     assert (found.V, found.V_lower, found.V_upper, found.V_peak) == (0.35, 0.0, 0.35, 0.35)
     said = summary.limit_text(found.as_dict(), {"associative": BOUND}, "")
     assert said.kind == "at the end, at most 0.35 by limit analysis; the limit is at least 0"
+
+
+L = """
+title = "pushed high up, where it slides"
+gravity = [0.0, 0.0, -9.81]
+joint = {formulation = "convex", friction = 0.7, normal_stiffness = 1.0e10, shear_stiffness = 4.0e9}
+materials.stone.density = 2500.0
+control.kind = "yield"
+[[blocks]]
+name = "floor"
+material = "stone"
+box = [2.0, 1.0, 0.1]
+position = [0.0, 0.0, -0.05]
+fixed = true
+[[blocks]]
+name = "L"
+material = "stone"
+[[blocks.parts]]
+box = [0.6, 0.3, 0.2]
+position = [0.3, 0.15, 0.1]
+[[blocks.parts]]
+box = [0.2, 0.3, 0.4]
+position = [0.1, 0.15, 0.4]
+[[actuators]]
+name = "jack"
+block = "L"
+point = [0.0, 0.15, 0.5]
+direction = [1.0, 0.0, 0.0]
+"""
+
+
+def test_joints_at_the_limit_are_those_of_the_limit(tmp_path, capsys):
+    """The steps go on as the block accelerates: the last row is of a joint that has left equilibrium."""
+    (tmp_path / "l.toml").write_text(L, encoding="utf-8")
+    assert main(["run", str(tmp_path / "l.toml"), "--out", str(tmp_path / "l.h5")]) == 0
+    with history.read(tmp_path / "l.h5") as found:
+        V, N, loads = found.results["yield_point"]["V"], found.results["yield_point"]["N"], found.load[:]
+    assert abs(loads[-1] - V) > 0.01 * V
+    capsys.readouterr()
+    assert main(["joints", str(tmp_path / "l.h5"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["joints"][0]["N"] == pytest.approx(N, rel=0.02) and loads[told["frame"]] == pytest.approx(V, rel=5e-3)
+
+
+def test_a_run_that_failed_says_no_limit(tmp_path, capsys):
+    text = RATE.replace("travel = 6e-5", "travel = 4e-7")
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
+    assert main(["run", str(tmp_path / "run.toml"), "--out", str(tmp_path / "run.h5")]) == 1
+    capsys.readouterr()
+    assert main(["info", str(tmp_path / "run.h5")]) == 0
+    said = capsys.readouterr().out
+    assert "no limit load" in said and "limit load V" not in said
+    with history.read(tmp_path / "run.h5") as found:
+        assert plot.subject.diagram_of(found).limit(found.results) is None

@@ -8,6 +8,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views import summary
 
 PEAK, LAST = "peak", "last"
+LEFT = 5e-3  # of a limit load: a row that carries less is of blocks that have left it
 MECHANISM = "limit"  # status of a history that shows the mechanism of limit analysis
 
 
@@ -62,12 +63,20 @@ def usual(history) -> str:
 def peak_time(history) -> float:
     """When the record was at the limit (s, or the number of the equilibrium), or had its greatest load. Raises
     ScenarioError where no load grows."""
-    at = summary.yield_point(history.results).get("limit_at")
-    if at is not None:
-        return at
+    point = summary.yield_point(history.results)
+    at = point.get("limit_at")
     if history.curve.load is None or not history.n_row:
+        if at is not None:
+            return at
         raise ScenarioError(f"{history.path}: no load grows in this run, so there is no frame of its peak")
-    return float(history.time[int(np.argmax(history.load))])
+    loads, V = np.asarray(history.load), point.get("V")
+    if at is None or V is None:
+        return at if at is not None else float(history.time[int(np.argmax(loads))])
+    carry = np.flatnonzero(np.abs(loads - V) <= LEFT * abs(V))
+    if not len(carry) or int(nearest(history.time, [at])[0]) in carry:
+        return at
+    # steps that went on as the block accelerated have left the limit: the row next to equilibrium of those that carry V
+    return float(history.time[carry[int(np.argmin(np.asarray(history.unbalanced)[carry]))]])
 
 
 def ejected(history) -> np.ndarray:

@@ -121,9 +121,9 @@ class Diagram(NamedTuple):
         return np.degrees(np.arctan(recorded)) if self.tilts else recorded
 
     def limit(self, results: Mapping) -> tuple[float, float, str] | None:
-        """Bounds of the limit load in ``unit``, and the limit in words; None if it has no bracket."""
+        """Bounds of the limit load in ``unit``, and the limit in words; None without a bracket or if the run failed."""
         point = summary.yield_point(results)
-        if any(key not in point for key in ("V", "V_lower", "V_upper")):
+        if "error" in results or any(key not in point for key in ("V", "V_lower", "V_upper")):
             return None
         beside = summary.part(results, "path") | summary.part(results, "collapse")
         if self.tilts:
