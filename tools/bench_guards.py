@@ -25,7 +25,7 @@ from dembrick.simulation.session import Session
 from dembrick.simulation.statics import constant_rate, load_system
 from dembrick.simulation.statics.guards import new_guard
 from dembrick.simulation.statics.recorder import Recorder
-from dembrick.simulation.statics.state import new_energy
+from dembrick.simulation.statics.state import for_kernels, new_energy
 
 TURN = 4096  # steps
 ROWS_EVERY = 64  # steps, some 1000 rows in a test of 1e5 steps or less
@@ -65,8 +65,8 @@ class Variant:
             n = min(steps, TURN)
             began = time.perf_counter()
             status, self.done = advance(
-                self.done, n, self.dt, *self.state[:5], None, None, self.inertia, self.drive, self.certificate,
-                self.recorder.record, self.energy, self.guard,
+                self.done, n, self.dt, for_kernels(self.state), None, self.inertia, self.drive, None,
+                self.certificate, self.recorder.record, self.energy, self.guard,
             )  # fmt: skip
             spent += time.perf_counter() - began
             if status != RUNNING:

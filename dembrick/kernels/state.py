@@ -89,7 +89,7 @@ class Actuators(NamedTuple):
     direction: ndarray  # (k, 3) unit vector, world
     weight: ndarray  # (k,)
     displacement: ndarray  # (k,) m, of the loaded points along their directions
-    drive: ndarray  # (5,) head (m), driven displacement (m), V (N); greatest V so far (N), where (m)
+    drive: ndarray  # (6,) head (m), driven displacement (m), V (N); greatest V so far (N), where (m); least so far (N)
 
 
 # Entries of `Energy.work` (J). Work of the actuators' head and of the dead torques; lost in friction, in dashpots of

@@ -18,7 +18,7 @@ from dembrick.runs.theory_check import known_cohesion, wrench
 from dembrick.scenario.checks import nearest, present
 from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw
 from dembrick.simulation.statics.batch import face
-from dembrick.simulation.statics.yield_domain import YieldDomain, directions, lever_of, yield_domain
+from dembrick.simulation.statics.yield_domain import Fan, YieldDomain, directions, lever_of, yield_domain
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -212,9 +212,7 @@ def _simulated(joint, formulation, count, request, threads=None, progress=None) 
         friction=joint.friction,
         normal_force=joint.normal_force,
         eccentricity=joint.eccentricity,
-        count=count,
-        space=request.space,
-        shear_angle=request.shear_angle,
+        fan=Fan(count, request.space, request.shear_angle),
         height=request.height,
         pressure=request.pressure_of(formulation),
         points=request.points_of(formulation),

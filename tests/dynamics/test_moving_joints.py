@@ -11,6 +11,7 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import turn_body
 from dembrick.kernels.joint.area_law import area_pressure
+from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
@@ -187,8 +188,8 @@ def test_pressed_polygon_with_and_without_a_look_at_its_vertices():
         d0, dx, dy = 1e-7 * rng.standard_normal(3)
         viscous = 0.3
         h0, hx, hy = g0 + viscous * d0, gx + viscous * dx, gy + viscous * dy
-        own = (x, y, 0, 4, faces.area[0], faces.second[0], faces.reach[0])
-        found = area_pressure(*own, viscous, g0, gx, gy, d0, dx, dy)[:3]
+        own = Polygon(x, y, 0, 4, faces.area[0], tuple(faces.second[0]), faces.reach[0])
+        found, _ = area_pressure(own, viscous, (g0, gx, gy), (d0, dx, dy))
         everywhere = (h0 + hx * x + hy * y).min() > 0.0
         closed += everywhere
         short += h0 > math.hypot(0.15, 0.1) * math.hypot(hx, hy)

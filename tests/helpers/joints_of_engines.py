@@ -6,7 +6,8 @@ from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics import area_joints as moving_areas
 from dembrick.kernels.dynamics import area_tiles, bonded_points, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
-from dembrick.kernels.dynamics.energy_terms import KINDS, LEDGER, PRESSURE, EnergyTerms
+from dembrick.kernels.dynamics.energy_terms import KINDS, LEDGER, PRESSURE, Counted, EnergyTerms
+from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.joint.point_law import Strengths
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
 from dembrick.kernels.statics import area_joints, point_joints
@@ -23,6 +24,12 @@ AREAS = np.array([0.010, 0.015, 0.020, 0.015])  # of the points, at the corners
 def one(kind):
     """A record of that kind, all zero."""
     return tiles.rows_of_lanes(1, kind)[0]
+
+
+def motion_of(opening, opened, slip):
+    """The `Motion` of an opening at O and tilts (dn, r1, r2), what they grew by in a step, and its slip twist."""
+    depth, growth = ((-float(dn), float(r2), -float(r1)) for dn, r1, r2 in (opening, opened))
+    return Motion(depth, growth, tuple(float(s) for s in slip))
 
 
 def strengths_of(law):
@@ -61,10 +68,8 @@ class StaticPoints:
         self.energy, self.before = energy_of(self.joint), np.zeros(7)
 
     def step(self, motion, change, twist):
-        now = np.add(motion, change)
-        self.before[:] = point_joints.forces(
-            self.joint, 0, self.before.copy(), *now, *change, *twist, VISCOUS, VISCOUS, self.energy
-        )
+        seen = motion_of(np.add(motion, change), change, twist)
+        self.before[:] = point_joints.forces(self.joint, 0, self.before.copy(), seen, (VISCOUS, VISCOUS), self.energy)
         return self.before[:6].copy()
 
     @property
@@ -109,19 +114,19 @@ class MovingPoints:
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
         moving_points.begin(self.tile, self.work)
-        law = (K_N, K_S, self.mu, 1.0)
+        law = moving_points.PointLaw(K_N, K_S, self.mu, 1.0)
         for pair in range(2):
             two = slice(2 * pair, 2 * pair + 2)
-            own, sheared = self.own[two], self.sheared[two]
-            bonds = self.strengths, 0, None, None
+            points = self.own[two], self.sheared[two]
+            bonded = custom = None
             if self.strengths is not None:
-                bonds = self.strengths, 0, self.of_bonds[two], self.ledger
+                bonded = bonded_points.BondedPair(self.strengths, 0, self.of_bonds[two])
             if self.custom is not None:
-                bonds = None, 0, None, self.ledger, self.rows_of(2 * pair)
-            if moving_points.press(self.work, own, sheared, *law, True, None, *bonds):
+                custom = self.rows_of(2 * pair)
+            if moving_points.press(self.work, points, law, True, None, bonded, custom, self.ledger):
                 moving_points.add_slip(self.work, self.slipped[two])
-                if self.strengths is None and self.custom is None:
-                    moving_points.add_losses(self.work, own, sheared, *law, self.ledger)
+                if bonded is None and custom is None:
+                    moving_points.add_losses(self.work, points, law, self.ledger)
         moving_points.add_dashpot_work(self.work, self.seen, self.dashpots, self.ledger)
         # the force on the host at (1, x, y), the host's slip is b's
         f, fx, fy = (rows[:, 3] for rows in (self.work.force, self.work.x_force, self.work.y_force))
@@ -196,8 +201,8 @@ class StaticArea:
         self.energy = energy_of(None)
 
     def step(self, motion, change, twist):
-        now = np.add(motion, change)
-        found = area_joints.forces(self.joint, 0, None, *now, *change, *twist, VISCOUS, VISCOUS, self.energy)
+        seen = motion_of(np.add(motion, change), change, twist)
+        found = area_joints.forces(self.joint, 0, None, seen, (VISCOUS, VISCOUS), self.energy)
         return np.array(found[:6])
 
     @property
@@ -251,7 +256,7 @@ class MovingArea:
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
         law = self.joint.pressed, self.joint.strengths, self.joint.bonds
-        energy = self.energy, self.energy.dashpots[0], self.energy.ledger[0]
+        energy = self.energy, Counted(self.energy.dashpots[0], self.energy.ledger[0])
         moving_areas.forces_of_tile(self.joint, *law, 0, self.tile, self.seen, self.work, *energy)
         return area_force(self.work)
 

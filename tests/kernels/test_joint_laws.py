@@ -10,7 +10,7 @@ from dembrick.kernels.joint import area_law, no_tension, point_law
 from dembrick.kernels.statics import point_joints
 from dembrick.kernels.statics.point_joints import Points
 from helpers.compiled import forms
-from helpers.joints_of_engines import strengths_of
+from helpers.joints_of_engines import motion_of, strengths_of
 from helpers.random_polygons import slender_polygon as random_polygon
 
 A, B = 0.3, 0.2
@@ -28,7 +28,7 @@ def test_coulomb_against_a_naive_return(coulomb):
         k, viscous, cap = 10 ** rng.uniform(3, 9), rng.choice([0.0, 0.5, 2.0]), 10 ** rng.uniform(-2, 4)
         before = cap * rng.normal(size=2) * 0.5
         slip = cap / k * rng.normal(size=2) * 10 ** rng.uniform(-2, 2)
-        t1, t2, e1, e2, plastic = coulomb(*before, *slip, k, 1.0 + viscous, 1.0 / (1.0 + viscous), cap)
+        t1, t2, e1, e2, plastic = coulomb(tuple(before), tuple(slip), k, 1.0 + viscous, 1.0 / (1.0 + viscous), cap)
         force, after = np.array([t1, t2]), np.array([e1, e2])
         trial = before + k * (1 + viscous) * slip
         size = np.linalg.norm(trial)
@@ -44,7 +44,7 @@ def test_coulomb_against_a_naive_return(coulomb):
         assert lost == pytest.approx(cap * plastic, rel=1e-9, abs=1e-12 * cap * size / k)
         assert lost >= -1e-12 * cap * size / k
         # and the elastic force, which is less with a dashpot beside it, takes its mean times that
-        spent = point_law.shear_loss(*before, *after, *slip, k)
+        spent = point_law.shear_loss(tuple(before), tuple(after), tuple(slip), k)
         mean = 0.5 * (before + after) @ (slip - (after - before) / k)
         assert spent == pytest.approx(mean, rel=1e-9, abs=1e-12 * cap * size / k)
     assert 300 < plastic_seen < 1700
@@ -58,7 +58,7 @@ def test_coulomb_takes_work_on_every_closed_path():
         path[-1] = -path[:-1].sum(axis=0)
         e, work = np.zeros(2), 0.0
         for slip in path:
-            t1, t2, e1, e2, _ = point_law.coulomb(e[0], e[1], slip[0], slip[1], k, 1.5, 1.0 / 1.5, cap)
+            t1, t2, e1, e2, _ = point_law.coulomb(tuple(e), tuple(slip), k, 1.5, 1.0 / 1.5, cap)
             work += t1 * slip[0] + t2 * slip[1]
             e = np.array([e1, e2])
             assert math.hypot(t1, t2) <= cap * (1 + 1e-14)
@@ -67,11 +67,11 @@ def test_coulomb_takes_work_on_every_closed_path():
 
 def test_coulomb_without_friction_or_without_motion():
     for coulomb in forms(point_law.coulomb):
-        assert coulomb(0.0, 0.0, 0.0, 0.0, 1e6, 1.5, 1.0 / 1.5, 0.0) == (0.0,) * 5
-        t1, t2, e1, e2, plastic = coulomb(0.0, 0.0, 3e-6, 4e-6, 1e6, 1.0, 1.0, 0.0)
+        assert coulomb((0.0, 0.0), (0.0, 0.0), 1e6, 1.5, 1.0 / 1.5, 0.0) == (0.0,) * 5
+        t1, t2, e1, e2, plastic = coulomb((0.0, 0.0), (3e-6, 4e-6), 1e6, 1.0, 1.0, 0.0)
         assert (t1, t2) == (0.0, 0.0) and plastic == pytest.approx(5e-6, rel=1e-14)
         assert abs(e1) + abs(e2) < 1e-14
-        assert coulomb(3.0, 4.0, 0.0, 0.0, 1e6, 1.0, 1.0, 6.0) == (3.0, 4.0, 3.0, 4.0, 0.0)
+        assert coulomb((3.0, 4.0), (0.0, 0.0), 1e6, 1.0, 1.0, 6.0) == (3.0, 4.0, 3.0, 4.0, 0.0)
 
 
 @pytest.mark.parametrize("point_forces", forms(point_joints.forces))
@@ -98,8 +98,8 @@ def test_point_resultants_are_work_conjugate(point_forces):
         )
         dn, r1, r2, pn, pr1, pr2, p1, p2, pr = rng.normal(size=9)
         dn = -abs(dn)
-        motion = (dn, r1, r2, pn, pr1, pr2, p1, p2, pr)
-        normal, v1, v2, mt, m1, m2, slip = point_forces(points, 0, None, *motion, 0.0, 0.0, None)
+        motion = motion_of((dn, r1, r2), (pn, pr1, pr2), (p1, p2, pr))
+        normal, v1, v2, mt, m1, m2, slip = point_forces(points, 0, None, motion, (0.0, 0.0), None)
         opening = dn + r1 * points.y_n - r2 * points.x_n
         np.testing.assert_allclose(points.normal, points.k_n * np.maximum(-opening, 0.0), rtol=1e-13)
         forces = np.column_stack([points.elastic_1, points.elastic_2])
@@ -239,8 +239,9 @@ def test_a_dilatant_point_slips_by_what_its_spring_does_not_take(bonded_law, res
     """Slip and lift of a step are one solution: k_s (s - slid) is the strength under N = k_n (g + psi slid)."""
     g, s, k_n, k_s, friction, dilation = 1e-5, 3e-5, 1e8, 5e7, 0.5, 0.2
     law = strengths_of({"dilation": dilation, "residual": residual})
-    found = bonded_law(g, 0.0, s, 0.0, 0.0, 0.0, k_n, k_s, friction, 0.0, 1.0, 1.0, law, 0, 0.01, 0.0, 0.0, 0.0)
-    normal, shear, slid, rise = found[0], found[2], found[6], found[9]
+    bond = point_law.Bond((0.0, 0.0), 0.0, 0.0, 0.0)
+    found = bonded_law(g, 0.0, (s, 0.0), (k_n, k_s), friction, (0.0, 1.0, 1.0), law, 0, 0.01, bond)
+    normal, _, (shear, _), slid, (_, _, _, rise) = found
     mu = residual * friction
     assert slid == pytest.approx((k_s * s - mu * k_n * g) / (k_s + mu * k_n * dilation), rel=1e-12)
     assert rise == pytest.approx(dilation * slid, rel=1e-12)

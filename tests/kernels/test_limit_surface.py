@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from dembrick import theory
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.joint import limit_surface
+from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.math.geometric_median import median_distance
 from helpers.compiled import forms, matrix
 from helpers.random_polygons import slender_polygon as random_polygon
@@ -19,11 +20,13 @@ A, B = 0.3, 0.2
 RECTANGLE = np.array([[-A, -B], [A, -B], [A, B], [-A, B]]) / 2
 
 
-def surface_arguments(polygon, reach_factor=1.0):
-    """What the kernels of the limit surface want of a polygon."""
+def limit_of(polygon, reach_factor=1.0):
+    """The `LimitSurface` of a polygon under full pressure."""
     x, y = np.ascontiguousarray(polygon[:, 0]), np.ascontiguousarray(polygon[:, 1])
     reach = reach_factor * float(np.hypot(x, y).max())
-    return x, y, 0, len(x), polygons.area(polygon), reach, friction_integrals.far_moments(polygon), None, 0
+    own = Polygon(x, y, 0, len(x), float(polygons.area(polygon)), None, reach)
+    radius = float(friction_integrals.area_radius(polygon))
+    return limit_surface.LimitSurface(own, friction_integrals.far_moments(polygon), reach, radius, None, 0)
 
 
 def about(c1, c2, w=1.0):
@@ -43,7 +46,7 @@ CHECK_ROWS = [
 @pytest.mark.parametrize("corner, v_y, v_x, m_c", CHECK_ROWS)
 def test_surface_against_independent_numbers(surface, corner, v_y, v_x, m_c):
     c1, c2 = -A / 2 - corner[0], -B / 2 - corner[1]
-    d, v1, v2, mt = surface(*surface_arguments(RECTANGLE), *about(c1, c2))[:4]
+    d, v1, v2, mt = surface(limit_of(RECTANGLE), *about(c1, c2))[:4]
     assert abs(v2) == pytest.approx(v_y, rel=2e-7, abs=1e-15)
     assert abs(v1) == pytest.approx(v_x, rel=2e-7, abs=1e-15)
     assert mt - (c1 * v2 - c2 * v1) == pytest.approx(m_c, rel=2e-7)
@@ -56,7 +59,7 @@ def test_surface_against_quadrature(centre, w):
     """Inside, on a vertex, on an edge, on the line of an edge, outside, and beyond the switch to the series."""
     c1, c2 = centre
     q = about(c1, c2, w)
-    d, v1, v2, mt = limit_surface.surface(*surface_arguments(RECTANGLE), *q)[:4]
+    d, v1, v2, mt = limit_surface.surface(limit_of(RECTANGLE), *q)[:4]
 
     def mean(f):
         xs = sorted({-A / 2, A / 2, min(max(c1, -A / 2), A / 2)})
@@ -85,22 +88,22 @@ def test_surface_derivatives_against_differences(surface, lowest, highest):
     for _ in range(100):
         size = 10 ** rng.uniform(-3, 1)
         polygon = random_polygon(rng, size)
-        arguments = surface_arguments(polygon)
-        reach = arguments[5]
+        limit = limit_of(polygon)
+        reach = limit.reach
         direction = rng.normal(size=2)
         direction /= np.linalg.norm(direction)
         distance = 10 ** rng.uniform(lowest, highest)
         # unit twist in (v1, v2, w reach)
         q = np.array([*direction * distance, rng.choice([-1.0, 1.0])]) / math.hypot(distance, 1.0)
         unscale = np.array([1.0, 1.0, 1.0 / reach])
-        value = surface(*arguments, *(q * unscale))
+        value = surface(limit, *(q * unscale))
         d, gradient, hessian = value[0], value[1:4] * unscale, matrix(*value[4:]) * np.outer(unscale, unscale)
         width = polygons.width(polygon) / reach
         h = 1e-4 * min(width, math.hypot(q[0], q[1]) if lowest > 0 else 1.0)
         for i in range(3):
             e = np.zeros(3)
             e[i] = h
-            plus, minus = (surface(*arguments, *((q + s * e) * unscale)) for s in (1, -1))
+            plus, minus = (surface(limit, *((q + s * e) * unscale)) for s in (1, -1))
             assert (plus[0] - minus[0]) / (2 * h) == pytest.approx(gradient[i], abs=2e-6)
             slope = (np.array(plus[1:4]) - minus[1:4]) * unscale / (2 * h)
             np.testing.assert_allclose(slope, hessian[i], atol=2e-4 * np.abs(hessian).max())
@@ -119,8 +122,8 @@ def test_series_meets_the_closed_form_at_the_switch():
         direction = rng.normal(size=2)
         v = direction / np.linalg.norm(direction) * limit_surface.FAR * reach
         q = (*v, rng.choice([-1.0, 1.0]))
-        near = np.array(limit_surface.surface(*surface_arguments(polygon, 1.001), *q))
-        far = np.array(limit_surface.surface(*surface_arguments(polygon, 0.999), *q))
+        near = np.array(limit_surface.surface(limit_of(polygon, 1.001), *q))
+        far = np.array(limit_surface.surface(limit_of(polygon, 0.999), *q))
         assert not np.array_equal(near, far)
         scale = np.array([near[0], 1.0, 1.0, reach])
         worst = max(worst, np.abs((near - far)[:4] / scale).max() / slenderness(polygon))
@@ -135,18 +138,18 @@ def test_surface_with_the_centre_on_corners_edges_and_their_lines():
     rng = np.random.default_rng(8)
     for polygon in [RECTANGLE, *(random_polygon(rng, 0.3) for _ in range(30))]:
         law = theory.convex(polygon, 1.0, 1.0)
-        arguments = surface_arguments(polygon)
-        reach = arguments[5]
+        limit = limit_of(polygon)
+        reach = limit.reach
         for p, p_next in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
             for s in (0.0, 0.5, 0.31, 1.7, -2.0):
                 c = p + s * (p_next - p)
                 q = about(*c)
-                value = np.array(limit_surface.surface(*arguments, *q))
+                value = np.array(limit_surface.surface(limit, *q))
                 assert np.isfinite(value).all()
                 assert value[0] == pytest.approx(law.dissipation(q), rel=1e-12)
                 scale = np.array([1.0, 1.0, reach])
                 np.testing.assert_allclose(value[1:4] / scale, law.gradient(q) / scale, atol=1e-12)
-                aside = np.array(limit_surface.surface(*arguments, *about(*(c + 1e-9 * reach))))
+                aside = np.array(limit_surface.surface(limit, *about(*(c + 1e-9 * reach))))
                 np.testing.assert_allclose(value[1:4] / scale, aside[1:4] / scale, atol=1e-6)
 
 
@@ -156,20 +159,20 @@ def test_gauge_against_theory(scale):
     for _ in range(25):
         polygon = random_polygon(rng, scale)
         law = theory.convex(polygon, 1.0, 1.0)
-        arguments = surface_arguments(polygon)
-        reach = arguments[5]
+        limit = limit_of(polygon)
+        reach = limit.reach
         forces = rng.normal(size=(8, 3)) * [1.0, 1.0, reach] * 10 ** rng.uniform(-2, 2, (8, 1))
         forces[0, 2] = forces[1, 0] = forces[1, 1] = 0.0  # pure shear, pure torsion
         for force, expected in zip(forces, theory.gauge(law, forces), strict=True):
             start = rng.normal(size=3) * [1.0, 1.0, 1.0 / reach] if rng.random() < 0.5 else np.zeros(3)
-            value, *q = limit_surface.gauge(*arguments, *force, *start, 0.0)
+            value, q = limit_surface.gauge(limit, tuple(force), tuple(start))
             assert value == pytest.approx(expected, rel=1e-10)
             # the twist that shows it
             assert force @ q / law.dissipation(q) == pytest.approx(expected, rel=1e-10)
-            early = limit_surface.gauge(*arguments, *force, *start, friction_integrals.area_radius(polygon))[0]
+            early = limit_surface.gauge(limit, tuple(force), tuple(start), limit.radius)[0]
             assert (early > 1.0) == (expected > 1.0)
             assert early <= expected * (1 + 1e-12)
-    assert limit_surface.gauge(*arguments, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[0] == 0.0
+    assert limit_surface.gauge(limit, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[0] == 0.0
 
 
 # --- the proximal map
@@ -182,12 +185,12 @@ def random_returns(seed, count, far=2.0):
     for i in range(count):
         if i % 20 == 0:
             polygon = random_polygon(rng, 10 ** rng.uniform(-3, 1))
-            arguments = surface_arguments(polygon)
-            radius, reach = friction_integrals.area_radius(polygon), arguments[5]
+            limit = limit_of(polygon)
+            radius, reach = limit.radius, limit.reach
             yy, xx, _ = polygons.second_moments(polygon)
             law = theory.convex(polygon, 1.0, 1.0)
         strength, k = 10 ** rng.uniform(-2, 6), 10 ** rng.uniform(5, 12)
-        k_t, k_r = k * arguments[4], k * (xx + yy) * 10 ** rng.uniform(-1, 1)
+        k_t, k_r = k * limit.polygon.area, k * (xx + yy) * 10 ** rng.uniform(-1, 1)
         force = rng.normal(size=3) * [1.0, 1.0, radius] * strength * 10 ** rng.uniform(-0.7, far)
         if rng.random() < 0.1:
             force[rng.choice([2, 0])] = 0.0
@@ -200,7 +203,7 @@ def random_returns(seed, count, far=2.0):
             start = -force / [k_t, k_t, k_r]
         elif kind == 2:  # a pure translation, or nearly
             start[2] *= 10 ** rng.uniform(-12, -3) * rng.integers(2)
-        yield polygon, law, arguments, radius, reach, strength, k_t, k_r, force, start
+        yield polygon, law, limit, reach, strength, k_t, k_r, force, start
 
 
 @pytest.mark.parametrize("proximal_map, count", list(zip(forms(limit_surface.proximal_map), (6000, 1000), strict=True)))
@@ -210,10 +213,10 @@ def test_proximal_map_is_optimal(proximal_map, count):
     The surface is that of the theory. Trial forces from inside to a hundred times outside, starts at random.
     """
     inside, evaluations, balances = [], [], []
-    for polygon, law, arguments, radius, reach, strength, k_t, k_r, force, start in random_returns(10, count):
-        t1, t2, tm, q1, q2, q3, *after, used = proximal_map(*arguments, radius, strength, k_t, k_r, *force, *start)
+    for polygon, law, limit, reach, strength, k_t, k_r, force, start in random_returns(10, count):
+        t, q, after, used = proximal_map(limit, strength, (k_t, k_r), tuple(force), tuple(start))
         units = strength * np.array([1.0, 1.0, reach])
-        t, q = np.array([t1, t2, tm]), np.array([q1, q2, q3])
+        t, q = np.array(t), np.array(q)
         evaluations.append(used)
         if not q.any():
             np.testing.assert_array_equal(t, force)
@@ -236,8 +239,8 @@ def test_proximal_map_is_optimal(proximal_map, count):
 
 def test_proximal_map_against_a_naive_minimisation():
     chosen = list(random_returns(11, 200, far=1.0))[::17]
-    for _, law, arguments, radius, reach, strength, k_t, k_r, force, start in chosen:
-        t1, t2, tm, *q = limit_surface.proximal_map(*arguments, radius, strength, k_t, k_r, *force, *start)[:6]
+    for _, law, limit, reach, strength, k_t, k_r, force, start in chosen:
+        _, q, _, _ = limit_surface.proximal_map(limit, strength, (k_t, k_r), tuple(force), tuple(start))
         # lengths in V_0/k_t, so that all numbers are of order one
         unit = strength / k_t * np.array([1.0, 1.0, 1.0 / reach])
         stiffness = np.array([1.0, 1.0, k_r / (k_t * reach * reach)])
@@ -255,21 +258,19 @@ def test_proximal_map_against_a_naive_minimisation():
             ),
             key=lambda found: found.fun,
         )
-        z = np.array(q[:3]) / unit
+        z = np.array(q) / unit
         size = 1.0 + abs(best.fun)
         assert objective(z) <= best.fun + 1e-11 * size
         assert objective(z) >= best.fun - 1e-6 * size
 
 
 def test_proximal_map_without_strength_and_at_rest():
-    arguments = surface_arguments(RECTANGLE)
-    radius = friction_integrals.area_radius(RECTANGLE)
+    limit, still, springs = limit_of(RECTANGLE), (0.0, 0.0, 0.0), (2.0, 4.0)
     for proximal_map in forms(limit_surface.proximal_map):
-        out = proximal_map(*arguments, radius, 0.0, 2.0, 4.0, 1.0, -3.0, 2.0, 0.0, 0.0, 0.0)
-        assert out[:6] == (0.0, 0.0, 0.0, 0.5, -1.5, 0.5)
-        out = proximal_map(*arguments, radius, 10.0, 2.0, 4.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0)
-        assert out == (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 0)
-        assert proximal_map(*arguments, radius, 0.0, 2.0, 4.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0)[:6] == (0.0,) * 6
+        assert proximal_map(limit, 0.0, springs, (1.0, -3.0, 2.0), still)[:2] == (still, (0.5, -1.5, 0.5))
+        start = 1.0, 2.0, 3.0
+        assert proximal_map(limit, 10.0, springs, still, start) == (still, still, start, 0)
+        assert proximal_map(limit, 0.0, springs, still, start)[:2] == (still, still)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0])

@@ -11,7 +11,7 @@ from dembrick.assembly.build import assemble
 from dembrick.cli import main, warmup
 from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.contact_forces import touch
-from dembrick.kernels.dynamics.loop import advance_bodies
+from dembrick.kernels.dynamics.loop import Contacts, advance_bodies
 from dembrick.runs import lab
 from dembrick.runs import simulate as simulate_module
 from dembrick.runs.simulate import simulate
@@ -187,8 +187,12 @@ def test_what_contacts_do_is_compiled_ahead_for_what_the_loop_calls_it_with(monk
     ((function, *kernel, types),) = tasks
     assert function is _ahead.compile_kernel and kernel == [touch.__module__, "touch"]
     assert types in touch.called.overloads
-    loops = [dict(zip(arguments_of(advance_bodies), one, strict=True)) for one in advance_bodies.called.overloads]
-    assert types in [tuple(loop[argument] for argument in arguments_of(touch)) for loop in loops]
+    found = []
+    for one in advance_bodies.called.overloads:
+        loop = dict(zip(arguments_of(advance_bodies), one, strict=True))
+        loop |= dict(zip(Contacts._fields, loop["contacts"].types, strict=True))
+        found.append(tuple(loop[argument] for argument in arguments_of(touch)))
+    assert types in found
 
 
 def test_the_second_process_starts_with_the_first_kernel_of_a_settlement(monkeypatch, tmp_path):

@@ -154,7 +154,7 @@ def test_bad_polygons(polygon, words):
 @pytest.mark.parametrize("space", yield_domain.SPACES)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_domain_is_that_of_theory_convex_and_normal(space, formulation):
-    options = {"friction": MU, "normal_force": N, "count": 120, "space": space, "shear_angle": 70.0}
+    options = {"friction": MU, "normal_force": N, "fan": yield_domain.Fan(120, space, 70.0)}
     domain = yield_domain.yield_domain(
         RECTANGLE, formulation, points=(6, 4) if formulation[0] == "d" else None, **options
     )
@@ -175,7 +175,9 @@ def test_a_domain_is_that_of_theory_convex_and_normal(space, formulation):
 
 @pytest.mark.parametrize("space", yield_domain.SPACES)
 def test_the_checks_see_a_dent_and_an_oblique_slip(space):
-    domain = yield_domain.yield_domain(RECTANGLE, "convex", friction=MU, normal_force=N, count=150, space=space)
+    domain = yield_domain.yield_domain(
+        RECTANGLE, "convex", friction=MU, normal_force=N, fan=yield_domain.Fan(150, space)
+    )
     assert domain.convexity().holds and domain.normality().holds
     V, twist = domain.limits.V.copy(), domain.limits.twist.copy()
     V[70] *= 0.9
@@ -200,7 +202,7 @@ def test_directions_are_spread():
 
 
 def test_a_bent_joint_has_a_smaller_domain_and_one_outside_none():
-    options = {"friction": MU, "normal_force": N, "count": 40, "space": "all", "pressure": "linear"}
+    options = {"friction": MU, "normal_force": N, "fan": yield_domain.Fan(40, "all"), "pressure": "linear"}
     whole, bent = (
         yield_domain.yield_domain(RECTANGLE, "convex", eccentricity=(0.0, e), **options) for e in (0.0, 0.07)
     )

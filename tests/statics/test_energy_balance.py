@@ -20,6 +20,7 @@ from dembrick.scenario.protocols import Protocol
 from dembrick.simulation import energy_audit
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import constant_rate, limit_load, load_system
+from helpers.joints_of_engines import motion_of
 
 
 def searched(scenario):
@@ -228,7 +229,8 @@ def test_the_energy_terms_of_a_point_joint_against_points_one_by_one():
             motion = motion + change
             motions.append((*motion, *change, *(rng.normal(size=3) * [1e-6, 1e-6, 1e-5])))
         for one in motions:
-            before[:] = point_forces(points, 0, before.copy(), *one, 0.7, 0.7, energy)
+            seen = motion_of(one[:3], one[3:6], one[6:])
+            before[:] = point_forces(points, 0, before.copy(), seen, (0.7, 0.7), energy)
         expected = naive_books(points, motions, 0.7)
         np.testing.assert_allclose(energy.work[[SLIDING, DAMPING, BY_LAW]], expected, rtol=1e-11)
         opened += bool((points.normal == 0.0).any()) and bool((points.normal > 0.0).any())

@@ -349,7 +349,7 @@ def test_friction_one_percent_off_is_caught(name, formulation, factor, monkeypat
     assert caught(lambda: simulate(scenario, record=False), expected)
 
 
-def ellipse_surface(x, y, first, last, area, reach, moments, pressed, index, v1, v2, w):
+def ellipse_surface(limit, v1, v2, w):
     """D of the ellipse (V/V_0)^2 + (M_T/M_T0)^2 = 1 with the right end points, and its derivatives."""
     c = theory.equations.torsion_parameter(A, B)
     q, scale = np.array([v1, v2, w]), np.array([1.0, 1.0, c * c])
@@ -376,10 +376,18 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
             for module, names in {
                 limit_surface: ("gauge", "proximal_map"),
                 area_law: ("area_friction", "proximal_map"),
-                area_joints: ("forces", "forces_by", "dry_forces", "dissipation", "area_friction"),
+                area_joints: (
+                    "forces",
+                    "forces_by",
+                    "dry_forces",
+                    "dissipation",
+                    "area_friction",
+                    "limit_of",
+                    "limit_under",
+                ),
                 block_forces: ("joint_forces",),
                 load_bounds: ("upper_bound", "best_bound", "strict_bounds"),
-                loop: ("advance", "joint_forces", "strict_bounds", "settle"),
+                loop: ("advance", "bounds_now", "joint_forces", "strict_bounds"),
                 stepper: ("advance",),
             }.items():
                 for part in names:

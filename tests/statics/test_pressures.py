@@ -9,6 +9,7 @@ from dembrick import theory
 from dembrick.assembly import build
 from dembrick.geometry import polygons
 from dembrick.kernels.joint import pressure as kernels
+from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
@@ -29,6 +30,12 @@ TORSION = {
 }
 
 
+def outline(polygon):
+    """The `Polygon` of corners (v, 2)."""
+    x, y = np.ascontiguousarray(polygon.T)
+    return Polygon(x, y, 0, len(x), float(polygons.area(polygon)), None, float(np.hypot(x, y).max()))
+
+
 def pressed_by(pressure, polygon, g0, gx, gy, follow=kernels.follow_pressure):
     """The pressed part of one joint under the penetration g0 + gx x + gy y, with N = 1 and its centre of pressure."""
     x, y = np.ascontiguousarray(polygon.T)
@@ -39,7 +46,7 @@ def pressed_by(pressure, polygon, g0, gx, gy, follow=kernels.follow_pressure):
     else:
         volume, m_x, m_y = no_tension(x, y, 0, len(x), (g0 + polygon @ [gx, gy]).min(), g0, gx, gy)
     centre = np.array([m_x, m_y]) / volume
-    follow(part, 0, x, y, 0, len(x), np.hypot(x, y).max(), 1.0, *centre, g0, gx, gy)
+    follow(part, 0, outline(polygon), (1.0, *map(float, centre)), (float(g0), float(gx), float(gy)))
     return part, centre
 
 
@@ -126,7 +133,7 @@ def test_the_effective_part_of_a_rectangle():
     """Bending about one side leaves a x (b - 2 e), about both (a - 2 e_x) x (b - 2 e_y), centred on the resultant."""
     for e_x, e_y in ((0.0, 0.03), (0.0, -0.09), (0.12, 0.0), (0.04, -0.05), (0.0, 0.0)):
         part = pressed_parts(["effective"], [4])
-        kernels.follow_pressure(part, 0, *np.ascontiguousarray(RECTANGLE.T), 0, 4, 0.18, N, N * e_x, N * e_y, 1, 0, 0)
+        kernels.follow_pressure(part, 0, outline(RECTANGLE), (N, N * e_x, N * e_y), (1.0, 0.0, 0.0))
         corners = np.stack([part.x[: part.count[0]], part.y[: part.count[0]]], axis=1)
         expected = theory.polygons.rectangle(A - 2 * abs(e_x), B - 2 * abs(e_y))
         assert len(corners) == 4

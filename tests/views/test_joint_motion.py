@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dembrick import history, theory
-from dembrick.kernels.joint.utilisation import best_kink, point_gauge
+from dembrick.kernels.joint.utilisation import FrictionPoints, best_kink, point_gauge
 from dembrick.views.motion.frames import nearest
 from dembrick.views.motion.joints import CHANNELS, STATES, JointMotion
 from dembrick.views.motion.relative import torsion_centre
@@ -313,19 +313,20 @@ def test_gauge_of_points_against_theory():
             if n == 2 and weight[1] == 0.0:
                 continue
             expected = float(theory.gauge(law, force))
-            found = point_gauge(*np.ascontiguousarray(arms.T), weight, 0, n, *force, np.zeros(3), np.zeros(6))
+            points = FrictionPoints(*np.ascontiguousarray(arms.T), weight, 0, n)
+            found = point_gauge(points, *force, np.zeros(3), np.zeros(6))
             worst = max(worst, abs(found / expected - 1.0))
-            kinks += best_kink(*np.ascontiguousarray(arms.T), weight, 0, n, *force)[2]
+            kinks += best_kink(points, *force)[2]
     assert worst < 1e-9 and 20 < kinks < 180
 
 
 def test_gauge_of_a_single_point():
-    x, y, weight = np.array([0.1, 0.2]), np.array([0.05, 0.0]), np.array([10.0, 0.0])
+    points = FrictionPoints(np.array([0.1, 0.2]), np.array([0.05, 0.0]), np.array([10.0, 0.0]), 0, 2)
     through = (3.0, 4.0, 0.1 * 4.0 - 0.05 * 3.0)
-    assert point_gauge(x, y, weight, 0, 2, *through, np.zeros(3), np.zeros(6)) == pytest.approx(0.5, rel=1e-12)
+    assert point_gauge(points, *through, np.zeros(3), np.zeros(6)) == pytest.approx(0.5, rel=1e-12)
     nearly = (3.0, 4.0, through[2] * (1 + 1e-5))
-    assert point_gauge(x, y, weight, 0, 2, *nearly, np.zeros(3), np.zeros(6)) == pytest.approx(0.5, rel=1e-12)
-    assert point_gauge(x, y, weight, 0, 2, 3.0, 4.0, 0.0, np.zeros(3), np.zeros(6)) == np.inf
+    assert point_gauge(points, *nearly, np.zeros(3), np.zeros(6)) == pytest.approx(0.5, rel=1e-12)
+    assert point_gauge(points, 3.0, 4.0, 0.0, np.zeros(3), np.zeros(6)) == np.inf
 
 
 def test_a_hinge_in_small_displacements_opens_linearly():

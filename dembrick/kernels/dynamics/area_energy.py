@@ -14,23 +14,24 @@ from dembrick.kernels.joint.area_law import closed_pressure, either_wholly
 
 
 @jit
-def add_slip_work(ledger, lane, normal, q1, q2, qm, t1, t2, tm, b1, b2, bm, e1, e2, em):
-    """A step in which a convex joint slides by the plastic twist q, or in which it is open and lets go; it held b
-    before and holds e."""
-    loss = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm)
+def add_slip_work(ledger, lane, normal, twist, force, before, after):
+    """A step in which a convex joint slides by the plastic ``twist`` (3) under its shear ``force`` (3), or in which it
+    is open and lets go; it held ``before`` (3) and holds ``after``."""
+    q1, q2, qm = twist
+    loss = 0.5 * ((before[0] + after[0]) * q1 + (before[1] + after[1]) * q2 + (before[2] + after[2]) * qm)
     if normal > 0.0:
         ledger.friction[lane] += loss
-        ledger.by_law[lane] += t1 * q1 + t2 * q2 + tm * qm
+        ledger.by_law[lane] += force[0] * q1 + force[1] * q2 + force[2] * qm
         ledger.smallest[lane] = min(ledger.smallest[lane], loss)
     else:
         ledger.released[lane] += loss
 
 
 @jit
-def keep_for_work(work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn):
+def keep_for_work(work, lane, force, elastic, slip):
     """Keep what `add_dashpot_work` wants to know of shear and torsion."""
-    put_three(work.carried, lane, (t1 - e1, t2 - e2, tm - em))
-    put_three(work.slipped, lane, (s1, s2, turn))
+    put_three(work.carried, lane, (force[0] - elastic[0], force[1] - elastic[1], force[2] - elastic[2]))
+    put_three(work.slipped, lane, slip)
 
 
 @entry

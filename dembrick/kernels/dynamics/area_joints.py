@@ -14,7 +14,7 @@ from dembrick.kernels.dynamics.area_tiles import (
     put_force,
 )
 from dembrick.kernels.dynamics.bonded_areas import bonded_face
-from dembrick.kernels.dynamics.energy_terms import STEPPING_AT
+from dembrick.kernels.dynamics.energy_terms import STEPPING_AT, Counted
 from dembrick.kernels.dynamics.tiles import (
     ACTION,
     FOUR,
@@ -43,11 +43,14 @@ from dembrick.kernels.joint.area_law import (
     either_wholly,
     follow_bending,
     pressure_of_four,
+    shear_springs,
     spring_pressure,
     trial_force,
     wholly_closed,
 )
-from dembrick.kernels.math.vec3 import put_vector
+from dembrick.kernels.joint.geometry import Polygon
+from dembrick.kernels.joint.limit_surface import LimitSurface
+from dembrick.kernels.math.vec3 import put_vector, three_of
 
 
 @entry
@@ -60,63 +63,61 @@ def press(tile, face, work, energy):
         area = face.area[lane]
         second = three(face.second, lane)
         g0, gx, gy = three(work.depth, lane)
-        d0, dx, dy = three(work.growth, lane)
-        n, nx, ny, touching = area_pressure_of_four(x, y, area, second, tile.viscous[0, lane], g0, gx, gy, d0, dx, dy)
+        n, nx, ny, touching = area_pressure_of_four(
+            x, y, area, second, tile.viscous[0, lane], (g0, gx, gy), three(work.growth, lane)
+        )
         put_three(work.pressed, lane, (n, nx, ny))
         if energy is not None:
             put_three(work.still, lane, pressure_of_four(x, y, area, second, touching, g0, gx, gy))
 
 
 @jit
+def polygon_of(faces, a, face, lane):
+    """The `Polygon` of convex joint ``a``, in that lane of the tile ``face``."""
+    outline = faces.outline[a]
+    return Polygon(
+        faces.x[outline], faces.y[outline], 0, faces.count[outline], face.area[lane], three(face.second, lane),
+        face.reach[lane],
+    )  # fmt: skip
+
+
+@jit
+def limit_of(faces, pressed, a, face, lane):
+    """The `LimitSurface` of convex joint ``a``, in that lane of the tile ``face``, as it is ``pressed``."""
+    far = faces.far[faces.outline[a]]
+    return LimitSurface(polygon_of(faces, a, face, lane), far, face.reach[lane], face.radius[lane], pressed, a)
+
+
+@jit
 def pressure_of(faces, pressed, a, tile, face, lane, work):
     """Integrals over convex joint ``a`` of what presses it, and its x and y moments: those that `press` found, or, of
     polygons of more or fewer corners than four and if friction follows the bending, those of `area_pressure`."""
-    outline = faces.outline[a]
-    count = faces.count[outline]
     if pressed is None:
-        if count == FOUR:
+        if faces.count[faces.outline[a]] == FOUR:
             return three(work.pressed, lane)
-    h0, hx, hy = three(work.depth, lane)
-    d0, dx, dy = three(work.growth, lane)
-    x = faces.x[outline]
-    y = faces.y[outline]
-    reach = face.reach[lane]
-    n, nx, ny, p0, px, py = area_pressure(
-        x, y, 0, count, face.area[lane], three(face.second, lane), reach, tile.viscous[0, lane],
-        h0, hx, hy, d0, dx, dy,
+    polygon = polygon_of(faces, a, face, lane)
+    pressure, depth = area_pressure(
+        polygon, tile.viscous[0, lane], three(work.depth, lane), three(work.growth, lane)
     )  # fmt: skip
-    follow_bending(pressed, a, x, y, 0, count, reach, n, nx, ny, p0, px, py)
-    return n, nx, ny
+    follow_bending(pressed, a, polygon, pressure, depth)
+    return pressure
 
 
 @jit
 def find_still(faces, pressed, a, face, lane, work):
     """What presses the springs of convex joint ``a`` into ``work.still``, if it is not what `press` found."""
-    outline = faces.outline[a]
-    count = faces.count[outline]
     if pressed is None:
-        if count == FOUR:
+        if faces.count[faces.outline[a]] == FOUR:
             return
-    g0, gx, gy = three(work.depth, lane)
-    still = spring_pressure(
-        faces.x[outline], faces.y[outline], 0, count, face.area[lane], three(face.second, lane),
-        face.reach[lane], g0, gx, gy,
-    )  # fmt: skip
-    put_three(work.still, lane, still)
+    put_three(work.still, lane, spring_pressure(polygon_of(faces, a, face, lane), *three(work.depth, lane)))
 
 
 @jit
-def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, ledger):
+def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, counted):
     """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of. ``pressed`` is
-    ``faces.pressed``, given apart so that its code goes where it is None; ``face``, ``sheared`` and ``ledger``: its
-    tiles of `Faces.tiles`, `Faces.sheared` and `EnergyTerms.ledger`, or None."""
-    outline = faces.outline[a]
-    x = faces.x[outline]
-    y = faces.y[outline]
-    count = faces.count[outline]
-    area = face.area[lane]
-    second = three(face.second, lane)
-    reach = face.reach[lane]
+    ``faces.pressed``, given apart so that its code goes where it is None; ``face``, ``sheared`` and ``counted``: its
+    tiles of `Faces.tiles`, `Faces.sheared` and the energy terms, or None."""
+    limit = limit_of(faces, pressed, a, face, lane)
     n, nx, ny = pressure_of(faces, pressed, a, tile, face, lane, work)
     k_n = face.k_n[lane]
     n *= k_n
@@ -124,25 +125,23 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, ledger)
     ny *= k_n
     # slip of the step at the foot of O
     p1, p2 = two(work.slip, lane)
-    turn = work.turn[lane]
     s1, s2, cosine, sine = in_polygon_axes(seen, lane, p1, p2)
-    b1, b2, bm = three(sheared.elastic, lane)
-    k_s = face.k_s[lane]
+    slip = s1, s2, work.turn[lane]
+    before = three(sheared.elastic, lane)
     twist = faces.twist[a]
-    t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, _ = area_friction(
-        x, y, 0, count, area, reach, faces.far[outline], pressed, a, face.radius[lane], n, face.friction[lane],
-        face.negligible[lane], k_s * area, k_s * (second[0] + second[1]), 1.0 + tile.viscous[1, lane],
-        s1, s2, turn, b1, b2, bm, twist[0], twist[1], twist[2],
+    force, elastic, slipped, start, slid, _ = area_friction(
+        limit, n, face.friction[lane], face.negligible[lane], shear_springs(limit.polygon, face.k_s[lane]),
+        1.0 + tile.viscous[1, lane], slip, before, three_of(twist),
     )  # fmt: skip
-    put_three(sheared.elastic, lane, (e1, e2, em))
-    put_vector(twist, w1, w2, wm)
+    put_three(sheared.elastic, lane, elastic)
+    put_vector(twist, *start)
     faces.slip[a] += slid
-    put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
-    if ledger is not None:
+    put_force(work, lane, cosine, sine, (n, nx, ny), force)
+    if counted is not None:
         find_still(faces, pressed, a, face, lane, work)
-        keep_for_work(work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn)
-        if slid > 0.0 or (n <= 0.0 and (b1 != 0.0 or b2 != 0.0 or bm != 0.0)):
-            add_slip_work(ledger, lane, n, q1, q2, qm, t1, t2, tm, b1, b2, bm, e1, e2, em)
+        keep_for_work(work, lane, force, elastic, slip)
+        if slid > 0.0 or (n <= 0.0 and (before[0] != 0.0 or before[1] != 0.0 or before[2] != 0.0)):
+            add_slip_work(counted.ledger, lane, n, slipped, force, before, elastic)
 
 
 @jit
@@ -183,17 +182,15 @@ def stick(tile, seen, face, sheared, work, energy):
         turn = work.turn[lane]
         s1, s2, cosine, sine = in_polygon_axes(seen, lane, p1, p2)
         b1, b2, bm = three(sheared.elastic, lane)
-        t1, t2, tm, e1, e2, em, size = trial_force(
-            None, 0, face.radius[lane], k_s * area, k_s * (second[0] + second[1]),
-            1.0 + tile.viscous[1, lane], s1, s2, turn, b1, b2, bm,
-        )  # fmt: skip
+        springs = k_s * area, k_s * (second[0] + second[1])
+        trial, elastic, size = trial_force(
+            None, 0, face.radius[lane], springs, 1.0 + tile.viscous[1, lane], (s1, s2, turn), (b1, b2, bm)
+        )
         whole = either_wholly(reach, g0, gx, gy)
         stuck = wholly_closed(reach, g0, d0, h0, hx, hy) & whole & (n > 0.0) & (size <= face.friction[lane] * n)
         idle = whole & (g0 <= 0.0) & (g0 <= d0) & (b1 == 0.0) & (b2 == 0.0) & (bm == 0.0)
-        put_three(sheared.elastic, lane, kept_unless(stuck, (e1, e2, em), (b1, b2, bm)))
-        n, nx, ny = zero_unless(stuck, (n, nx, ny))
-        t1, t2, tm = zero_unless(stuck, (t1, t2, tm))
-        put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
+        put_three(sheared.elastic, lane, kept_unless(stuck, elastic, (b1, b2, bm)))
+        put_force(work, lane, cosine, sine, zero_unless(stuck, (n, nx, ny)), zero_unless(stuck, trial))
         work.rest[lane] = 0.0 if stuck | idle else 1.0
         rest = rest | (not (stuck | idle))
         if energy is not None:
@@ -202,11 +199,11 @@ def stick(tile, seen, face, sheared, work, energy):
 
 
 @jit
-def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy_terms, dashpots, ledger):
+def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy_terms, counted):
     """Forces of the convex joints in their tile ``t``: what `resultant` makes wrenches of.
 
     ``pressed``, ``strengths`` and ``bonds`` are those of ``faces``, given apart so that their code goes where they are
-    None; ``dashpots`` and ``ledger``: its records of ``energy_terms``, or all three None.
+    None; ``counted``: its records of ``energy_terms``, or both None.
     """
     like = faces.like[t]
     face = faces.tiles[like]
@@ -215,23 +212,24 @@ def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy
     if strengths is not None:
         for lane in range(used):
             a = faces.lane[t, lane]
-            bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, work, dashpots, ledger)
+            limit = limit_of(faces, None, a, face, lane)
+            bonded_face(faces, limit, (strengths, bonds), a, tile, seen, (face, sheared), lane, work, counted)
         return
     rest = True
     if pressed is not None:
         for lane in range(used):
             work.rest[lane] = 1.0
     else:
-        rest = stick(tile, seen, face, sheared, work, ledger)
+        rest = stick(tile, seen, face, sheared, work, counted)
         if rest:
             fetch_corners(faces, t, work)
-            press(tile, face, work, ledger)
+            press(tile, face, work, counted)
     if rest:
         for lane in range(used):
             if work.rest[lane] > 0.0:
-                face_force(faces, pressed, faces.lane[t, lane], tile, seen, face, sheared, lane, work, ledger)
+                face_force(faces, pressed, faces.lane[t, lane], tile, seen, face, sheared, lane, work, counted)
     if energy_terms is not None:
-        add_work(energy_terms, t, dashpots, ledger, tile, face, work, rest, used)
+        add_work(energy_terms, t, counted.dashpots, counted.ledger, tile, face, work, rest, used)
 
 
 @jit
@@ -255,12 +253,12 @@ def forces(links, faces, bodies, first, last, energy_terms, work):
         fetch(links, own, bodies, work)
         look(tile, seen, work)
         if energy_terms is None:
-            forces_of_tile(faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, None, None, None)
+            forces_of_tile(faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, None, None)
         if energy_terms is not None:
+            counted = Counted(energy_terms.dashpots[own], energy_terms.ledger[own])
             forces_of_tile(
-                faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, energy_terms,
-                energy_terms.dashpots[own], energy_terms.ledger[own],
-            )  # fmt: skip
+                faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, energy_terms, counted
+            )
         resultant(tile, seen, work)
         deliver(work, links.wrenches, own)
 
@@ -269,23 +267,15 @@ def forces(links, faces, bodies, first, last, energy_terms, work):
 def springs_of(bonds, faces, a, g0, gx, gy):
     """k_n times the integrals of <g>+, x <g>+ and y <g>+ over convex joint ``a``, of g itself where a bond holds; and
     the penetration g0 at O, with the rise by dilation. ``bonds`` is ``faces.bonds``."""
-    outline = faces.outline[a]
     face = faces.tiles[faces.place[a] // W]
     lane = faces.place[a] % W
     k = face.k_n[lane]
-    area = face.area[lane]
-    second = three(face.second, lane)
-    reach = face.reach[lane]
+    polygon = polygon_of(faces, a, face, lane)
     if bonds is not None:
         g0 += bonds.rise[a]
-        n, nx, ny, _ = area_springs(
-            faces.x[outline], faces.y[outline], 0, faces.count[outline], area, second, reach,
-            bonds.bonded[a], inf, g0, gx, gy,
-        )  # fmt: skip
+        (n, nx, ny), _ = area_springs(polygon, bonds.bonded[a], inf, g0, gx, gy)
     else:
-        n, nx, ny = spring_pressure(
-            faces.x[outline], faces.y[outline], 0, faces.count[outline], area, second, reach, g0, gx, gy,
-        )  # fmt: skip
+        n, nx, ny = spring_pressure(polygon, g0, gx, gy)
     return k * n, k * nx, k * ny, g0
 
 

@@ -110,8 +110,10 @@ def fetch_corners(faces, t, work):
 
 
 @jit
-def put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm):
+def put_force(work, lane, cosine, sine, pressure, shear):
     """Write down what `resultant` makes a wrench of: N and its moments, shear and torsion in the polygon's axes."""
+    n, nx, ny = pressure
+    t1, t2, tm = shear
     put_three(work.force, lane, (sine * t2 - cosine * t1, -(sine * t1 + cosine * t2), n))
     put_three(work.x_force, lane, (0.0, 0.0, nx))
     put_three(work.y_force, lane, (0.0, 0.0, ny))

@@ -11,84 +11,75 @@ from dembrick.kernels.dynamics.energy_terms import (
     dashpot_work,
 )
 from dembrick.kernels.dynamics.tiles import put_three, three, two
-from dembrick.kernels.joint.area_law import area_springs, bonded_area, springs_hold
-from dembrick.kernels.math.vec3 import put_vector
+from dembrick.kernels.joint.area_law import Memory, area_springs, bonded_area, springs_hold
+from dembrick.kernels.joint.geometry import Motion
+from dembrick.kernels.math.vec3 import put_vector, three_of
 
 
 @jit
-def add_bonded_losses(
-    faces, face, strengths, bonds, a, lane, dashpots, ledger, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear,
-    by_law,
-):  # fmt: skip
-    """Add what a step took from the springs of convex joint ``a`` with strengths, whose bond and rise were those of
-    before; ``shear`` (J) by its plastic twist, ``by_law`` by friction. N and its moments are those of now."""
-    outline = faces.outline[a]
-    x = faces.x[outline]
-    y = faces.y[outline]
-    count = faces.count[outline]
-    area = face.area[lane]
-    second = three(face.second, lane)
-    reach = face.reach[lane]
-    k_n = face.k_n[lane]
-    most = strengths.crushing[a]  # infinite: what is crushed is not followed in real time
-    now = bonds.bonded[a]
-    risen = bonds.rise[a]
-    q0, qx, qy, _ = area_springs(x, y, 0, count, area, second, reach, now, most, g0 + risen, gx, gy)
-    p0, px, py, _ = area_springs(x, y, 0, count, area, second, reach, bond, most, g0 - d0 + rise, gx - dx, gy - dy)
-    across = springs_hold(x, y, 0, count, area, second, reach, bond, rise, most, g0 - d0, gx - dx, gy - dy)
-    across -= springs_hold(x, y, 0, count, area, second, reach, now, risen, most, g0, gx, gy)
+def add_bonded_losses(polygon, k_n, most, before, now, motion, pressure, work, lane, counted):
+    """Add what a step took from the springs of a convex joint with strengths, whose `Memory` was that of ``before`` and
+    is that of ``now``; ``work`` (J): by its plastic twist, and by friction; ``pressure``: N and its moments now."""
+    n, nx, ny = pressure
+    shear, by_law = work
+    dashpots, ledger = counted
+    g0, gx, gy = motion.depth
+    d0, dx, dy = motion.growth
+    o0, ox, oy = g0 - d0, gx - dx, gy - dy
+    (q0, qx, qy), _ = area_springs(polygon, now.bonded, most, g0 + now.rise, gx, gy)
+    (p0, px, py), _ = area_springs(polygon, before.bonded, most, o0 + before.rise, ox, oy)
+    across = springs_hold(polygon, before.bonded, before.rise, most, o0, ox, oy)
+    across -= springs_hold(polygon, now.bonded, now.rise, most, g0, gx, gy)
     across += (p0 + q0) * d0 + (px + qx) * dx + (py + qy) * dy
     across *= 0.5 * k_n
     c0, c1, c2 = n - k_n * q0, nx - k_n * qx, ny - k_n * qy
     ledger.dashpots[lane] += dashpot_work(dashpots.pressing, lane, c0, c1, c2, d0, dx, dy)
-    if now < bond:
+    lift = now.rise - before.rise
+    if now.bonded < before.bonded:
         ledger.fracture[lane] += shear + across
     elif n > 0.0:
-        dash = (n - k_n * q0) * (risen - rise)  # lengthens with what lifts
-        lifted = across - dash if risen > rise else 0.0
+        dash = (n - k_n * q0) * lift  # lengthens with what lifts
+        lifted = across - dash if now.rise > before.rise else 0.0
         ledger.dashpots[lane] += dash
         ledger.friction[lane] += shear + lifted
-        ledger.by_law[lane] += by_law - n * (risen - rise)
+        ledger.by_law[lane] += by_law - n * lift
         ledger.smallest[lane] = min(ledger.smallest[lane], shear + lifted)
-        ledger.stepping[lane] += across - dash - lifted if risen > rise else across
+        ledger.stepping[lane] += across - dash - lifted if now.rise > before.rise else across
     else:
         ledger.released[lane] += shear
         ledger.stepping[lane] += across
 
 
 @jit
-def bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, work, dashpots, ledger):
-    """`face_force` of a joint of a scene where some have strengths; ``dashpots`` and ``ledger``: its tiles of
-    `EnergyTerms`, or None."""
-    g0, gx, gy = three(work.depth, lane)
-    d0, dx, dy = three(work.growth, lane)
-    outline = faces.outline[a]
+def bonded_face(faces, limit, bonded, a, tile, seen, own, lane, work, counted):
+    """`area_joints.face_force` of a joint of a scene where some have strengths, by the `LimitSurface` ``limit`` of its
+    full pressure; ``bonded``: the strengths and the bonds; ``own``: its tiles of `Faces.tiles` and `Faces.sheared`,
+    ``counted``: of `EnergyTerms`, or None."""
+    face, sheared = own
+    strengths, bonds = bonded
     p1, p2 = two(work.slip, lane)
-    turn = work.turn[lane]
     s1, s2, cosine, sine = in_polygon_axes(seen, lane, p1, p2)
-    b1, b2, bm = three(sheared.elastic, lane)
-    twist = faces.twist[a]
-    bond = bonds.bonded[a]
-    rise = bonds.rise[a]
-    n, nx, ny, t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, _, bonded, risen = bonded_area(
-        faces.x[outline], faces.y[outline], 0, faces.count[outline], face.area[lane], three(face.second, lane),
-        face.reach[lane], faces.far[outline], face.radius[lane], strengths, a, face.k_n[lane],
-        face.k_s[lane], face.friction[lane], face.negligible[lane], tile.viscous[0, lane],
-        1.0 + tile.viscous[1, lane], bond, rise, g0, gx, gy, d0, dx, dy, s1, s2, turn, b1, b2, bm, twist[0],
-        twist[1], twist[2],
+    motion = Motion(three(work.depth, lane), three(work.growth, lane), (s1, s2, work.turn[lane]))
+    before = Memory(three(sheared.elastic, lane), three_of(faces.twist[a]), bonds.bonded[a], bonds.rise[a])
+    k_n = face.k_n[lane]
+    pressure, shear, twist, slid, _, now = bonded_area(
+        limit, strengths, a, (k_n, face.k_s[lane]), face.friction[lane], face.negligible[lane],
+        (tile.viscous[0, lane], 1.0 + tile.viscous[1, lane]), motion, before,
     )  # fmt: skip
-    put_three(sheared.elastic, lane, (e1, e2, em))
-    put_vector(twist, w1, w2, wm)
+    put_three(sheared.elastic, lane, now.elastic)
+    put_vector(faces.twist[a], *now.start)
     faces.slip[a] += slid
-    bonds.bonded[a] = bonded
-    bonds.rise[a] = risen
-    put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
-    if ledger is not None:
-        shear = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm)
-        by_law = t1 * q1 + t2 * q2 + tm * qm
-        add_bonded_losses(
-            faces, face, strengths, bonds, a, lane, dashpots, ledger, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny,
-            shear, by_law,
-        )  # fmt: skip
-        taken = dashpot_work(dashpots.shearing, lane, t1 - e1, t2 - e2, tm - em, s1, s2, turn)
-        ledger.dashpots[lane] += taken
+    bonds.bonded[a] = now.bonded
+    bonds.rise[a] = now.rise
+    put_force(work, lane, cosine, sine, pressure, shear)
+    if counted is not None:
+        b1, b2, bm = before.elastic
+        e1, e2, em = now.elastic
+        t1, t2, tm = shear
+        q1, q2, qm = twist
+        lost = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm), t1 * q1 + t2 * q2 + tm * qm
+        most = strengths.crushing[a]  # infinite: what is crushed is not followed in real time
+        add_bonded_losses(limit.polygon, k_n, most, before, now, motion, pressure, lost, lane, counted)
+        s1, s2, turn = motion.slip
+        taken = dashpot_work(counted.dashpots.shearing, lane, t1 - e1, t2 - e2, tm - em, s1, s2, turn)
+        counted.ledger.dashpots[lane] += taken

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.contact_friction import flatten, rub, share_pressure
+from dembrick.kernels.dynamics.contact_friction import flatten, forget, rub, share_pressure
 from dembrick.kernels.dynamics.contact_stiffness import gather_springs, lightness, stepped_dashpot, weigh
 from dembrick.kernels.dynamics.contact_surface import (
     Parts,
@@ -121,11 +121,13 @@ def counts(touching, t, patches, depth):
 
 
 @jit
-def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
+def press(touching, bodies, t, patches, depth, dt, x, y):
     """Normal pressure and friction of the patches in scratch, as `force`, `torque` and `point` of pair ``t``.
 
     ``depth``: the greatest penetration; x, y: the patches' origin from the centroids of the blocks of A and B, world.
     """
+    x1, x2, x3 = x
+    y1, y2, y3 = y
     scratch = touching.scratch
     area, total, e1, e2, e3 = sum_patches(scratch, patches)
     size = sqrt(e1 * e1 + e2 * e2 + e3 * e3)
@@ -142,9 +144,11 @@ def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
     whole, c1, c2, c3 = share_pressure(scratch, patches, e1, e2, e3, size)
     n1, n2, n3 = rows_times(R, e1, e2, e3)
     d1, d2, d3 = rows_times(R, c1, c2, c3)
-    t1, t2, t3 = tangent(e1, e2, e3)
+    c = c1, c2, c3
+    e = e1, e2, e3
+    t1, t2, t3 = across = tangent(e1, e2, e3)
     springs = touching.springs[t]
-    polar, even = gather_springs(scratch, patches, springs, c1, c2, c3, e1, e2, e3, t1, t2, t3)
+    polar, even = gather_springs(scratch, patches, springs, c, e, across)
     stiff = springs[6]
     x1 += d1
     x2 += d2
@@ -205,7 +209,7 @@ def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
     normal = sqrt(f1 * f1 + f2 * f2 + f3 * f3)
     f1, f2, f3 = rows_times(R, f1, f2, f3)
     m1, m2, m3 = rows_times(R, m1, m2, m3)
-    wide = flatten(touching.pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3)
+    wide = flatten(touching.pressed, scratch, patches, whole, c, e, across)
     t1, t2, t3 = rows_times(R, t1, t2, t3)
     put_vector(springs, n1, n2, n3)
     put_vector(springs[3:], t1, t2, t3)
@@ -214,11 +218,16 @@ def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
     springs[12] = viscous
     springs[14] = k_s * area
     springs[15] = k_s * polar
-    weigh(touching, bodies, a, b, springs, dt, x1, x2, x3, y1, y2, y3)
-    s1, s2, s3, turn = rub(
-        touching, bodies, t, a, b, dt, normal, wide, k_s * area, k_s * polar, 1.0 + viscous,
-        n1, n2, n3, t1, t2, t3, x1, x2, x3, y1, y2, y3,
-    )  # fmt: skip
+    at_a = x1, x2, x3
+    at_b = y1, y2, y3
+    weigh(touching, bodies, a, b, springs, dt, at_a, at_b)
+    shear = k_s * area, k_s * polar
+    s1 = s2 = s3 = turn = 0.0
+    if wide:
+        axes = (n1, n2, n3), (t1, t2, t3)
+        s1, s2, s3, turn = rub(touching, bodies, t, (a, b), dt, normal, shear, 1.0 + viscous, axes, (at_a, at_b))
+    else:
+        forget(touching, t, *shear)
     # friction is what acts on A
     touching.normal[t] = normal
     touching.area[t] = area
@@ -228,13 +237,13 @@ def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
     m1 -= turn * n1
     m2 -= turn * n2
     m3 -= turn * n3
-    x = bodies.position[a]
+    o = bodies.position[a]
     put_vector(touching.force[t], f1, f2, f3)
     put_vector(touching.torque[t], m1, m2, m3)
     put_vector(touching.axis[t], n1, n2, n3)
-    put_vector(touching.point[t], x[0] + x1, x[1] + x2, x[2] + x3)
-    add_wrench(bodies.applied[a], -1.0, f1, f2, f3, m1, m2, m3, x1, x2, x3)
-    add_wrench(bodies.applied[b], 1.0, f1, f2, f3, m1, m2, m3, y1, y2, y3)
+    put_vector(touching.point[t], o[0] + x1, o[1] + x2, o[2] + x3)
+    add_wrench(bodies.applied[a], -1.0, (f1, f2, f3), (m1, m2, m3), at_a)
+    add_wrench(bodies.applied[b], 1.0, (f1, f2, f3), (m1, m2, m3), at_b)
 
 
 @entry
@@ -292,8 +301,6 @@ def touch(touching, links, bodies, dt):
         b = parts.owner[second]
         x1, x2, x3 = rows_times(bodies.rotation[a], o1, o2, o3)
         x = bodies.position
-        press(
-            touching, bodies, t, patches, depth, dt, x1, x2, x3,
-            x1 + (x[a, 0] - x[b, 0]), x2 + (x[a, 1] - x[b, 1]), x3 + (x[a, 2] - x[b, 2]),
-        )  # fmt: skip
+        at_b = x1 + (x[a, 0] - x[b, 0]), x2 + (x[a, 1] - x[b, 1]), x3 + (x[a, 2] - x[b, 2])
+        press(touching, bodies, t, patches, depth, dt, (x1, x2, x3), at_b)
     return TOUCHED

@@ -12,8 +12,9 @@ from math import atan2, cos, sin, sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.area_law import area_friction
+from dembrick.kernels.joint.limit_surface import LimitSurface
 from dembrick.kernels.math.quaternion import turned_back
-from dembrick.kernels.math.vec3 import cross, put_vector
+from dembrick.kernels.math.vec3 import cross, put_vector, three_of
 
 RIM = 1e-4  # of the pressure: smaller patches count nothing for friction
 THIN = 3e-3  # of the length
@@ -68,9 +69,9 @@ def second_moments(x, y, first, last, p0, px, py):
 
 
 @jit
-def flatten(pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3):
-    """Put the patches, projected on the plane of t and e x t seen from c, into ``pressed``, with a pressure of one in
-    all; returns whether they are wide enough to have a limit surface.
+def flatten(pressed, scratch, patches, whole, centre, e, t):
+    """Put the patches, projected on the plane of t and e x t seen from the ``centre``, into ``pressed``, with a whole
+    pressure of one; returns whether they are wide enough to have a limit surface.
 
     `radius` there is a bound of the torsion strength over V_0 from below. About any C, at the distance d from c, the
     mean distance of the pressure is at least its mean square over the greatest one,
@@ -79,7 +80,9 @@ def flatten(pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3
 
     with s^2 the mean square about c, R the reach, and the right side the smallest over d.
     """
-    s1, s2, s3 = cross(e1, e2, e3, t1, t2, t3)
+    c1, c2, c3 = centre
+    t1, t2, t3 = t
+    s1, s2, s3 = cross(*e, t1, t2, t3)
     x = pressed.x
     y = pressed.y
     pieces = used = 0
@@ -178,16 +181,18 @@ def moved(bodies, b, dt, r1, r2, r3):
 
 
 @jit
-def rub(
-    touching, bodies, t, a, b, dt, normal, wide, k_t, k_r, damped, n1, n2, n3, t1, t2, t3, r1, r2, r3, q1, q2, q3
-):  # fmt: skip
+def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     """Friction on A (3) and torsion on A about the normal n (world) of pair ``t``, whose pressure is in
-    ``touching.pressed`` with t as its first axis; ``wide``: whether it is. r, q: c from the centroids of A and B.
+    ``touching.pressed``. ``blocks``: those of A and B; ``springs``: k_t (N/m) and k_r (N m); ``axes``: n and the first
+    axis t of the pressure (world); ``arms``: c from the centroids of A and B.
 
     B slips against A by the difference of what their points there moved; the friction on A points that way.
     """
+    a, b = blocks
+    k_t, k_r = springs
+    (n1, n2, n3), (t1, t2, t3) = axes
     strength = touching.friction[t] * normal
-    if not (wide and strength > 0.0 and k_t > 0.0 and k_r > 0.0):
+    if not (strength > 0.0 and k_t > 0.0 and k_r > 0.0):
         forget(touching, t, k_t, k_r)
         return 0.0, 0.0, 0.0, 0.0
     elastic = touching.elastic[t]
@@ -206,8 +211,8 @@ def rub(
     e_m = elastic[3] * (min(1.0, k_r / (BAND * stiffness[1])) if stiffness[1] > 0.0 else 1.0)
     stiffness[0] = min(max(stiffness[0], k_t), k_t / BAND)
     stiffness[1] = min(max(stiffness[1], k_r), k_r / BAND)
-    s1, s2, s3 = moved(bodies, b, dt, q1, q2, q3)
-    p1, p2, p3 = moved(bodies, a, dt, r1, r2, r3)
+    s1, s2, s3 = moved(bodies, b, dt, *arms[1])
+    p1, p2, p3 = moved(bodies, a, dt, *arms[0])
     s1 -= p1
     s2 -= p2
     s3 -= p3
@@ -216,10 +221,12 @@ def rub(
     turn = dt * ((wb[0] - wa[0]) * n1 + (wb[1] - wa[1]) * n2 + (wb[2] - wa[2]) * n3)
     pressed = touching.pressed
     twist = touching.twist[t]
-    f_t, f_u, f_m, e_t, e_u, e_m, _, _, _, twist[0], twist[1], twist[2], slid, _ = area_friction(
-        None, None, 0, 0, 1.0, pressed.reach[0], None, pressed, 0, pressed.radius[0], normal, touching.friction[t], 0.0,
-        k_t, k_r, damped, s_t, s_u, turn, e_t, e_u, e_m, twist[0], twist[1], twist[2], CLOSE,
+    limit = LimitSurface(None, None, pressed.reach[0], pressed.radius[0], pressed, 0)
+    (f_t, f_u, f_m), (e_t, e_u, e_m), _, start, slid, _ = area_friction(
+        limit, normal, touching.friction[t], 0.0, springs, damped, (s_t, s_u, turn), (e_t, e_u, e_m), three_of(twist),
+        CLOSE,
     )  # fmt: skip
+    put_vector(twist, *start)
     touching.slip[t] += slid
     elastic[0] = e_t * t1 + e_u * u1
     elastic[1] = e_t * t2 + e_u * u2

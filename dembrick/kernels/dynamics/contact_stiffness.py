@@ -38,7 +38,7 @@ def facing(scratch, row, e1, e2, e3):
 
 
 @jit
-def gather_springs(scratch, patches, springs, c1, c2, c3, e1, e2, e3, t1, t2, t3):
+def gather_springs(scratch, patches, springs, c, e, t):
     """The springs along e of all patches, per k_n, seen from c in the plane of t and s = e x t, into ``springs``: their
     sum (6), the sums with x and y (7, 8), with x^2, x y and y^2 (9 to 11); the sum of those across e (13).
 
@@ -51,6 +51,9 @@ def gather_springs(scratch, patches, springs, c1, c2, c3, e1, e2, e3, t1, t2, t3
 
     for flat contacts, edges and corners (p = 1, 2, 3) alike.
     """
+    c1, c2, c3 = c
+    e1, e2, e3 = e
+    t1, t2, t3 = t
     s1, s2, s3 = cross(e1, e2, e3, t1, t2, t3)
     k = kx = ky = kxx = kxy = kyy = across = polar = stored = force = first = second = 0.0
     for p in range(patches):
@@ -61,19 +64,19 @@ def gather_springs(scratch, patches, springs, c1, c2, c3, e1, e2, e3, t1, t2, t3
         f1 = F[0, 3] - c1
         f2 = F[1, 3] - c2
         f3 = F[2, 3] - c3
-        # x = x0 + a u + b v, y = y0 + c u + d v of the point (u, v) of the patch
+        # x = x0 + a u + b v, y = y0 + m u + d v of the point (u, v) of the patch
         a = F[0, 0] * t1 + F[0, 1] * t2 + F[0, 2] * t3
         b = F[1, 0] * t1 + F[1, 1] * t2 + F[1, 2] * t3
-        c = F[0, 0] * s1 + F[0, 1] * s2 + F[0, 2] * s3
+        m = F[0, 0] * s1 + F[0, 1] * s2 + F[0, 2] * s3
         d = F[1, 0] * s1 + F[1, 1] * s2 + F[1, 2] * s3
         x0 = f1 * t1 + f2 * t2 + f3 * t3
         y0 = f1 * s1 + f2 * s2 + f3 * s3
         area = sums[0]
         x = a * sums[5] + b * sums[6]
-        y = c * sums[5] + d * sums[6]
+        y = m * sums[5] + d * sums[6]
         xx = x0 * (x0 * area + 2.0 * x) + a * a * sums[7] + 2.0 * a * b * sums[8] + b * b * sums[9]
-        yy = y0 * (y0 * area + 2.0 * y) + c * c * sums[7] + 2.0 * c * d * sums[8] + d * d * sums[9]
-        xy = x0 * (y0 * area + y) + y0 * x + a * c * sums[7] + (a * d + b * c) * sums[8] + b * d * sums[9]
+        yy = y0 * (y0 * area + 2.0 * y) + m * m * sums[7] + 2.0 * m * d * sums[8] + d * d * sums[9]
+        xy = x0 * (y0 * area + y) + y0 * x + a * m * sums[7] + (a * d + b * m) * sums[8] + b * d * sums[9]
         x += x0 * area
         y += y0 * area
         polar += max(0.0, xx + yy)
@@ -140,16 +143,16 @@ def burden(bodies, b, springs, r1, r2, r3, u1, u2, u3):
 
 
 @jit
-def weigh(touching, bodies, a, b, springs, dt, x1, x2, x3, y1, y2, y3):
+def weigh(touching, bodies, a, b, springs, dt, x, y):
     """Add what a contact's springs and dashpots can do to either block in a step to `load`, and note where that is
-    more than `bearable`.
+    more than `bearable`; x, y: the contact from the centroids of the blocks.
 
     With the relative motion J_a x_a - J_b x_b of a contact, x^T K x <= (|J_a|^2 + |J_b|^2) k (|x_a|^2 + |x_b|^2), so
     the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) is no greater than the greatest sum over a block's contacts.
     """
     u1, u2, u3 = cross(springs[0], springs[1], springs[2], springs[3], springs[4], springs[5])
-    both = touching.free[a] * burden(bodies, a, springs, x1, x2, x3, u1, u2, u3)
-    both += touching.free[b] * burden(bodies, b, springs, y1, y2, y3, u1, u2, u3)
+    both = touching.free[a] * burden(bodies, a, springs, *x, u1, u2, u3)
+    both += touching.free[b] * burden(bodies, b, springs, *y, u1, u2, u3)
     both *= dt * dt * (1.0 + 2.0 * springs[12])
     load = touching.load
     load[a] += touching.free[a] * both

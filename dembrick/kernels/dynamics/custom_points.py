@@ -16,9 +16,10 @@ def rows_of(custom, point):
 
 
 @jit
-def answer_custom(work, own, sheared, which, lane, arm, energy, force_out, custom, ledger):
+def answer_custom(work, pair, which, lane, arm, energy, force_out, custom, ledger):
     """`point_joints.answer` of a point with a law of the user's own, the ``which`` of the two of ``custom``. All that
     it does not hold counts as friction, in the ``ledger`` of its tile."""
+    own, sheared = pair
     x = own[which].x[lane]
     y = own[which].y[lane]
     g0, gx, gy = three(work.depth, lane)

@@ -147,9 +147,7 @@ def add_contact_work(energy_terms, bodies, touching, dt):
             sense = 1.0 if side else -1.0
             b = touching.parts.owner[part]
             x = bodies.position[b]
-            add_wrench(
-                push[b], sense, f[0], f[1], f[2], m[0], m[1], m[2], c[0] - x[0], c[1] - x[1], c[2] - x[2]
-            )  # fmt: skip
+            add_wrench(push[b], sense, f, m, (c[0] - x[0], c[1] - x[1], c[2] - x[2]))
     for b in range(push.shape[0]):
         total += power(bodies, b, push[b])
     energy_terms.total[CONTACTS] += 0.5 * dt * total
@@ -171,11 +169,13 @@ def add_handover_work(energy_terms, links, corners, faces, touching):
 
 
 @jit
-def add_step(energy_terms, bodies, links, corners, faces, ties, loads, meeting, touching, step, dt):
+def add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step, dt):
     """Add what is not a joint's, after the forces of a step and before the blocks move; new contacts if ``meeting``.
 
-    Returns what gravity's work over the step that led here is to the momentum of a block: dt times its mean (3).
+    ``joints``: links, corners and faces. Returns what gravity's work over the step that led here is to the momentum of
+    a block: dt times its mean (3).
     """
+    links, corners, faces = joints
     add_load_work(energy_terms, bodies, loads, step, dt)
     add_support_work(energy_terms, bodies, links, loads, dt)
     yielded, stepped = tie_losses(ties)

@@ -29,6 +29,13 @@ STEPPING_AT: int = LEDGER.fields["stepping"][1]  # bytes before that row
 PRESSURE = record(("pressure", 3))  # N, N m: N and its x and y moments of the springs of convex joints
 
 
+class Counted(NamedTuple):
+    """Records of one tile of `EnergyTerms`."""
+
+    dashpots: ndarray  # a record `CARRIED`
+    ledger: ndarray  # a record `LEDGER`
+
+
 class EnergyTerms(NamedTuple):
     """What is counted, J; and what the last step left behind. None if nobody asks for it.
 

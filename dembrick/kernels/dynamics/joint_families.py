@@ -27,9 +27,10 @@ def tiles_of(joints) -> int:
 def forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work):
     """Forces of all joints in the tiles of share ``t``; ``share_*`` (t + 1,): where the shares begin."""
     if corners is not None:
+        share = share_corners[t], share_corners[t + 1]
         point_joints.forces(
-            links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force, corners.strengths,
-            corners.bonds, corners.custom, energy_terms, work,
+            links, corners, bodies, share, corners.force, corners.strengths, corners.bonds, corners.custom,
+            energy_terms, work,
         )  # fmt: skip
     if faces is not None:
         area_joints.forces(links, faces, bodies, share_faces[t], share_faces[t + 1], energy_terms, work)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import call_at, entry, jit, jit_parallel, prange, renamed
-from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied
+from dembrick.kernels.dynamics.contact_forces import TOUCHED, Touching, clear_applied
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.guides import clear_guided, hold
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
@@ -21,7 +21,7 @@ from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, wr
 from dembrick.kernels.dynamics.tie_forces import clear_tied, pull_ties
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import add_wrench
+from dembrick.kernels.math.vec3 import NO_MOMENT, add_wrench
 
 RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
@@ -52,6 +52,25 @@ class Limits(NamedTuple):
     longest: float  # m, a step that moves a block further has diverged
 
 
+class Course(NamedTuple):
+    """What ends a chunk of steps, and what damps it."""
+
+    displacement: float  # m, see `Limits`
+    longest: float  # m
+    damping: float  # local damping, where blocks come to rest
+    travel: (
+        ndarray  # (2,) m, what any two blocks may still move against each other before a polygon could be stale; how
+    )
+    # far any one can have moved since the caller last put it to zero
+
+
+class Contacts(NamedTuple):
+    """New contacts, and what finds their forces."""
+
+    touch_at: int  # the address of `touch`, zero if there are none
+    touching: Touching
+
+
 @jit
 def apply_loads(loads, bodies, step):
     """Put the loads of a step on the blocks."""
@@ -62,40 +81,56 @@ def apply_loads(loads, bodies, step):
     clear_pressed(loads.faces, bodies)
     for k in range(block.size):
         b = block[k]
-        f = loads.force[step, k]
-        r1, r2, r3 = rotate(bodies.orientation, b, loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
-        add_wrench(bodies.applied[b], 1.0, f[0], f[1], f[2], 0.0, 0.0, 0.0, r1, r2, r3)
+        arm = rotate(bodies.orientation, b, loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
+        add_wrench(bodies.applied[b], 1.0, loads.force[step, k], NO_MOMENT, arm)
     press(loads.faces, bodies, loads.multiplier[step], loads.height[step])
 
 
-def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:
-    """The last six arguments of `advance_bodies`: equal shares for so many threads, and their scratch."""
+class Shares(NamedTuple):
+    """What each of t threads does, and its scratch. ``corners``, ``faces`` and ``bodies`` (t + 1,) int64: where the
+    share of each begins among tiles of point joints, of convex joints and free blocks."""
+
+    work: ndarray  # (t,) records `WORK`
+    corners: ndarray
+    faces: ndarray
+    bodies: ndarray
+    moved: ndarray  # (t,) m2, room for what each finds: see `step_bodies`
+    away: ndarray  # (t,) m2
+
+
+def shares(corners, faces, bodies, threads: int) -> Shares:
+    """Equal shares for so many threads."""
     sizes = (tiles_of(corners), tiles_of(faces), bodies.free.size)
     parts = (np.arange(threads + 1) * size // threads for size in sizes)
-    return rows_of_lanes(threads, WORK), *parts, np.zeros(threads), np.zeros(threads)
+    return Shares(rows_of_lanes(threads, WORK), *parts, np.zeros(threads), np.zeros(threads))
 
 
 def advance_bodies(
-    n_steps, dt, bodies, links, corners, faces, ties, loads, limits, damping, travel, touch_at, touching, energy_terms,
-    work, share_corners, share_faces, share_bodies, moved, away,
+    n_steps, dt, bodies, links, corners, faces, ties, loads, course, contacts, energy_terms, shares
 ):  # fmt: skip
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None if no joint is of that family.
 
-    ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
-    far any one can have moved since the caller last put it to zero. Returns a status and the steps done: RUNNING when
-    all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
-    step), DIVERGED, or what comes of ``touching``, new contacts: MEETING (pairs must be looked for again), OVERLOADED
-    (the step may be too long for what the contacts of a block did last), DEEP, CROWDED. ``touch_at`` is the address of
-    `touch`, zero if there are none. ``energy_terms`` may be None.
+    Returns a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as the ``course``
+    says), STALE (polygons must be cut again before the next step), DIVERGED, or what comes of new ``contacts``: MEETING
+    (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
+    DEEP, CROWDED. ``energy_terms`` may be None.
 
-    ``share_*`` (t + 1,) int64: where the share of each thread begins among tiles of point joints, of convex joints and
-    free blocks; ``work`` (t,) records `WORK`: scratch; ``moved`` and ``away`` (t,) m2: room for what each thread finds.
     A joint writes its own wrench and a block gathers its joints in their order, so every number is, to the last bit,
-    the same whatever the number of threads. New contacts, few beside the joints, are one thread's.
+    the same whatever the number of threads that ``shares`` are for. New contacts, few beside the joints, are one
+    thread's.
     """
-    goal2 = limits.displacement**2
-    longest2 = limits.longest**2
-    meeting = touch_at != 0
+    work = shares.work
+    share_corners = shares.corners
+    share_faces = shares.faces
+    share_bodies = shares.bodies
+    moved = shares.moved
+    away = shares.away
+    damping = course.damping
+    travel = course.travel
+    touching = contacts.touching
+    goal2 = course.displacement**2
+    longest2 = course.longest**2
+    meeting = contacts.touch_at != 0
     loaded = loads.block.size > 0 or loads.faces.block.size > 0 or ties.stiffness.size > 0 or meeting
     loaded = loaded or bodies.guided.size > 0
     for step in range(n_steps):
@@ -117,22 +152,23 @@ def advance_bodies(
             joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work[t])
         if meeting:
             write_rotations(bodies, loads.support)
-            touched = call_at(touch_at, touching, links, bodies, dt)
+            touched = call_at(contacts.touch_at, touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, step
         if energy_terms is not None:
-            mean = add_step(energy_terms, bodies, links, corners, faces, ties, loads, meeting, touching, step, dt)
+            joints = links, corners, faces
+            mean = add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step, dt)
         g = loads.gravity[step]  # threads are handed arrays, and tuples of arrays only
         hold(bodies, links.wrenches, g[0], g[1], g[2], dt, damping)
         for t in prange(moved.size):
-            first, last = share_bodies[t], share_bodies[t + 1]
+            share = share_bodies[t], share_bodies[t + 1]
             if energy_terms is None:
                 moved[t], away[t] = step_bodies(
-                    bodies, links.wrenches, loaded, first, last, g, dt, damping, None, None, work[t]
+                    bodies, links.wrenches, loaded, share, g, dt, damping, None, None, work[t]
                 )
             if energy_terms is not None:
                 moved[t], away[t] = step_bodies(
-                    bodies, links.wrenches, loaded, first, last, g, dt, damping, energy_terms.fallen, mean, work[t]
+                    bodies, links.wrenches, loaded, share, g, dt, damping, energy_terms.fallen, mean, work[t]
                 )
         moved2 = away2 = 0.0
         for k in range(loads.support.size):

@@ -10,8 +10,10 @@ Where any joint has strengths, all points of the scene take the law with bonds (
 and what they lose is counted there; so it is where they follow a law of the user's own (`answer_custom`).
 """
 
+from typing import NamedTuple
+
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.bonded_points import answer_bonded, bonds_of, spring_length
+from dembrick.kernels.dynamics.bonded_points import answer_bonded, bonded_pair, spring_length
 from dembrick.kernels.dynamics.custom_points import answer_custom, energy_of, rows_of
 from dembrick.kernels.dynamics.energy_terms import (
     dashpot_work,
@@ -56,11 +58,21 @@ def begin(tile, work):
         work.twisting[lane] = 0.0
 
 
+class PointLaw(NamedTuple):
+    """The law of the points of a tile."""
+
+    k_n: float  # Pa/m
+    k_s: float  # Pa/m
+    friction: float
+    arm: float  # where friction acts, over where the normal force does, from O
+
+
 @jit
-def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out):
-    """One point of the pair that `press` takes, its ``which``: its arms of the normal force and of friction, its shear
-    force in the sense in which the host slips, its normal force, what of these three its dashpots carry, whether it
-    slid or lost something else."""
+def answer(work, pair, which, lane, law, energy, force_out):
+    """One point of the ``pair`` that `press` takes, its ``which``: its arms of the normal force and of friction, its
+    shear force in the sense in which the host slips, its normal force, what of these three its dashpots carry, whether
+    it slid or lost something else."""
+    own, sheared = pair
     x = own[which].x[lane]
     y = own[which].y[lane]
     area = own[which].area[lane]
@@ -68,8 +80,8 @@ def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, for
     d0, dx, dy = three(work.growth, lane)
     g = g0 + x * gx + y * gy
     d = d0 + x * dx + y * dy
-    xs = arm * x
-    ys = arm * y
+    xs = law.arm * x
+    ys = law.arm * y
     p1, p2 = two(work.slip, lane)
     x1, x2 = two(work.slip_x, lane)
     y1, y2 = two(work.slip_y, lane)
@@ -77,11 +89,9 @@ def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, for
     u2 = p2 + xs * x2 + ys * y2
     b1 = sheared[which].elastic[0, lane]
     b2 = sheared[which].elastic[1, lane]
-    k = k_n * area
-    normal, t1, t2, e1, e2, slid = point_law(
-        g, d, u1, u2, b1, b2, k, k_s * area, friction, work.normal[lane], work.damped[lane],
-        work.damping[lane],
-    )  # fmt: skip
+    k = law.k_n * area
+    dashpots = work.normal[lane], work.damped[lane], work.damping[lane]
+    normal, t1, t2, e1, e2, slid = point_law(g, d, (u1, u2), (b1, b2), (k, law.k_s * area), law.friction, dashpots)
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2
     work.slid[which, lane] = slid
@@ -99,40 +109,31 @@ def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, for
 
 
 @jit
-def answer_by(
-    work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger, custom,
-):  # fmt: skip
-    """`answer` by the law that the points have: dry if ``strengths`` and ``custom`` are None."""
+def answer_by(work, pair, which, lane, law, energy, force_out, bonded, custom, ledger):
+    """`answer` by the law that the points have: dry if ``bonded`` and ``custom`` are None."""
     if custom is not None:
-        return answer_custom(work, own, sheared, which, lane, arm, energy, force_out, custom, ledger)
-    if strengths is not None:
-        return answer_bonded(
-            work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
-        )
-    return answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out)
+        return answer_custom(work, pair, which, lane, law.arm, energy, force_out, custom, ledger)
+    if bonded is not None:
+        return answer_bonded(work, pair, which, lane, law, energy, force_out, bonded, ledger)
+    return answer(work, pair, which, lane, law, energy, force_out)
 
 
 @entry
-def press(
-    work, own, sheared, k_n, k_s, friction, arm, energy, force_out, strengths=None, law=0, bonds=None, ledger=None,
-    custom=None,
-):  # fmt: skip
+def press(work, pair, law, energy, force_out, bonded=None, custom=None, ledger=None):
     """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
 
-    ``own``: the rows of the points, ``sheared`` their elastic shear; ``energy`` is None if none is counted, and
-    ``force_out`` if the forces of single points are not wanted; the last five: see `answer_bonded` and
+    ``pair``: the rows of the points and of their elastic shear; ``law``: their `PointLaw`; ``energy`` is None if none
+    is counted, and ``force_out`` if the forces of single points are not wanted; the last three: see `answer_bonded` and
     `answer_custom`. Returns whether any slides or loses something for `add_losses`.
     """
     losing = False
     for lane in range(W):
         x, y, xs, ys, t1, t2, n, c1, c2, c, loses = answer_by(
-            work, own, sheared, 0, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger,
-            custom,
-        )  # fmt: skip
+            work, pair, 0, lane, law, energy, force_out, bonded, custom, ledger
+        )
         X, Y, XS, YS, T1, T2, N, C1, C2, C, LOSES = answer_by(
-            work, own, sheared, 1, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger,
-            custom,
-        )  # fmt: skip
+            work, pair, 1, lane, law, energy, force_out, bonded, custom, ledger
+        )
         work.force[0, lane] -= t1 + T1
         work.force[1, lane] -= t2 + T2
         work.force[2, lane] += n + N
@@ -201,9 +202,10 @@ def add_dashpot_work(work, seen, dashpots, ledger):
 
 
 @entry
-def add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger):
+def add_losses(work, pair, law, ledger):
     """Add what the two points of `press` of every joint of a tile lost in a step: in friction, or let go where a point
     has opened."""
+    own, sheared = pair
     for lane in range(W):
         g0, gx, gy = three(work.depth, lane)
         d0, dx, dy = three(work.growth, lane)
@@ -218,9 +220,9 @@ def add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger):
             e2 = sheared[which].elastic[1, lane]
             b1, b2, normal = three(work.before[which], lane)
             slid = work.slid[which, lane]
-            s1 = p1 + arm * (x * x1 + y * y1)
-            s2 = p2 + arm * (x * x2 + y * y2)
-            lost = shear_loss(b1, b2, e1, e2, s1, s2, k_s * area)
+            s1 = p1 + law.arm * (x * x1 + y * y1)
+            s2 = p2 + law.arm * (x * x2 + y * y2)
+            lost = shear_loss((b1, b2), (e1, e2), (s1, s2), law.k_s * area)
             held = lost if slid > 0.0 else 0.0
             least = ledger.smallest[lane]
             ledger.smallest[lane] = held if held < least else least
@@ -230,18 +232,19 @@ def add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger):
             stepping = min(g, 0.0) * max(before, 0.0) - max(g, 0.0) * min(before, 0.0)
             ledger.friction[lane] += held
             ledger.released[lane] += let_go
-            ledger.stepping[lane] += 0.5 * k_n * area * stepping
-            ledger.by_law[lane] += friction * normal * slid
+            ledger.stepping[lane] += 0.5 * law.k_n * area * stepping
+            ledger.by_law[lane] += law.friction * normal * slid
 
 
 @jit
-def forces(links, corners, bodies, first, last, force_out, strengths, bonds, custom, energy_terms, work):
-    """Forces of the point joints in the tiles ``first`` to ``last``; ``work`` is scratch.
+def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, energy_terms, work):
+    """Forces of the point joints in the tiles of a ``share``, from the first to that behind the last; ``work`` is
+    scratch.
 
     ``force_out``, ``strengths``, ``bonds`` and ``custom`` are those of ``corners``, given apart so that their code goes
     where they are None; ``energy_terms`` may be None.
     """
-    for t in range(first, last):
+    for t in range(share[0], share[1]):
         like = links.like[t]
         tile = links.tiles[like]
         seen = links.seen_tiles[t]
@@ -257,29 +260,22 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, cus
         look(tile, seen, work)
         begin(tile, work)
         law = corners.tile_law[t]
-        k_n = corners.k_n[law]
-        k_s = corners.k_s[law]
-        friction = corners.friction[law]
-        arm = corners.shear_arm[law]
+        dry = PointLaw(corners.k_n[law], corners.k_s[law], corners.friction[law], corners.shear_arm[law])
         start = corners.tile_start[t]
         begins = corners.tile_start[corners.like[t]]
         for i in range(0, corners.tile_start[t + 1] - start, 2):
             own = corners.points[begins + i : begins + i + 2]
             first_point = start + i
-            sheared = corners.sheared[first_point : first_point + 2]
-            pair = bonds_of(bonds, first_point)
+            pair = own, corners.sheared[first_point : first_point + 2]
+            bonded = bonded_pair(strengths, law, bonds, first_point)
             rows = rows_of(custom, first_point)
             if energy_terms is None:
-                losing = press(
-                    work, own, sheared, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None, rows
-                )
+                losing = press(work, pair, dry, None, force_out, bonded, rows, None)
             if energy_terms is not None:
                 ledger = energy_terms.ledger[t]
-                losing = press(
-                    work, own, sheared, k_n, k_s, friction, arm, True, force_out, strengths, law, pair, ledger, rows
-                )
+                losing = press(work, pair, dry, True, force_out, bonded, rows, ledger)
                 if strengths is None and custom is None and losing:
-                    add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger)
+                    add_losses(work, pair, dry, ledger)
             if losing:
                 add_slip(work, corners.slipped[first_point : first_point + 2])
             if force_out is not None:

@@ -69,8 +69,7 @@ def press_polygon(faces, q, bodies, height):
     x = bodies.position[b]
     at_centroid = faces.level[q] + slope * (height[0] * x[0] + height[1] * x[1] + height[2] * x[2] + height[3])
     found = 0
-    a1 = a2 = a3 = pa = 0.0  # the first corner of the part
-    b1 = b2 = b3 = pb = 0.0  # the corner before
+    a = before = (0.0, 0.0, 0.0, 0.0)  # the first corner of the part, and the corner before
     k = last - 1
     u1, u2, u3 = rotate(bodies.orientation, b, faces.corner[k, 0], faces.corner[k, 1], faces.corner[k, 2])
     pu = at_centroid + slope * (height[0] * u1 + height[1] * u2 + height[2] * u3)
@@ -81,32 +80,33 @@ def press_polygon(faces, q, bodies, height):
             if at_corner:
                 if pv < 0.0:
                     continue
-                c1, c2, c3, pc = v1, v2, v3, pv
+                c = v1, v2, v3, pv
             else:
                 if (pu >= 0.0) == (pv >= 0.0):
                     continue
                 s = pu / (pu - pv)
-                c1 = u1 + s * (v1 - u1)
-                c2 = u2 + s * (v2 - u2)
-                c3 = u3 + s * (v3 - u3)
-                pc = 0.0
+                c = u1 + s * (v1 - u1), u2 + s * (v2 - u2), u3 + s * (v3 - u3), 0.0
             if found == 0:
-                a1, a2, a3, pa = c1, c2, c3, pc
+                a = c
             if found >= 2:
-                press_triangle(faces.wrench[q], a1, a2, a3, pa, b1, b2, b3, pb, c1, c2, c3, pc)
-            b1, b2, b3, pb = c1, c2, c3, pc
+                press_triangle(faces.wrench[q], a, before, c)
+            before = c
             found += 1
         u1, u2, u3, pu = v1, v2, v3, pv
 
 
 @jit
-def press_triangle(wrench, a1, a2, a3, pa, b1, b2, b3, pb, c1, c2, c3, pc):
-    """Add force and moment of a linear pressure on a triangle, corners a, b, c counterclockwise seen from outside."""
+def press_triangle(wrench, a, b, c):
+    """Add force and moment of a linear pressure on a triangle, corners (place and pressure, 4) counterclockwise seen
+    from outside."""
+    a1, a2, a3, pa = a
+    b1, b2, b3, pb = b
+    c1, c2, c3, pc = c
     n1, n2, n3 = cross(b1 - a1, b2 - a2, b3 - a3, c1 - a1, c2 - a2, c3 - a3)  # twice the vector area
     total = pa + pb + pc
     m1 = (total * (a1 + b1 + c1) + pa * a1 + pb * b1 + pc * c1) / 24.0
     m2 = (total * (a2 + b2 + c2) + pa * a2 + pb * b2 + pc * c2) / 24.0
     m3 = (total * (a3 + b3 + c3) + pa * a3 + pb * b3 + pc * c3) / 24.0
-    t1, t2, t3 = cross(m1, m2, m3, n1, n2, n3)
     mean = total / 6.0
-    add_wrench(wrench, -1.0, mean * n1, mean * n2, mean * n3, t1, t2, t3, 0.0, 0.0, 0.0)
+    moment = cross(m1, m2, m3, n1, n2, n3)
+    add_wrench(wrench, -1.0, (mean * n1, mean * n2, mean * n3), moment, (0.0, 0.0, 0.0))

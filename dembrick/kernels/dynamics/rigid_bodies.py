@@ -230,8 +230,9 @@ def gathered(bodies, b, wrenches, loaded, g1, g2, g3):
 
 
 @jit
-def step_bodies(bodies, wrenches, loaded, first, last, g, dt, damping, fallen, mean, work):
-    """Move the free blocks ``first`` to ``last`` through a step, under gravity g (3,), loads and joints.
+def step_bodies(bodies, wrenches, loaded, share, g, dt, damping, fallen, mean, work):
+    """Move the free blocks of a ``share``, from the first to that behind the last, through a step, under gravity
+    g (3,), loads and joints.
 
     Every block gathers the forces of its joints in their order, so the sums do not depend on who else works on them.
     ``loaded``: whether there are loads besides gravity on any block.
@@ -240,6 +241,7 @@ def step_bodies(bodies, wrenches, loaded, first, last, g, dt, damping, fallen, m
     record of `tiles.WORK`. Returns the squares of the longest move of a material point of a block in this step and of
     the longest displacement since the start (m2).
     """
+    first, last = share
     moved = away = 0.0
     g1 = g[0]
     g2 = g[1]

@@ -3,7 +3,7 @@
 from dembrick._jit import jit
 from dembrick.kernels.joint.ties import stretch
 from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import add_wrench, put_vector
+from dembrick.kernels.math.vec3 import NO_MOMENT, add_wrench, put_vector
 
 
 @jit
@@ -34,8 +34,5 @@ def pull_ties(ties, bodies):
             x[b, 1] - x[a, 1] + (arm[1, 1] - arm[0, 1]),
             x[b, 2] - x[a, 2] + (arm[1, 2] - arm[0, 2]),
         )
-        f = ties.force[t]
         for side in range(2):
-            sense = 1.0 - 2.0 * side
-            load = bodies.applied[ties.block[t, side]]
-            add_wrench(load, sense, f[0], f[1], f[2], 0.0, 0.0, 0.0, arm[side, 0], arm[side, 1], arm[side, 2])
+            add_wrench(bodies.applied[ties.block[t, side]], 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, arm[side])

@@ -20,6 +20,7 @@ step are one solution, so that a joint has not opened that came apart by less th
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.limit_surface import PROXIMAL_TOLERANCE, chord, gauge, proximal_map, surface
@@ -38,13 +39,13 @@ def closed_pressure(area, second, g0, gx, gy):
 
 
 @jit
-def spring_pressure(x, y, first, last, area, second, reach, g0, gx, gy):
-    """Integrals of <g>+, x <g>+ and y <g>+ over a polygon about its centroid; ``reach`` of its farthest corner."""
-    if g0 < reach * sqrt(gx * gx + gy * gy):
-        least, most = extremes(x, y, first, last, g0, gx, gy)
+def spring_pressure(polygon, g0, gx, gy):
+    """Integrals of <g>+, x <g>+ and y <g>+ over a `Polygon`."""
+    if g0 < polygon.reach * sqrt(gx * gx + gy * gy):
+        least, most = extremes(polygon.x, polygon.y, polygon.first, polygon.last, g0, gx, gy)
         if least < 0.0:
-            return no_tension(x, y, first, last, least, g0, gx, gy)
-    return closed_pressure(area, second, g0, gx, gy)
+            return no_tension(polygon.x, polygon.y, polygon.first, polygon.last, least, g0, gx, gy)
+    return closed_pressure(polygon.area, polygon.second, g0, gx, gy)
 
 
 @jit
@@ -62,16 +63,22 @@ def wholly_closed(reach, g0, d0, h0, hx, hy):
 
 
 @jit
-def area_pressure(x, y, first, last, area, second, reach, viscous, g0, gx, gy, d0, dx, dy):
+def area_pressure(polygon, viscous, depth, growth):
     """Integrals (3) over the polygon of <h>+, x <h>+ and y <h>+, and h = h0 + hx x + hy y itself (3).
 
-    h is the penetration g = g0 + gx x + gy y plus ``viscous`` times what it grew by in the step, d = d0 + dx x + dy y.
-    All integrals are zero if g is nowhere positive.
+    h is the penetration ``depth``, g = g0 + gx x + gy y, plus ``viscous`` times what it grew by in the step,
+    ``growth``, d = d0 + dx x + dy y. All integrals are zero if g is nowhere positive.
     """
+    g0, gx, gy = depth
+    d0, dx, dy = growth
+    x = polygon.x
+    y = polygon.y
+    first = polygon.first
+    last = polygon.last
     h0 = g0 + viscous * d0
     hx = gx + viscous * dx
     hy = gy + viscous * dy
-    if not wholly_closed(reach, g0, d0, h0, hx, hy):
+    if not wholly_closed(polygon.reach, g0, d0, h0, hx, hy):
         least, most, before = 1e300, -1e300, -1e300
         for i in range(first, last):
             g = g0 + gx * x[i] + gy * y[i]
@@ -80,19 +87,18 @@ def area_pressure(x, y, first, last, area, second, reach, viscous, g0, gx, gy, d
             most = max(most, g)
             before = max(before, g - d)
         if most <= 0.0:
-            return 0.0, 0.0, 0.0, h0, hx, hy
+            return (0.0, 0.0, 0.0), (h0, hx, hy)
         if before <= 0.0:  # contact began in the step: see `onset`
             h0 = g0 + viscous * (g0 + 0.5 * d0)
             hx = gx + viscous * (gx + 0.5 * dx)
             hy = gy + viscous * (gy + 0.5 * dy)
             least, most = extremes(x, y, first, last, h0, hx, hy)
         if least < 0.0:
-            volume, moment_x, moment_y = no_tension(x, y, first, last, least, h0, hx, hy)
-            if not volume > 0.0:
-                return 0.0, 0.0, 0.0, h0, hx, hy
-            return volume, moment_x, moment_y, h0, hx, hy
-    volume, moment_x, moment_y = closed_pressure(area, second, h0, hx, hy)
-    return volume, moment_x, moment_y, h0, hx, hy
+            pressure = no_tension(x, y, first, last, least, h0, hx, hy)
+            if not pressure[0] > 0.0:
+                return (0.0, 0.0, 0.0), (h0, hx, hy)
+            return pressure, (h0, hx, hy)
+    return closed_pressure(polygon.area, polygon.second, h0, hx, hy), (h0, hx, hy)
 
 
 @jit
@@ -133,9 +139,11 @@ def pressure_of_four(x, y, area, second, touching, g0, gx, gy):
 
 
 @jit
-def area_pressure_of_four(x, y, area, second, viscous, g0, gx, gy, d0, dx, dy):
+def area_pressure_of_four(x, y, area, second, viscous, depth, growth):
     """The integrals of `area_pressure` of a polygon of four corners ``x``, ``y``, without a branch: many are done side
     by side; and whether g is positive somewhere."""
+    g0, gx, gy = depth
+    d0, dx, dy = growth
     g = at_four(x, y, g0, gx, gy)
     d = at_four(x, y, d0, dx, dy)
     touching = most_of_four(g) > 0.0
@@ -150,102 +158,111 @@ def area_pressure_of_four(x, y, area, second, viscous, g0, gx, gy, d0, dx, dy):
 
 
 @jit
-def follow_bending(pressed, a, x, y, first, last, reach, volume, moment_x, moment_y, h0, hx, hy):
+def follow_bending(pressed, a, polygon, pressure, depth):
     """Bring the pressed part of a convex joint up to date with what `area_pressure` found; ``pressed`` is None if the
     friction of no joint follows the bending."""
     if pressed is not None:
-        follow_pressure(pressed, a, x, y, first, last, reach, volume, moment_x, moment_y, h0, hx, hy)
+        follow_pressure(pressed, a, polygon, pressure, depth)
 
 
 @jit
-def trial_force(pressed, a, radius, k_t, k_r, damped, s1, s2, turn, b1, b2, bm):
+def trial_force(pressed, a, radius, springs, damped, slip, elastic):
     """The force (3) that a convex joint carries if it does not slide, its memory then (3), and a bound of what strength
     that takes; see `area_friction`."""
+    k_t, k_r = springs
+    s1, s2, turn = slip
+    b1, b2, bm = elastic
     f1 = b1 + damped * k_t * s1
     f2 = b2 + damped * k_t * s2
     fm = bm + damped * k_r * turn
-    return f1, f2, fm, b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn, chord(pressed, a, radius, f1, f2, fm)
+    stretched = b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn
+    return (f1, f2, fm), stretched, chord(pressed, a, radius, f1, f2, fm)
+
+
+@jit
+def shear_springs(polygon, k_s):
+    """Stiffness in shear (N/m) and in torsion (N m) of a joint of ``k_s`` (Pa/m)."""
+    return k_s * polygon.area, k_s * (polygon.second[0] + polygon.second[1])
 
 
 @jit
 def area_friction(
-    x, y, first, last, area, reach, far, pressed, a, radius, normal, friction, negligible, k_t, k_r, damped,
-    s1, s2, turn, b1, b2, bm, w1, w2, wm, tolerance=PROXIMAL_TOLERANCE,
+    limit, normal, friction, negligible, springs, damped, slip, elastic, start, tolerance=PROXIMAL_TOLERANCE
 ):  # fmt: skip
-    """Return mapping of a convex joint under the normal force ``normal`` for the slip twist (s1, s2, turn) of a step.
+    """Return mapping of a joint of the `LimitSurface` ``limit`` under the normal force ``normal`` for the ``slip`` (3)
+    of a step.
 
-    (b1, b2, bm): memory; (w1, w2, wm): last plastic twist, the start of the search; ``k_t`` N/m, ``k_r`` N m;
-    ``damped``: one plus dashpot over spring force; up to ``negligible`` (N) of strength the chord of the limit surface
-    is good enough. The rest as in `limit_surface.surface`. Returns the force (3), the new memory (3), the plastic twist
-    (3; of an open joint: what its springs let go, too), the next start (3), the slip path, and the evaluations of the
-    surface.
+    ``elastic`` (3): memory; ``start`` (3): last plastic twist, the start of the search; ``springs``: k_t (N/m) and k_r
+    (N m); ``damped``: one plus dashpot over spring force; up to ``negligible`` (N) of strength the chord of the limit
+    surface is good enough. Returns the force (3), the new memory (3), the plastic twist (3; of an open joint: what its
+    springs let go, too), the next start (3), the slip path, and the evaluations of the surface.
     """
+    k_t, k_r = springs
+    s1, s2, turn = slip
+    b1, b2, bm = elastic
+    still = (0.0, 0.0, 0.0)
     if not normal > 0.0:
-        return (
-            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, s1 + b1 / k_t, s2 + b2 / k_t, turn + bm / k_r, 0.0, 0.0, 0.0, 0.0, 0,
-        )  # fmt: skip
-    f1, f2, fm, e1, e2, em, size = trial_force(pressed, a, radius, k_t, k_r, damped, s1, s2, turn, b1, b2, bm)
+        return still, still, (s1 + b1 / k_t, s2 + b2 / k_t, turn + bm / k_r), still, 0.0, 0
+    trial, stretched, size = trial_force(limit.pressed, limit.index, limit.radius, springs, damped, slip, elastic)
     strength = friction * normal
     if size <= strength:  # inside the limit surface by convexity, and most joints are most of the time
-        return f1, f2, fm, e1, e2, em, 0.0, 0.0, 0.0, w1, w2, wm, 0.0, 0
-    full_t = damped * k_t
-    full_r = damped * k_r
+        return trial, stretched, still, start, 0.0, 0
+    full = damped * k_t, damped * k_r
     if strength <= negligible:
         kept = strength / size
-        t1 = kept * f1
-        t2 = kept * f2
-        tm = kept * fm
-        q1 = (f1 - t1) / full_t
-        q2 = (f2 - t2) / full_t
-        qm = (fm - tm) / full_r
+        force = kept * trial[0], kept * trial[1], kept * trial[2]
+        twist = (trial[0] - force[0]) / full[0], (trial[1] - force[1]) / full[0], (trial[2] - force[2]) / full[1]
         evaluations = 0
     else:
-        t1, t2, tm, q1, q2, qm, w1, w2, wm, evaluations = proximal_map(
-            x, y, first, last, area, reach, far, pressed, a, radius, strength, full_t, full_r, f1, f2, fm, w1, w2, wm,
-            tolerance,
-        )  # fmt: skip
+        force, twist, start, evaluations = proximal_map(limit, strength, full, trial, start, tolerance)
+    q1, q2, qm = twist
     # without friction there is no work to divide by: the path of O
-    slid = (t1 * q1 + t2 * q2 + tm * qm) / strength if strength > 0.0 else sqrt(q1 * q1 + q2 * q2)
-    return (
-        t1, t2, tm, b1 + k_t * (s1 - q1), b2 + k_t * (s2 - q2), bm + k_r * (turn - qm), q1, q2, qm, w1, w2, wm, slid,
-        evaluations,
-    )  # fmt: skip
+    power = force[0] * q1 + force[1] * q2 + force[2] * qm
+    slid = power / strength if strength > 0.0 else sqrt(q1 * q1 + q2 * q2)
+    return force, (b1 + k_t * (s1 - q1), b2 + k_t * (s2 - q2), bm + k_r * (turn - qm)), twist, start, slid, evaluations
 
 
 # --- with strengths
 
 
+class Memory(NamedTuple):
+    """What a convex joint with strengths remembers."""
+
+    elastic: tuple[float, float, float]  # N, N, N m
+    start: tuple[float, float, float]  # m, m, rad, last plastic twist
+    bonded: float  # 1 or 0
+    rise: float  # m, by dilation
+
+
 @jit
-def area_springs(x, y, first, last, area, second, reach, bonded, most, g0, gx, gy):
+def area_springs(polygon, bonded, most, g0, gx, gy):
     """Integrals (3) over the polygon of what its normal springs are pressed by, g = g0 + gx x + gy y, its x and y
     moments; and the volume beyond ``most`` (m), the penetration at which the joint crushes."""
     if bonded > 0.0:
-        volume, moment_x, moment_y = closed_pressure(area, second, g0, gx, gy)
+        volume, moment_x, moment_y = closed_pressure(polygon.area, polygon.second, g0, gx, gy)
     else:
-        volume, moment_x, moment_y = spring_pressure(x, y, first, last, area, second, reach, g0, gx, gy)
+        volume, moment_x, moment_y = spring_pressure(polygon, g0, gx, gy)
     beyond = 0.0
-    if g0 + reach * sqrt(gx * gx + gy * gy) > most:
-        beyond, beyond_x, beyond_y = spring_pressure(x, y, first, last, area, second, reach, g0 - most, gx, gy)
+    if g0 + polygon.reach * sqrt(gx * gx + gy * gy) > most:
+        beyond, beyond_x, beyond_y = spring_pressure(polygon, g0 - most, gx, gy)
         volume -= beyond
         moment_x -= beyond_x
         moment_y -= beyond_y
-    return volume, moment_x, moment_y, beyond
+    return (volume, moment_x, moment_y), beyond
 
 
 @jit
-def bonded_pressure(x, y, first, last, area, second, reach, viscous, bonded, most, g0, gx, gy, d0, dx, dy):
+def bonded_pressure(polygon, viscous, bonded, most, depth, growth):
     """`area_springs` with the dashpots: `area_pressure` where there is no bond."""
     if bonded > 0.0:
-        h0 = g0 + viscous * d0
-        hx = gx + viscous * dx
-        hy = gy + viscous * dy
-        volume, moment_x, moment_y = closed_pressure(area, second, h0, hx, hy)
+        h0 = depth[0] + viscous * growth[0]
+        hx = depth[1] + viscous * growth[1]
+        hy = depth[2] + viscous * growth[2]
+        volume, moment_x, moment_y = closed_pressure(polygon.area, polygon.second, h0, hx, hy)
     else:
-        volume, moment_x, moment_y, h0, hx, hy = area_pressure(
-            x, y, first, last, area, second, reach, viscous, g0, gx, gy, d0, dx, dy
-        )
-    if h0 + reach * sqrt(hx * hx + hy * hy) > most:
-        beyond, beyond_x, beyond_y = spring_pressure(x, y, first, last, area, second, reach, h0 - most, hx, hy)
+        (volume, moment_x, moment_y), (h0, hx, hy) = area_pressure(polygon, viscous, depth, growth)
+    if h0 + polygon.reach * sqrt(hx * hx + hy * hy) > most:
+        beyond, beyond_x, beyond_y = spring_pressure(polygon, h0 - most, hx, hy)
         volume -= beyond
         moment_x -= beyond_x
         moment_y -= beyond_y
@@ -253,26 +270,36 @@ def bonded_pressure(x, y, first, last, area, second, reach, viscous, bonded, mos
 
 
 @jit
-def bonded_area(
-    x, y, first, last, area, second, reach, far, radius, strengths, i, k_n, k_s, friction, negligible, viscous, damped,
-    bonded, rise, g0, gx, gy, d0, dx, dy, s1, s2, turn, b1, b2, bm, w1, w2, wm, tolerance=PROXIMAL_TOLERANCE,
-):  # fmt: skip
-    """Force of a convex joint with the strengths ``i``, under full pressure, and its new memory.
+def lifted(vector, lift):
+    """A penetration (3), or what it grew by, with a rise by dilation on top."""
+    return vector[0] + lift, vector[1], vector[2]
 
-    ``k_n``, ``k_s`` Pa/m; ``bonded`` 1 or 0 and ``rise`` (m): memory; the penetration g and its growth d as in
-    `area_pressure`, the slip and the memory of shear as in `area_friction`. Returns N and its x and y moments (3), the
-    shear force (3), the new memory (3), the plastic twist (3), the next start (3), the slip path of the step,
-    evaluations of the surface, ``bonded`` and ``rise``.
+
+@jit
+def bonded_area(limit, strengths, i, springs, friction, negligible, dashpots, motion, memory):
+    """Force of a convex joint with the strengths ``i``, under full pressure, and its new `Memory`.
+
+    ``springs``: k_n, k_s (Pa/m); ``dashpots``: over spring force along the normal, and one plus that in shear; the
+    `Motion` of the step. Returns N and its x and y moments (3), the shear force (3), the plastic twist (3), the slip
+    path of the step, evaluations of the surface, and the memory.
     """
+    polygon = limit.polygon
+    k_n, k_s = springs
+    viscous, damped = dashpots
+    area = polygon.area
+    b1, b2, bm = memory.elastic
+    s1, s2, turn = motion.slip
+    still = (0.0, 0.0, 0.0)
+    bonded = memory.bonded
+    rise = memory.rise
+    start = memory.start
     held = strengths.held[0] > 0.0
     most = strengths.crushing[i] / k_n
-    k_t = k_s * area
-    k_r = k_s * (second[0] + second[1])
+    k_t, k_r = stiff = shear_springs(polygon, k_s)
+    g0, gx, gy = motion.depth
     if bonded > 0.0:
-        least, _ = extremes(x, y, first, last, g0 + rise, gx, gy)
-        n, nx, ny = bonded_pressure(
-            x, y, first, last, area, second, reach, viscous, bonded, most, g0 + rise, gx, gy, d0, dx, dy
-        )
+        least, _ = extremes(polygon.x, polygon.y, polygon.first, polygon.last, g0 + rise, gx, gy)
+        n, nx, ny = bonded_pressure(polygon, viscous, bonded, most, (g0 + rise, gx, gy), motion.growth)
         n *= k_n
         cap = shear_strength(strengths, i, area, bonded, friction, n)
         t1 = b1 + damped * k_t * s1
@@ -281,17 +308,14 @@ def bonded_area(
         whole = held and (least < 0.0 or breaks_at_once(strengths, i))
         tears = k_n * least < -strengths.tension[i] and not held
         if not (whole or tears):
-            whole = chord(None, 0, radius, t1, t2, tm) <= cap
+            whole = chord(None, 0, limit.radius, t1, t2, tm) <= cap
             if not whole and cap > 0.0:
-                size, w1, w2, wm = gauge(
-                    x, y, first, last, area, reach, far, None, 0, t1 / cap, t2 / cap, tm / cap, w1, w2, wm, 0.0
-                )
+                size, start = gauge(limit, (t1 / cap, t2 / cap, tm / cap), start)
                 whole = size <= 1.0
         if whole:
-            return (
-                n, k_n * nx, k_n * ny, t1, t2, tm, b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn, 0.0, 0.0, 0.0,
-                w1, w2, wm, 0.0, 1, bonded, rise,
-            )  # fmt: skip
+            elastic = b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn
+            same = Memory(elastic, start, bonded, rise)
+            return (n, k_n * nx, k_n * ny), (t1, t2, tm), still, 0.0, 1, same
         bonded = 0.0
         if tears or breaks_at_once(strengths, i):  # the springs go at once, and no dashpot acts in this step
             viscous = 0.0
@@ -302,17 +326,17 @@ def bonded_area(
     evaluations = 0
     for turns in range(LIFTS):
         n, nx, ny = bonded_pressure(
-            x, y, first, last, area, second, reach, viscous, bonded, most, g0 + rise + lift, gx, gy, d0 + lift, dx, dy
+            polygon, viscous, bonded, most, (g0 + rise + lift, gx, gy), lifted(motion.growth, lift)
         )
         n *= k_n
-        t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, more = area_friction(
-            x, y, first, last, area, reach, far, None, 0, radius,
-            shear_strength(strengths, i, area, bonded, friction, n), 1.0, negligible, k_t, k_r, damped, s1, s2, turn,
-            b1, b2, bm, w1, w2, wm, tolerance,
-        )  # fmt: skip
+        strength = shear_strength(strengths, i, area, bonded, friction, n)
+        shear, elastic, twist, start, slid, more = area_friction(
+            limit, strength, 1.0, negligible, stiff, damped, motion.slip, memory.elastic, start
+        )
         evaluations += more
+        q1, q2, qm = twist
         if dilation > 0.0 and n <= 0.0 and q1 * q1 + q2 * q2 + qm * qm > 0.0:  # the slip under next to no N
-            wanted = dilation * surface(x, y, first, last, area, reach, far, None, 0, q1, q2, qm)[0]
+            wanted = dilation * surface(limit, q1, q2, qm)[0]
         else:
             wanted = dilation * slid
         if turns == LIFTS - 1 or abs(wanted - lift) <= LIFTED * wanted:
@@ -336,14 +360,12 @@ def bonded_area(
         lift = guess
     if n <= 0.0:
         lift = 0.0
-    return (
-        n, k_n * nx, k_n * ny, t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, evaluations, bonded, rise + lift,
-    )  # fmt: skip
+    return (n, k_n * nx, k_n * ny), shear, twist, slid, evaluations, Memory(elastic, start, bonded, rise + lift)
 
 
 @jit
-def springs_hold(x, y, first, last, area, second, reach, bonded, rise, most, g0, gx, gy):
+def springs_hold(polygon, bonded, rise, most, g0, gx, gy):
     """Twice the energy over k_n in the normal springs of a convex joint: a state, not a path, since what is crushed
     gives nothing back."""
-    n, nx, ny, beyond = area_springs(x, y, first, last, area, second, reach, bonded, most, g0 + rise, gx, gy)
+    (n, nx, ny), beyond = area_springs(polygon, bonded, most, g0 + rise, gx, gy)
     return n * (g0 + rise) + nx * gx + ny * gy - (most * beyond if beyond > 0.0 else 0.0)

@@ -17,9 +17,13 @@ series about pure translation takes over ((`far_field`). Vertices run counter-cl
 """
 
 from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.pressure import FULL, edge_logarithm, pressed_surface
+from dembrick.kernels.joint.geometry import Polygon
+from dembrick.kernels.joint.pressure import FULL, Pressed, edge_logarithm, pressed_surface
 
 # Beyond this many half diameters the edge sums lose more digits than the series of order eight leaves out.
 FAR = 25.0
@@ -32,13 +36,28 @@ LOST = 1e-18
 RESOLVED = 100.0
 
 
+class LimitSurface(NamedTuple):
+    """What the limit surface of a convex joint or of a new contact depends on."""
+
+    polygon: Polygon | None  # None of a new contact, whose pressure is all there is to know
+    far: ndarray | None  # (42,) coefficients of `far_field`, None of a new contact
+    reach: float  # m, greatest distance of a corner from O
+    radius: float  # m, no more than the torsion strength over V_0
+    pressed: Pressed | None  # where friction follows the pressure, else None
+    index: int  # of the joint in ``pressed``
+
+
 @jit
-def edge_sums(x, y, first, last, c1, c2):
-    """Integrals over the polygon ``x[first:last], y[first:last]`` of the distance from C = (c1, c2).
+def edge_sums(polygon, c1, c2):
+    """Integrals over a `Polygon` of the distance from C = (c1, c2).
 
     Returns F = integral of r, B = integral of r/|r| (2 values) and T = integral of (I - rr/r^2)/r (3 values: 11,
     12, 22).
     """
+    x = polygon.x
+    y = polygon.y
+    first = polygon.first
+    last = polygon.last
     f = b1 = b2 = t11 = t12 = t22 = 0.0
     xa = x[last - 1] - c1
     ya = y[last - 1] - c2
@@ -131,16 +150,17 @@ def far_field(moments, v1, v2, w):
 
 
 @jit
-def even_surface(x, y, first, last, area, reach, moments, v1, v2, w):
+def even_surface(polygon, far, v1, v2, w):
     """`surface` under a pressure that is the same all over the polygon."""
-    if sqrt(v1 * v1 + v2 * v2) > FAR * reach * abs(w):
+    area = polygon.area
+    if sqrt(v1 * v1 + v2 * v2) > FAR * polygon.reach * abs(w):
         # D is homogeneous: at length one the powers of a slip of 1e-20 m, with nothing on the joint, do not overflow
         v = sqrt(v1 * v1 + v2 * v2)
-        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = far_field(moments, v1 / v, v2 / v, w / v)
+        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = far_field(far, v1 / v, v2 / v, w / v)
         return d * v, g1, g2, g3, h11 / v, h12 / v, h22 / v, h13 / v, h23 / v, h33 / v
     c1 = -v2 / w
     c2 = v1 / w
-    f, b1, b2, t11, t12, t22 = edge_sums(x, y, first, last, c1, c2)
+    f, b1, b2, t11, t12, t22 = edge_sums(polygon, c1, c2)
     sign = 1.0 if w > 0.0 else -1.0
     g1 = -sign * b2 / area
     g2 = sign * b1 / area
@@ -157,19 +177,21 @@ def even_surface(x, y, first, last, area, reach, moments, v1, v2, w):
 
 
 @jit
-def surface(x, y, first, last, area, reach, moments, pressed, index, v1, v2, w):
-    """D(q), its gradient (the limit force per unit V_0) and second derivatives at q = (v1, v2, w) != 0.
+def surface(limit, q1, q2, q3):
+    """D(q), its gradient (the limit force per unit V_0) and second derivatives at q = (v1, v2, w) != 0, of a
+    `LimitSurface`. Returns the ten values of `far_field`."""
+    return surface_by(limit.pressed, limit.polygon, limit, q1, q2, q3)
 
-    ``area`` of the polygon, ``reach`` its greatest vertex distance from O. Where friction follows the pressure,
-    ``pressed`` (else None) says where and how the contact number ``index`` is pressed; where that is all there
-    is to know ``x``, ``y`` and ``moments`` are None. Returns the ten values of `far_field`.
-    """
+
+@jit
+def surface_by(pressed, polygon, limit, q1, q2, q3):
+    """`surface` by the pressure that friction follows, if it does, and the polygon, if there is one."""
     d = g1 = g2 = g3 = h11 = h12 = h22 = h13 = h23 = h33 = 0.0
     if pressed is not None:
-        if pressed.kind[index] != FULL:
-            return pressed_surface(pressed, index, v1, v2, w)
-    if x is not None:
-        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = even_surface(x, y, first, last, area, reach, moments, v1, v2, w)
+        if pressed.kind[limit.index] != FULL:
+            return pressed_surface(pressed, limit.index, q1, q2, q3)
+    if polygon is not None:
+        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = even_surface(polygon, limit.far, q1, q2, q3)
     return d, g1, g2, g3, h11, h12, h22, h13, h23, h33
 
 
@@ -202,23 +224,24 @@ def chord(pressed, index, radius, f1, f2, m):
 
 
 @jit
-def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1, q2, q3, radius):
-    """Gauge of the force (f1, f2, m) / V_0 in the limit set: the least g with force in g times the set.
+def gauge(limit, force, start, radius=0.0):
+    """Gauge of the ``force`` (3) over V_0 in the limit set: the least g with force in g times the set.
 
-    Minimises D^2/2 - f.q, smooth and convex, whose minimum is at D(q) = gauge(f); (q1, q2, q3) is the start.
+    Minimises D^2/2 - f.q, smooth and convex, whose minimum is at D(q) = gauge(f); ``start`` (3) is the first q.
     With a ``radius``, the torsion strength over V_0 or less, it returns as soon as it is known whether the gauge
     exceeds one: a twist shows that it does, or the part on the surface and the chord of the rest add up to less.
-    Returns gauge, q.
+    Returns the gauge and q (3).
     """
+    f1, f2, m = force
+    q1, q2, q3 = start
+    reach = limit.reach
     if f1 == 0.0 and f2 == 0.0 and m == 0.0:
-        return 0.0, q1, q2, q3
+        return 0.0, (q1, q2, q3)
     if f1 * q1 + f2 * q2 + m * q3 <= 0.0:
         q1 = f1 * reach * reach
         q2 = f2 * reach * reach
         q3 = m
-    d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(
-        x, y, first, last, area, reach, moments, pressed, index, q1, q2, q3
-    )
+    d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(limit, q1, q2, q3)
     power = f1 * q1 + f2 * q2 + m * q3
     s = power / (d * d)
     best = power / d
@@ -232,7 +255,7 @@ def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1
         r1 = f1 - d * g1
         r2 = f2 - d * g2
         r3 = m - d * g3
-        if radius > 0.0 and (best > 1.0 or d + chord(pressed, index, radius, r1, r2, r3) <= 1.0):
+        if radius > 0.0 and (best > 1.0 or d + chord(limit.pressed, limit.index, radius, r1, r2, r3) <= 1.0):
             break
         if max(abs(r1), abs(r2), abs(r3) / reach) <= 1e-14 * d:
             break
@@ -257,9 +280,7 @@ def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1
             t2 = q2 + step * p2
             t3 = q3 + step * p3
             if t1 != 0.0 or t2 != 0.0 or t3 != 0.0:
-                dt, a1, a2, a3, k11, k12, k22, k13, k23, k33 = surface(
-                    x, y, first, last, area, reach, moments, pressed, index, t1, t2, t3
-                )
+                dt, a1, a2, a3, k11, k12, k22, k13, k23, k33 = surface(limit, t1, t2, t3)
                 power = f1 * t1 + f2 * t2 + m * t3
                 trial = 0.5 * dt * dt - power
                 if trial <= value - 1e-4 * step * slope + 1e-15 * abs(value):
@@ -272,65 +293,46 @@ def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1
         g1, g2, g3 = a1, a2, a3
         h11, h12, h22, h13, h23, h33 = k11, k12, k22, k13, k23, k33
         best = max(best, power / d)
-    return best, q1, q2, q3
+    return best, (q1, q2, q3)
 
 
 @jit
-def proximal_map(
-    x, y, first, last, area, reach, moments, pressed, index, radius, strength, k_t, k_r, f1, f2, m, q1, q2, q3,
-    tolerance=PROXIMAL_TOLERANCE,
-):  # fmt: skip
-    """Return of the trial force f = (f1, f2, m) to the limit surface, with the plastic twist that does it.
+def proximal_map(limit, strength, springs, force, start, tolerance=PROXIMAL_TOLERANCE):
+    """Return of the trial ``force`` f = (f1, f2, m) to the limit surface, with the plastic twist that does it.
 
-    Minimises phi(q) = q.Kq/2 - f.q + V_0 D(q) with K = diag(k_t, k_t, k_r), ``strength`` V_0 and ``radius`` the
-    torsion strength over V_0; (q1, q2, q3) is the last plastic twist, the start; ``tolerance``: out-of-balance gradient
-    over V_0 that ends it. Returns t1, t2, tm (the joint's
-    force, exactly on the surface where plastic), the plastic twist, the twist to start from next time, and the number
-    of evaluations of the surface.
+    Minimises phi(q) = q.Kq/2 - f.q + V_0 D(q) with K = diag(k_t, k_t, k_r), ``springs`` (k_t, k_r) and ``strength``
+    V_0; ``start`` (3): the last plastic twist; ``tolerance``: out-of-balance gradient over V_0 that ends it. Returns
+    the joint's force (3), exactly on the surface where plastic, the plastic twist (3), the twist to start from next
+    time (3), and the number of evaluations of the surface.
     """
-    if chord(pressed, index, radius, f1, f2, m) <= strength:
-        return f1, f2, m, 0.0, 0.0, 0.0, q1, q2, q3, 0
+    f1, f2, m = force
+    q1, q2, q3 = start
+    k_t, k_r = springs
+    reach = limit.reach
+    still = (0.0, 0.0, 0.0)
+    if chord(limit.pressed, limit.index, limit.radius, f1, f2, m) <= strength:
+        return force, still, start, 0
     if strength <= 0.0:
-        return 0.0, 0.0, 0.0, f1 / k_t, f2 / k_t, m / k_r, 0.0, 0.0, 0.0, 0
+        return still, (f1 / k_t, f2 / k_t, m / k_r), still, 0
     evaluations = 0
     # along a twist p the best plastic part is s p with s = (f.p - V_0 D(p)) / (p.Kp), if that is positive
     found = False
     if q1 != 0.0 or q2 != 0.0 or q3 != 0.0:
-        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(
-            x, y, first, last, area, reach, moments, pressed, index, q1, q2, q3
-        )
+        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(limit, q1, q2, q3)
         evaluations += 1
         gain = f1 * q1 + f2 * q2 + m * q3 - strength * d
         found = gain > 0.0
     if not found:
-        size, q1, q2, q3 = gauge(
-            x,
-            y,
-            first,
-            last,
-            area,
-            reach,
-            moments,
-            pressed,
-            index,
-            f1 / strength,
-            f2 / strength,
-            m / strength,
-            q1,
-            q2,
-            q3,
-            radius,
-        )
+        over = f1 / strength, f2 / strength, m / strength
+        size, (q1, q2, q3) = gauge(limit, over, (q1, q2, q3), limit.radius)
         evaluations += 4
         if size <= 1.0:
-            return f1, f2, m, 0.0, 0.0, 0.0, q1, q2, q3, evaluations
-        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(
-            x, y, first, last, area, reach, moments, pressed, index, q1, q2, q3
-        )
+            return force, still, (q1, q2, q3), evaluations
+        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(limit, q1, q2, q3)
         evaluations += 1
         gain = f1 * q1 + f2 * q2 + m * q3 - strength * d
         if gain <= 0.0:
-            return f1, f2, m, 0.0, 0.0, 0.0, q1, q2, q3, evaluations
+            return force, still, (q1, q2, q3), evaluations
     s = gain / (k_t * (q1 * q1 + q2 * q2) + k_r * q3 * q3)
     q1 *= s
     q2 *= s
@@ -363,9 +365,7 @@ def proximal_map(
             t2 = q2 + step * p2
             t3 = q3 + step * p3
             if t1 != 0.0 or t2 != 0.0 or t3 != 0.0:
-                dt, a1, a2, a3, k11, k12, k22, k13, k23, k33 = surface(
-                    x, y, first, last, area, reach, moments, pressed, index, t1, t2, t3
-                )
+                dt, a1, a2, a3, k11, k12, k22, k13, k23, k33 = surface(limit, t1, t2, t3)
                 evaluations += 1
                 quadratic = 0.5 * (k_t * (t1 * t1 + t2 * t2) + k_r * t3 * t3)
                 trial = quadratic + strength * dt - (f1 * t1 + f2 * t2 + m * t3)
@@ -387,4 +387,4 @@ def proximal_map(
         q1, q2, q3, d, value = t1, t2, t3, dt, trial
         g1, g2, g3 = a1, a2, a3
         h11, h12, h22, h13, h23, h33 = k11, k12, k22, k13, k23, k33
-    return strength * g1, strength * g2, strength * g3, q1, q2, q3, q1, q2, q3, evaluations
+    return (strength * g1, strength * g2, strength * g3), (q1, q2, q3), (q1, q2, q3), evaluations

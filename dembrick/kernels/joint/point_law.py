@@ -42,15 +42,17 @@ NONE = 1e-140  # as good as zero, in a divisor
 
 
 @jit
-def coulomb(elastic_1, elastic_2, slip_1, slip_2, k, damped, share, cap):
+def coulomb(elastic, slip, k, damped, share, cap):
     """Return mapping of Coulomb friction at a point, radial, spring and dashpot in parallel behind the slider.
 
-    ``slip_*``: increment of the relative displacement (m); ``k`` N/m; ``damped``: one plus dashpot force over spring
-    force for the same increment; ``share``: one over that; ``cap`` = mu N (N). Returns the shear force (2), the elastic
-    part of it that stays (2) and the length of the plastic increment (m), which points along the force.
+    ``elastic`` (2): memory (N); ``slip`` (2): increment of the relative displacement (m); ``k`` N/m; ``damped``: one
+    plus dashpot force over spring force for the same increment; ``share``: one over that; ``cap`` = mu N (N). Returns
+    the shear force (2), the elastic part of it that stays (2) and the length of the plastic increment (m), which points
+    along the force.
     """
-    t1 = elastic_1 + damped * k * slip_1
-    t2 = elastic_2 + damped * k * slip_2
+    elastic_1, elastic_2 = elastic
+    t1 = elastic_1 + damped * k * slip[0]
+    t2 = elastic_2 + damped * k * slip[1]
     size2 = t1 * t1 + t2 * t2
     plastic = 0.0
     if size2 > cap * cap:
@@ -67,32 +69,34 @@ def coulomb(elastic_1, elastic_2, slip_1, slip_2, k, damped, share, cap):
 
 
 @jit
-def point_law(g, d, slip_1, slip_2, elastic_1, elastic_2, k_n, k_s, friction, viscous, damped, share):
+def point_law(g, d, slip, elastic, springs, friction, dashpots):
     """Force of a contact point and its new memory, dry.
 
-    ``g`` penetration now and ``d`` its growth in the step (m); ``slip_*`` of the step (m); ``elastic_*`` memory (N);
-    ``k_n``, ``k_s`` N/m; ``viscous``: dashpot over spring force along the normal, ``damped`` one plus that in shear,
-    ``share`` one over that. Returns N, the shear force (2), the new memory (2) and the slip path of the step (m).
+    ``g`` penetration now and ``d`` its growth in the step (m); ``slip`` (2) of the step (m); ``elastic`` (2): memory
+    (N); ``springs``: k_n, k_s (N/m); ``dashpots``: over spring force along the normal, one plus that in shear, one over
+    that. Returns N, the shear force (2), the new memory (2) and the slip path of the step (m).
     """
+    k_n, k_s = springs
+    viscous, damped, share = dashpots
     h = k_n * (g + viscous * dashpot_growth(g, d))
     h = h if g > 0.0 else 0.0
     normal = h if h > 0.0 else 0.0
     closed = 1.0 if h > 0.0 else 0.0
-    t1, t2, e1, e2, slid = coulomb(elastic_1, elastic_2, slip_1, slip_2, k_s, damped, share, friction * normal)
+    t1, t2, e1, e2, slid = coulomb(elastic, slip, k_s, damped, share, friction * normal)
     return normal, t1, t2, closed * e1, closed * e2, closed * slid
 
 
 @jit
-def shear_loss(before_1, before_2, after_1, after_2, slip_1, slip_2, k):
+def shear_loss(before, after, slip, k):
     """What the shear spring of a point does not give back of the work of a step (J): friction, or released.
 
-    A spring that was loaded from e to e' while the point moved by s took (e + e') s / 2 and holds (e'^2 - e^2) / 2k
-    more. The rest went into friction, or was let go if the point has opened.
+    A spring that was loaded from e (``before``, 2) to e' (``after``) while the point moved by s (``slip``) took
+    (e + e') s / 2 and holds (e'^2 - e^2) / 2k more. The rest went into friction, or was let go if the point has opened.
     """
     divisor = max(k, NONE)
-    q1 = k * slip_1 - (after_1 - before_1)
-    q2 = k * slip_2 - (after_2 - before_2)
-    return 0.5 * ((before_1 + after_1) * q1 + (before_2 + after_2) * q2) / divisor
+    q1 = k * slip[0] - (after[0] - before[0])
+    q2 = k * slip[1] - (after[1] - before[1])
+    return 0.5 * ((before[0] + after[0]) * q1 + (before[1] + after[1]) * q2) / divisor
 
 
 class Strengths(NamedTuple):
@@ -133,17 +137,35 @@ def shear_strength(strengths, i, area, bonded, friction, normal):
     return residual_strength(strengths, i, area, friction, normal) if normal > 0.0 else 0.0
 
 
+class Bond(NamedTuple):
+    """What a contact point with strengths remembers."""
+
+    elastic: tuple[float, float]  # N, elastic shear force
+    bonded: float  # 1 or 0
+    crushed: float  # m, depth by which it was crushed
+    rise: float  # m, by dilation
+
+
 @jit
-def bonded_law(
-    g, d, slip_1, slip_2, elastic_1, elastic_2, k_n, k_s, friction, viscous, damped, share, strengths, i, area, bonded,
-    crushed, rise,
-):  # fmt: skip
+def carries_nothing(spring, crushed, rise):
+    """What `bonded_law` gives for a point without a bond that does not press."""
+    return 0.0, spring, (0.0, 0.0), 0.0, Bond((0.0, 0.0), 0.0, crushed, rise)
+
+
+@jit
+def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond):
     """Force of a contact point with the strengths ``i``, and its new memory.
 
-    ``area`` (m2) tributary; ``bonded`` 1 or 0, ``crushed`` and ``rise`` (m): memory; the rest as in `point_law`.
-    Returns N (negative in tension), N of the spring alone, the shear force (2), the new memory (2), the slip path of
-    the step (m), and ``bonded``, ``crushed``, ``rise``.
+    ``area`` (m2) tributary; ``bond``: its `Bond`; the rest as in `point_law`. Returns N (negative in tension), N of the
+    spring alone, the shear force (2), the slip path of the step (m), and the memory.
     """
+    k_n, k_s = springs
+    viscous, damped, share = dashpots
+    elastic_1, elastic_2 = bond.elastic
+    slip_1, slip_2 = slip
+    bonded = bond.bonded
+    crushed = bond.crushed
+    rise = bond.rise
     held = strengths.held[0] > 0.0
     length = g + rise - crushed
     spring = k_n * length
@@ -151,11 +173,11 @@ def bonded_law(
     if bonded > 0.0:
         growth = d
         if spring < -strengths.tension[i] * area and not held:
-            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+            return carries_nothing(0.0, crushed, rise)
     else:
         growth = dashpot_growth(length, d)
         if spring <= 0.0 and strengths.dilation[i] == 0.0:
-            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+            return carries_nothing(0.0, crushed, rise)
     if spring > most:  # spring and dashpot are one behind the other with what crushes, and with what lifts
         growth -= (spring - most) / k_n
         crushed += (spring - most) / k_n
@@ -164,7 +186,7 @@ def bonded_law(
     if normal > most:
         normal = most
     if bonded == 0.0 and normal <= 0.0 and strengths.dilation[i] == 0.0:
-        return 0.0, spring, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+        return carries_nothing(spring, crushed, rise)
     t1 = elastic_1 + damped * k_s * slip_1
     t2 = elastic_2 + damped * k_s * slip_2
     size = sqrt(t1 * t1 + t2 * t2)
@@ -175,10 +197,10 @@ def bonded_law(
         ):
             e1 = elastic_1 + share * (t1 - elastic_1)
             e2 = elastic_2 + share * (t2 - elastic_2)
-            return normal, spring, t1, t2, e1, e2, 0.0, bonded, crushed, rise
+            return normal, spring, (t1, t2), 0.0, Bond((e1, e2), bonded, crushed, rise)
         bonded = 0.0
         if spring <= 0.0:
-            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+            return carries_nothing(0.0, crushed, rise)
         if breaks_at_once(strengths, i):  # the springs go at once, and no dashpot acts in this step
             normal = spring
             t1 = elastic_1 + k_s * slip_1
@@ -196,7 +218,7 @@ def bonded_law(
         slid = (size - cap) / max(stiff + mu * k_n * (1.0 + viscous) * dilation, NONE)
         lift = dilation * slid
     if normal + k_n * (1.0 + viscous) * lift <= 0.0 or spring + k_n * lift <= 0.0:
-        return 0.0, max(spring, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+        return carries_nothing(max(spring, 0.0), crushed, rise)
     if size > cap:
         rise += lift
         normal += k_n * (1.0 + viscous) * lift
@@ -217,41 +239,49 @@ def bonded_law(
     if share == 1.0:
         e1 = t1
         e2 = t2
-    return normal, spring, t1, t2, e1, e2, slid, bonded, crushed, rise
+    return normal, spring, (t1, t2), slid, Bond((e1, e2), bonded, crushed, rise)
 
 
 @jit
-def spring_of(strengths, i, k_n, g, area, bonded, crushed, rise):
+def spring_of(strengths, i, k_n, g, area, bond):
     """N of the normal spring of a point for a penetration ``g``, that of a step ago for instance."""
-    spring = k_n * (g + rise - crushed)
-    if bonded == 0.0 and spring < 0.0:
+    spring = k_n * (g + bond.rise - bond.crushed)
+    if bond.bonded == 0.0 and spring < 0.0:
         return 0.0
     most = strengths.crushing[i] * area
     return most if spring > most else spring
 
 
-@jit
-def bonded_losses(
-    strengths, i, area, friction, k_n, d, before, spring, normal, shear, slid, broke, deeper, lift, opened
-):  # fmt: skip
-    """What a step took from the springs of a point with strengths (J): by friction, the same by its law, by crushing,
-    by a bond that broke, let go by a point that opened, by opening or closing within the step, and what its dashpot
-    took more than by the growth of the penetration.
+class Losses(NamedTuple):
+    """What a step took from the springs of a point with strengths (J)."""
 
-    ``before`` and ``spring``: N of the normal spring a step ago and now, ``d`` the growth of the penetration (m);
-    ``shear``: see `shear_loss`; ``broke``: whether the bond did, ``deeper`` and ``lift``: growth of the crushed depth
-    and of the rise (m), ``opened``: whether the point let go of its shear. ``normal`` is N.
+    friction: float
+    by_law: float  # the friction by its law
+    crushing: float
+    fracture: float  # by a bond that broke
+    released: float  # let go by a point that opened
+    stepping: float  # by opening or closing within the step
+    dash: float  # by its dashpot, more than by the growth of the penetration
+
+
+@jit
+def bonded_losses(strengths, i, area, friction, k_n, d, springs, shear, slid, change):
+    """`Losses` of a point with the strengths ``i`` in a step.
+
+    ``springs``: N of the normal spring a step ago and now, and N; ``d``: growth of the penetration (m); ``shear``: see
+    `shear_loss`; ``slid``: slip path (m); ``change``: whether the bond broke, by how much the crushed depth and the
+    rise grew (m), whether the point let go of its shear.
     """
+    before, spring, normal = springs
+    broke, deeper, lift, opened = change
     across = 0.5 * (before + spring) * d - 0.5 * (spring * spring - before * before) / max(k_n, NONE)
     if broke:
-        return 0.0, 0.0, 0.0, shear + across, 0.0, 0.0, 0.0
+        return Losses(0.0, 0.0, 0.0, shear + across, 0.0, 0.0, 0.0)
     crush = strengths.crushing[i] * area * deeper if deeper > 0.0 else 0.0
     if slid > 0.0:
         by_law = residual_strength(strengths, i, area, friction, normal) - strengths.dilation[i] * normal
         if lift > 0.0:  # what lifts takes its work from friction, and the dashpot lengthens with it
             dash = (normal - spring) * (lift - deeper)
-            return shear + across - crush - dash, by_law * slid, crush, 0.0, 0.0, 0.0, dash
-        return shear, by_law * slid, crush, 0.0, 0.0, across - crush, 0.0
-    if opened:
-        return 0.0, 0.0, crush, 0.0, shear, across - crush, 0.0
-    return 0.0, 0.0, crush, 0.0, 0.0, across - crush, 0.0
+            return Losses(shear + across - crush - dash, by_law * slid, crush, 0.0, 0.0, 0.0, dash)
+        return Losses(shear, by_law * slid, crush, 0.0, 0.0, across - crush, 0.0)
+    return Losses(0.0, 0.0, crush, 0.0, shear if opened else 0.0, across - crush, 0.0)

@@ -38,18 +38,19 @@ EDGE = 1.0 - 1e-5
 THIN = 1e-4
 # Corners so little outside an edge (in half diameters of the joint) are on it.
 _ON_EDGE = 1e-13
-# Gauss rules of six and of three points from 0 to 1. With three the sums over a new contact are right to 1e-6 where it
-# is far.
-SIX_NODES = (
-    0.03376524289842403, 0.16939530676686776, 0.38069040695840156,
-    0.6193095930415985, 0.8306046932331322, 0.9662347571015759,
+# Gauss rules of six and of three points from 0 to 1: nodes, weights. With three the sums over a new contact are right
+# to 1e-6 where it is far.
+SIX = (
+    (
+        0.03376524289842403, 0.16939530676686776, 0.38069040695840156,
+        0.6193095930415985, 0.8306046932331322, 0.9662347571015759,
+    ),
+    (
+        0.08566224618958514, 0.18038078652406936, 0.23395696728634552,
+        0.23395696728634552, 0.18038078652406936, 0.08566224618958514,
+    ),
 )  # fmt: skip
-SIX_WEIGHTS = (
-    0.08566224618958514, 0.18038078652406936, 0.23395696728634552,
-    0.23395696728634552, 0.18038078652406936, 0.08566224618958514,
-)  # fmt: skip
-THREE_NODES = 0.1127016653792583, 0.5, 0.8872983346207417
-THREE_WEIGHTS = 5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0
+THREE = (0.1127016653792583, 0.5, 0.8872983346207417), (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 
 
 class Pressed(NamedTuple):
@@ -120,20 +121,24 @@ def cut(room, first, count, nx, ny, d, slack):
 
 
 @jit
-def place(pressed, a, x, y, first, last, e1, e2):
+def place(pressed, a, polygon, e1, e2):
     """Put the polygon, seen from e, where the pressed part of joint ``a`` is worked out; returns its first corner."""
     own = pressed.start[a]
-    for i in range(first, last):
-        pressed.x[own + i - first] = x[i] - e1
-        pressed.y[own + i - first] = y[i] - e2
+    for i in range(polygon.first, polygon.last):
+        pressed.x[own + i - polygon.first] = polygon.x[i] - e1
+        pressed.y[own + i - polygon.first] = polygon.y[i] - e2
     pressed.centre[a, 0] = e1
     pressed.centre[a, 1] = e2
     return own
 
 
 @jit
-def cut_by_reflection(pressed, a, x, y, first, last, e1, e2, slack):
+def cut_by_reflection(pressed, a, polygon, e1, e2, slack):
     """The pressed part by "effective": what the polygon has in common with its reflection through e."""
+    x = polygon.x
+    y = polygon.y
+    first = polygon.first
+    last = polygon.last
     xa = x[last - 1]
     ya = y[last - 1]
     most = 0.0
@@ -145,7 +150,7 @@ def cut_by_reflection(pressed, a, x, y, first, last, e1, e2, slack):
     if most > EDGE:
         e1 *= EDGE / most
         e2 *= EDGE / most
-    own = place(pressed, a, x, y, first, last, e1, e2)
+    own = place(pressed, a, polygon, e1, e2)
     count = last - first
     xa = x[last - 1] - e1
     ya = y[last - 1] - e2
@@ -164,15 +169,22 @@ def cut_by_reflection(pressed, a, x, y, first, last, e1, e2, slack):
 
 
 @jit
-def cut_by_opening(pressed, a, x, y, first, last, e1, e2, g0, gx, gy, size, slack):
-    """The pressed part by "linear": where the penetration g0 + gx x + gy y is positive, with that as its pressure."""
+def cut_by_opening(pressed, a, polygon, e1, e2, depth, slack):
+    """The pressed part by "linear": where the penetration ``depth``, g0 + gx x + gy y, is positive, with that as its
+    pressure."""
+    x = polygon.x
+    y = polygon.y
+    first = polygon.first
+    last = polygon.last
+    g0, gx, gy = depth
+    size = polygon.reach
     slope = sqrt(gx * gx + gy * gy)
     most = g0 + gx * x[first] + gy * y[first]
     for i in range(first + 1, last):
         most = max(most, g0 + gx * x[i] + gy * y[i])
     if most < THIN * size * slope:
         g0 += THIN * size * slope - most
-    own = place(pressed, a, x, y, first, last, e1, e2)
+    own = place(pressed, a, polygon, e1, e2)
     g = g0 + gx * e1 + gy * e2
     count = last - first
     if slope > 0.0:
@@ -182,18 +194,17 @@ def cut_by_opening(pressed, a, x, y, first, last, e1, e2, g0, gx, gy, size, slac
 
 
 @jit
-def follow_pressure(pressed, a, x, y, first, last, size, n, nx, ny, g0, gx, gy):
-    """Bring the pressed part of joint ``a`` up to date: N, its x and y moments and the penetration g0 + gx x + gy y.
-
-    ``size`` is the greatest corner distance of the joint from O. Joints of full pressure and open ones are left alone.
-    """
+def follow_pressure(pressed, a, polygon, pressure, depth):
+    """Bring the pressed part of joint ``a`` up to date: ``pressure``, N and its x and y moments (3), and ``depth``, the
+    penetration g0 + gx x + gy y (3). Joints of full pressure and open ones are left alone."""
+    n, nx, ny = pressure
     if pressed.kind[a] == FULL or n <= 0.0:
         return
-    slack = _ON_EDGE * size
+    slack = _ON_EDGE * polygon.reach
     if pressed.kind[a] == EFFECTIVE:
-        cut_by_reflection(pressed, a, x, y, first, last, nx / n, ny / n, slack)
+        cut_by_reflection(pressed, a, polygon, nx / n, ny / n, slack)
     else:
-        cut_by_opening(pressed, a, x, y, first, last, nx / n, ny / n, g0, gx, gy, size, slack)
+        cut_by_opening(pressed, a, polygon, nx / n, ny / n, depth, slack)
     # by a fan of triangles from e: scale the density to a whole of one, and see the part from its middle, which is off
     # e where the pressed depth was too thin
     own = pressed.start[a]
@@ -283,11 +294,15 @@ def weighted_edge_sums(x, y, first, last, p0, px, py, c1, c2):
 
 
 @jit
-def gauss_sums(x, y, first, last, p0, px, py, v1, v2, w, nodes, weights):
-    """D, its gradient and second derivatives about the polygon's origin by a Gauss rule on the fan of triangles.
+def gauss_sums(x, y, first, last, density, twist, rule):
+    """D, its gradient and second derivatives about the polygon's origin by a Gauss ``rule`` (nodes, weights) on the fan
+    of triangles, under the pressure ``density`` (3) for a ``twist`` (3).
 
     For torsion centres further than ``FAR`` half diameters. Returns D, V1, V2, M, H11, H12, H22, H13, H23, H33.
     """
+    p0, px, py = density
+    v1, v2, w = twist
+    nodes, weights = rule
     d = g1 = g2 = g3 = h11 = h12 = h22 = h13 = h23 = h33 = 0.0
     xa = x[last - 1]
     ya = y[last - 1]
@@ -346,11 +361,11 @@ def pressed_surface(pressed, a, v1, v2, w):
             last = first + pressed.count[i]
             if pressed.kind[a] == PATCHES:
                 d_, g1_, g2_, g3_, h11_, h12_, h22_, h13_, h23_, h33_ = gauss_sums(
-                    x, y, first, last, p[0], p[1], p[2], v1, v2, w, THREE_NODES, THREE_WEIGHTS
+                    x, y, first, last, (p[0], p[1], p[2]), (v1, v2, w), THREE
                 )
             else:
                 d_, g1_, g2_, g3_, h11_, h12_, h22_, h13_, h23_, h33_ = gauss_sums(
-                    x, y, first, last, p[0], p[1], p[2], v1, v2, w, SIX_NODES, SIX_WEIGHTS
+                    x, y, first, last, (p[0], p[1], p[2]), (v1, v2, w), SIX
                 )
             d += d_
             g1 += g1_

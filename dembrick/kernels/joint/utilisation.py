@@ -7,9 +7,13 @@ where the joint turns about one of its points and that point sticks; whether the
 """
 
 from math import inf, sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.limit_surface import gauge
+from dembrick.kernels.joint.geometry import Polygon
+from dembrick.kernels.joint.limit_surface import LimitSurface, gauge
 from dembrick.kernels.joint.pressure import follow_pressure
 from dembrick.kernels.math.vec3 import cross, put_vector, tangent
 
@@ -25,17 +29,39 @@ FEW = 8
 NO_MOMENT = 1e-4
 
 
+class FrictionPoints(NamedTuple):
+    """The points ``first`` to ``last`` - 1, which give forces up to ``weight`` (N) each."""
+
+    x: ndarray  # (c,) m
+    y: ndarray  # (c,) m
+    weight: ndarray  # (c,) N
+    first: int
+    last: int
+
+
+class Outlines(NamedTuple):
+    """Polygons of convex joints: number i has the vertices ``start[i]:start[i + 1]`` of ``x``, ``y``."""
+
+    x: ndarray  # (v,) m about O, counter-clockwise
+    y: ndarray  # (v,) m
+    start: ndarray  # (i + 1,) int64
+    area: ndarray  # (i,) m2
+    reach: ndarray  # (i,) m, greatest vertex distance from O
+    far: ndarray  # (i, 42) coefficients of `limit_surface.far_field`
+
+
 @jit
-def point_dissipation(x, y, weight, first, last, v1, v2, w, smoothing):
+def point_dissipation(points, v1, v2, w, smoothing):
     """D, its gradient (3) and second derivatives (6: 11, 12, 22, 13, 23, 33) of Coulomb friction at points.
 
     ``smoothing`` is a speed that rounds the kinks off: sqrt(speed^2 + smoothing^2) in place of the speed.
     """
     d = g1 = g2 = g3 = h11 = h12 = h22 = h13 = h23 = h33 = 0.0
     ss = smoothing * smoothing
-    for i in range(first, last):
-        px = x[i]
-        py = y[i]
+    weight = points.weight
+    for i in range(points.first, points.last):
+        px = points.x[i]
+        py = points.y[i]
         u1 = v1 - w * py
         u2 = v2 + w * px
         speed = sqrt(u1 * u1 + u2 * u2 + ss)
@@ -59,8 +85,13 @@ def point_dissipation(x, y, weight, first, last, v1, v2, w, smoothing):
 
 
 @jit
-def best_kink(x, y, weight, first, last, f1, f2, m):
+def best_kink(points, f1, f2, m):
     """Greatest lower bound by turning about one of the points, the point, and whether it is the gauge itself."""
+    x = points.x
+    y = points.y
+    weight = points.weight
+    first = points.first
+    last = points.last
     best = 0.0
     where = first
     for i in range(first, last):
@@ -99,14 +130,12 @@ def best_kink(x, y, weight, first, last, f1, f2, m):
 
 
 @jit
-def plane_step(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothing):
+def plane_step(points, e, reach, z1, z2, b, smoothing):
     """D at the twist e + z1 b1 + z2 b2 (torsion times ``reach``), its gradient (2) and Hessian (3) in z."""
-    q1 = e1 + z1 * b[0] + z2 * b[3]
-    q2 = e2 + z1 * b[1] + z2 * b[4]
-    q3 = e3 + z1 * b[2] + z2 * b[5]
-    d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = point_dissipation(
-        x, y, weight, first, last, q1, q2, q3 / reach, smoothing
-    )
+    q1 = e[0] + z1 * b[0] + z2 * b[3]
+    q2 = e[1] + z1 * b[1] + z2 * b[4]
+    q3 = e[2] + z1 * b[2] + z2 * b[5]
+    d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = point_dissipation(points, q1, q2, q3 / reach, smoothing)
     g3 /= reach
     h13 /= reach
     h23 /= reach
@@ -124,12 +153,12 @@ def plane_step(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothin
 
 
 @jit
-def minimum(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothing, tolerance):
+def minimum(points, e, reach, z1, z2, b, smoothing, tolerance):
     """Least D on the plane of twists with power one, by guarded Newton from (z1, z2); z1, z2, D, whether converged.
 
     The Newton decrement, twice the expected gain, has then come below ``tolerance`` D.
     """
-    d, g1, g2, h11, h12, h22 = plane_step(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothing)
+    d, g1, g2, h11, h12, h22 = plane_step(points, e, reach, z1, z2, b, smoothing)
     for _ in range(MAX_NEWTON):
         ridge = 1e-15 * (h11 + h22)
         a = h11 + ridge
@@ -147,9 +176,7 @@ def minimum(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothing, 
         step = 1.0
         moved = False
         for _ in range(40):
-            t, b1, b2, k11, k12, k22 = plane_step(
-                e1, e2, e3, reach, z1 + step * p1, z2 + step * p2, b, x, y, weight, first, last, smoothing
-            )
+            t, b1, b2, k11, k12, k22 = plane_step(points, e, reach, z1 + step * p1, z2 + step * p2, b, smoothing)
             if t < d - 1e-4 * step * decrement:
                 moved = True
                 break
@@ -163,8 +190,8 @@ def minimum(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothing, 
 
 
 @jit
-def point_gauge(x, y, weight, first, last, f1, f2, m, q, basis):
-    """Gauge of (f1, f2, m) where the points ``first:last`` give forces up to ``weight`` each.
+def point_gauge(points, f1, f2, m, q, basis):
+    """Gauge of (f1, f2, m) where `FrictionPoints` give what they can.
 
     The least D over the twists of power one is a convex problem in two unknowns. A kink that proves to be the optimum
     ends it at once; else Newton's iteration from the twist ``q`` (3,), which is replaced; where that fails, close to a
@@ -173,18 +200,22 @@ def point_gauge(x, y, weight, first, last, f1, f2, m, q, basis):
     if f1 == 0.0 and f2 == 0.0 and m == 0.0:
         return 0.0
     best = 0.0
-    if last - first <= FEW:
-        best, i, optimal = best_kink(x, y, weight, first, last, f1, f2, m)
+    x = points.x
+    y = points.y
+    few = points.last - points.first <= FEW
+    if few:
+        best, i, optimal = best_kink(points, f1, f2, m)
         if optimal:
             return best
     reach = 0.0
-    for i in range(first, last):
+    for i in range(points.first, points.last):
         reach = max(reach, x[i] * x[i] + y[i] * y[i])
     reach = sqrt(reach)
     size = sqrt(f1 * f1 + f2 * f2 + m * m / (reach * reach))
     e1 = f1 / size
     e2 = f2 / size
     e3 = m / (reach * size)
+    e = (e1, e2, e3)
     b1, b2, b3 = tangent(e1, e2, e3)  # two directions across the load
     put_vector(basis, b1, b2, b3)
     put_vector(basis[3:], *cross(e1, e2, e3, b1, b2, b3))
@@ -193,11 +224,11 @@ def point_gauge(x, y, weight, first, last, f1, f2, m, q, basis):
     if power > 1e-3 * sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] * reach * reach):
         z1 = (basis[0] * q[0] + basis[1] * q[1] + basis[2] * q[2] * reach) / power
         z2 = (basis[3] * q[0] + basis[4] * q[1] + basis[5] * q[2] * reach) / power
-    z1, z2, d, converged = minimum(e1, e2, e3, reach, z1, z2, basis, x, y, weight, first, last, 0.0, TOLERANCE)
+    z1, z2, d, converged = minimum(points, e, reach, z1, z2, basis, 0.0, TOLERANCE)
     best = max(best, size / d)
     if not converged:
-        if last - first > FEW:
-            kink, i, optimal = best_kink(x, y, weight, first, last, f1, f2, m)
+        if not few:
+            kink, i, optimal = best_kink(points, f1, f2, m)
             if optimal:
                 return kink
             best = max(best, kink)
@@ -205,10 +236,8 @@ def point_gauge(x, y, weight, first, last, f1, f2, m, q, basis):
         smoothing = 1.0
         for _ in range(LEVELS):
             smoothing *= 0.1
-            z1, z2, d, converged = minimum(
-                e1, e2, e3, reach, z1, z2, basis, x, y, weight, first, last, smoothing, TOLERANCE
-            )
-            sharp = plane_step(e1, e2, e3, reach, z1, z2, basis, x, y, weight, first, last, 0.0)[0]
+            z1, z2, d, converged = minimum(points, e, reach, z1, z2, basis, smoothing, TOLERANCE)
+            sharp = plane_step(points, e, reach, z1, z2, basis, 0.0)[0]
             best = max(best, size / sharp)
     q[0] = e1 + z1 * basis[0] + z2 * basis[3]
     q[1] = e2 + z1 * basis[1] + z2 * basis[4]
@@ -238,18 +267,17 @@ def point_gauges(x, y, start, joint, friction, normal, force, twist, basis, gaug
             elif mu <= 0.0 or total <= 0.0:
                 gauge_out[k, j] = inf
             else:
-                gauge_out[k, j] = point_gauge(
-                    x, y, normal[k], start[p], start[p + 1], f1 / mu, f2 / mu, m / mu, twist[p], basis
-                )
+                points = FrictionPoints(x, y, normal[k], start[p], start[p + 1])
+                gauge_out[k, j] = point_gauge(points, f1 / mu, f2 / mu, m / mu, twist[p], basis)
 
 
 @jit
-def area_gauges(x, y, start, area, reach, far, shape, joint, pressed, bending, strength, force, twist, gauge_out):
-    """Utilisation of the convex joints ``joint`` (a,), of the polygons ``shape`` (a,), in every frame.
+def area_gauges(outlines, shape, joint, pressed, bending, strength, force, twist, gauge_out):
+    """Utilisation of the convex joints ``joint`` (a,), of the polygons ``shape`` (a,) of `Outlines`, in every frame.
 
-    ``strength`` (f, j) N is V_0, ``force`` (f, j, 3), ``twist`` (a, 3) memory, ``gauge_out`` (f, j). Polygon i has
-    the vertices ``start[i]:start[i + 1]`` of ``x``, ``y``. Where friction follows the bending, ``pressed`` (else None)
-    is room for that, and ``bending`` (f, j, 6) holds N, M_1, M_2 and the opening dn, r1, r2.
+    ``strength`` (f, j) N is V_0, ``force`` (f, j, 3), ``twist`` (a, 3) memory, ``gauge_out`` (f, j). Where friction
+    follows the bending, ``pressed`` (else None) is room for that, and ``bending`` (f, j, 6) holds N, M_1, M_2 and the
+    opening dn, r1, r2.
     """
     for k in range(force.shape[0]):
         for a in range(joint.size):
@@ -261,15 +289,15 @@ def area_gauges(x, y, start, area, reach, far, shape, joint, pressed, bending, s
             elif strong <= 0.0:
                 gauge_out[k, j] = inf
             else:
+                start = outlines.start
+                reach = outlines.reach[i]
+                polygon = Polygon(outlines.x, outlines.y, start[i], start[i + 1], outlines.area[i], None, reach)
                 if pressed is not None:
                     b = bending[k, j]
-                    follow_pressure(
-                        pressed, a, x, y, start[i], start[i + 1], reach[i], b[0], b[2], -b[1], -b[3], b[5], -b[4]
-                    )
-                g, q1, q2, q3 = gauge(
-                    x, y, start[i], start[i + 1], area[i], reach[i], far[i], pressed, a,
-                    force[k, j, 0] / strong, force[k, j, 1] / strong, force[k, j, 2] / strong,
-                    twist[a, 0], twist[a, 1], twist[a, 2], 0.0,
-                )  # fmt: skip
+                    follow_pressure(pressed, a, polygon, (b[0], b[2], -b[1]), (-b[3], b[5], -b[4]))
+                limit = LimitSurface(polygon, outlines.far[i], reach, 0.0, pressed, a)
+                f = force[k, j]
+                q = twist[a]
+                g, (q1, q2, q3) = gauge(limit, (f[0] / strong, f[1] / strong, f[2] / strong), (q[0], q[1], q[2]))
                 gauge_out[k, j] = g
                 put_vector(twist[a], q1, q2, q3)

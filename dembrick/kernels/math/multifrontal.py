@@ -62,43 +62,68 @@ class Rounded(NamedTuple):
 
 
 @jit
-def subtract_three(c0, c1, c2, m0, m1, m2, b0, b1, b2, b3, b4, b5):
-    """Subtract from three rows six multiples each of the rows b."""
+def subtract_three(c, multiples, b):
+    """Subtract from three rows c six ``multiples`` each of the rows b."""
+    c0, c1, c2 = c
+    m0, m1, m2 = multiples
+    b0, b1, b2, b3, b4, b5 = b
     p0, p1, p2, p3, p4, p5 = m0[0], m0[1], m0[2], m0[3], m0[4], m0[5]
     q0, q1, q2, q3, q4, q5 = m1[0], m1[1], m1[2], m1[3], m1[4], m1[5]
     r0, r1, r2, r3, r4, r5 = m2[0], m2[1], m2[2], m2[3], m2[4], m2[5]
-    for c in range(c0.size):
-        x0 = b0[c]
-        x1 = b1[c]
-        x2 = b2[c]
-        x3 = b3[c]
-        x4 = b4[c]
-        x5 = b5[c]
-        c0[c] -= ((p0 * x0 + p1 * x1) + (p2 * x2 + p3 * x3)) + (p4 * x4 + p5 * x5)
-        c1[c] -= ((q0 * x0 + q1 * x1) + (q2 * x2 + q3 * x3)) + (q4 * x4 + q5 * x5)
-        c2[c] -= ((r0 * x0 + r1 * x1) + (r2 * x2 + r3 * x3)) + (r4 * x4 + r5 * x5)
+    for i in range(c0.size):
+        x0 = b0[i]
+        x1 = b1[i]
+        x2 = b2[i]
+        x3 = b3[i]
+        x4 = b4[i]
+        x5 = b5[i]
+        c0[i] -= ((p0 * x0 + p1 * x1) + (p2 * x2 + p3 * x3)) + (p4 * x4 + p5 * x5)
+        c1[i] -= ((q0 * x0 + q1 * x1) + (q2 * x2 + q3 * x3)) + (q4 * x4 + q5 * x5)
+        c2[i] -= ((r0 * x0 + r1 * x1) + (r2 * x2 + r3 * x3)) + (r4 * x4 + r5 * x5)
+
+
+class Panel(NamedTuple):
+    """A dense matrix by rows in a flat array."""
+
+    values: ndarray
+    first: int  # place of its first entry
+    wide: int  # entries from row to row
+
+
+@jit
+def row_of(panel, i, column, size):
+    """Where the entries of row ``i`` of a `Panel` from a ``column`` on are."""
+    start = panel.first + i * panel.wide + column
+    return slice(start, start + size)
 
 
 @entry
-def subtract_product(c, at_c, wide_c, a, at_a, wide_a, b, at_b, wide_b, rows, depth, columns):
-    """C -= A B of dense matrices by rows in flat arrays: first entry ``at`` and entries from row to row ``wide`` each.
-
-    ``rows`` is a multiple of three, ``depth`` of six.
-    """
+def subtract_product(c, a, b, rows, depth, columns):
+    """C -= A B of three `Panel`; ``rows`` is a multiple of three, ``depth`` of six."""
     for column in range(0, columns, AT_ONCE):
         n = min(AT_ONCE, columns - column)
         for k in range(0, depth, SIX):
-            s = at_b + k * wide_b + column
             for i in range(0, rows, 3):
-                t = at_c + i * wide_c + column
-                m = at_a + i * wide_a + k
                 subtract_three(
-                    c[t : t + n], c[t + wide_c : t + wide_c + n], c[t + 2 * wide_c : t + 2 * wide_c + n],
-                    a[m : m + SIX], a[m + wide_a : m + wide_a + SIX], a[m + 2 * wide_a : m + 2 * wide_a + SIX],
-                    b[s : s + n], b[s + wide_b : s + wide_b + n], b[s + 2 * wide_b : s + 2 * wide_b + n],
-                    b[s + 3 * wide_b : s + 3 * wide_b + n], b[s + 4 * wide_b : s + 4 * wide_b + n],
-                    b[s + 5 * wide_b : s + 5 * wide_b + n],
-                )  # fmt: skip
+                    (
+                        c.values[row_of(c, i, column, n)],
+                        c.values[row_of(c, i + 1, column, n)],
+                        c.values[row_of(c, i + 2, column, n)],
+                    ),
+                    (
+                        a.values[row_of(a, i, k, SIX)],
+                        a.values[row_of(a, i + 1, k, SIX)],
+                        a.values[row_of(a, i + 2, k, SIX)],
+                    ),
+                    (
+                        b.values[row_of(b, k, column, n)],
+                        b.values[row_of(b, k + 1, column, n)],
+                        b.values[row_of(b, k + 2, column, n)],
+                        b.values[row_of(b, k + 3, column, n)],
+                        b.values[row_of(b, k + 4, column, n)],
+                        b.values[row_of(b, k + 5, column, n)],
+                    ),
+                )
 
 
 @jit
@@ -260,19 +285,17 @@ def eliminate(fronts, left_a, left_b, middle, first, stop, threshold, least):
             if failed >= 0:
                 return row + failed - failed % SIX
             below = k + SIX
-            right = start + k * wide + below
+            right = Panel(entries, start + k * wide + below, wide)
+            rest = Panel(entries, start + below * wide + below, wide)
             subtract_product(
-                entries, start + below * wide + below, wide, entries, start + below * wide + k, wide,
-                entries, right, wide, pivots - below, SIX, wide - below,
-            )  # fmt: skip
+                rest, Panel(entries, start + below * wide + k, wide), right, pivots - below, SIX, wide - below
+            )
             divide_six(entries, start, wide, lower, pivots, boundary, k)
-            subtract_product(
-                entries, lower + below, pivots, entries, lower + k, pivots,
-                entries, right, wide, boundary, SIX, pivots - below,
-            )  # fmt: skip
-        subtract_product(
-            room, update, boundary, entries, lower, pivots, entries, start + pivots, wide, boundary, pivots, boundary
-        )  # fmt: skip
+            rest = Panel(entries, lower + below, pivots)
+            subtract_product(rest, Panel(entries, lower + k, pivots), right, boundary, SIX, pivots - below)
+        top = Panel(entries, start + pivots, wide)
+        rest = Panel(room, update, boundary)
+        subtract_product(rest, Panel(entries, lower, pivots), top, boundary, pivots, boundary)
     return -1
 
 

@@ -4,6 +4,8 @@ from math import sqrt
 
 from dembrick._jit import jit
 
+NO_MOMENT = (0.0, 0.0, 0.0)
+
 
 @jit
 def cross(a1, a2, a3, b1, b2, b3):
@@ -43,6 +45,12 @@ def tangent(e1, e2, e3):
 
 
 @jit
+def three_of(row):
+    """The first three numbers of a row."""
+    return row[0], row[1], row[2]
+
+
+@jit
 def put_vector(row, a1, a2, a3):
     """Write a vector into the first three numbers of a row."""
     row[0] = a1
@@ -51,12 +59,12 @@ def put_vector(row, a1, a2, a3):
 
 
 @jit
-def add_wrench(wrench, sense, f1, f2, f3, m1, m2, m3, r1, r2, r3):
+def add_wrench(wrench, sense, f, m, r):
     """Add ``sense`` times a force f and a couple m, at the arm r, to a ``wrench`` (6,)."""
-    c1, c2, c3 = cross(r1, r2, r3, f1, f2, f3)
-    wrench[0] += sense * f1
-    wrench[1] += sense * f2
-    wrench[2] += sense * f3
-    wrench[3] += sense * (m1 + c1)
-    wrench[4] += sense * (m2 + c2)
-    wrench[5] += sense * (m3 + c3)
+    c1, c2, c3 = cross(r[0], r[1], r[2], f[0], f[1], f[2])
+    wrench[0] += sense * f[0]
+    wrench[1] += sense * f[1]
+    wrench[2] += sense * f[2]
+    wrench[3] += sense * (m[0] + c1)
+    wrench[4] += sense * (m[1] + c2)
+    wrench[5] += sense * (m[2] + c3)

@@ -11,19 +11,22 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.joint.area_law import (
+    Memory,
     area_friction,
     area_pressure,
     area_springs,
     bonded_area,
     follow_bending,
+    shear_springs,
     spring_pressure,
     springs_hold,
 )
-from dembrick.kernels.joint.limit_surface import gauge, surface
+from dembrick.kernels.joint.geometry import Polygon
+from dembrick.kernels.joint.limit_surface import LimitSurface, gauge, surface
 from dembrick.kernels.joint.no_tension import extremes
 from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import Pressed
-from dembrick.kernels.math.vec3 import put_vector
+from dembrick.kernels.math.vec3 import put_vector, three_of
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
 
@@ -92,64 +95,69 @@ def of_scene(areas, lone, i):
 
 
 @jit
-def forces(areas, a, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and, with ``energy`` (not
-    None), energy_terms the work of the step."""
-    return forces_by(
-        areas.strengths, areas.bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
-    )
+def limit_of(areas, a):
+    """The `LimitSurface` of convex joint ``a``, as it is pressed now."""
+    return limit_under(areas.pressed, areas, a)
 
 
 @jit
-def forces_by(strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+def limit_under(pressed, areas, a):
+    """The `LimitSurface` of convex joint ``a`` under that pressure; None: full."""
+    polygon = Polygon(
+        areas.x, areas.y, areas.start[a], areas.start[a + 1], areas.area[a], three_of(areas.second[a]), areas.reach[a]
+    )
+    return LimitSurface(polygon, areas.far[a], areas.reach[a], areas.radius[a], pressed, a)
+
+
+@jit
+def forces(areas, a, before, motion, viscous, energy):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a`` for a `Motion`; updates its memory and, with
+    ``energy`` (not None), energy_terms the work of the step. ``viscous``: as of `point_joints`."""
+    return forces_by(areas.strengths, areas.bonds, areas, a, motion, viscous, energy)
+
+
+@jit
+def forces_by(strengths, bonds, areas, a, motion, viscous, energy):
     """`forces` by the law that the joints have: dry if ``strengths`` is None."""
     if strengths is not None:
-        return bonded_forces(
-            strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
-        )
-    return dry_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy)
+        return bonded_forces(strengths, bonds, areas, a, motion, viscous, energy)
+    return dry_forces(areas, a, motion, viscous, energy)
 
 
 @jit
-def bonded_forces(strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+def bonded_forces(strengths, bonds, areas, a, motion, viscous, energy):
     """`forces` of a joint of a scene where some have strengths."""
-    first = areas.start[a]
-    last = areas.start[a + 1]
-    x = areas.x
-    y = areas.y
-    area = areas.area[a]
-    second = areas.second[a]
-    reach = areas.reach[a]
+    limit = limit_under(None, areas, a)
+    polygon = limit.polygon
     k_n = areas.k_n[a]
     elastic = areas.elastic[a]
     twist = areas.twist[a]
-    b1 = elastic[0]
-    b2 = elastic[1]
-    br = elastic[2]
+    b1, b2, br = three_of(elastic)
     bond = bonds.bonded[a]
     rise = bonds.rise[a]
     most = strengths.crushing[a] / k_n
-    n, nx, ny, v1, v2, mt, e1, e2, er, q1, q2, qr, w1, w2, wr, slid, evaluations, bonded, risen = bonded_area(
-        x, y, first, last, area, second, reach, areas.far[a], areas.radius[a], strengths, a, k_n, areas.k_s[a],
-        areas.friction[a], 0.0, viscous_n, 1.0 + viscous_s, bond, rise, -dn, r2, -r1, -pn, pr2, -pr1, p1, p2, pr, b1,
-        b2, br, twist[0], twist[1], twist[2],
+    g0, gx, gy = motion.depth
+    (n, nx, ny), (v1, v2, mt), (q1, q2, qr), slid, evaluations, memory = bonded_area(
+        limit, strengths, a, (k_n, areas.k_s[a]), areas.friction[a], 0.0, (viscous[0], 1.0 + viscous[1]), motion,
+        Memory((b1, b2, br), three_of(twist), bond, rise),
     )  # fmt: skip
+    e1, e2, er = memory.elastic
+    bonded = memory.bonded
+    risen = memory.rise
     put_vector(elastic, e1, e2, er)
-    put_vector(twist, w1, w2, wr)
+    put_vector(twist, *memory.start)
     areas.slip[a] += slid
     areas.evaluations[a] += evaluations
     bonds.bonded[a] = bonded
     bonds.rise[a] = risen
-    still, still_x, still_y, beyond = area_springs(
-        x, y, first, last, area, second, reach, bonded, most, risen - dn, r2, -r1
-    )
+    (still, still_x, still_y), beyond = area_springs(polygon, bonded, most, g0 + risen, gx, gy)
     if energy is not None:
-        before, before_x, before_y, crushed = area_springs(
-            x, y, first, last, area, second, reach, bond, most, rise - dn + pn, r2 - pr2, pr1 - r1
-        )
-        across = springs_hold(x, y, first, last, area, second, reach, bond, rise, most, pn - dn, r2 - pr2, pr1 - r1)
-        across -= springs_hold(x, y, first, last, area, second, reach, bonded, risen, most, -dn, r2, -r1)
-        across += (before_x + still_x) * pr2 - (before_y + still_y) * pr1 - (before + still) * pn
+        d0, dx, dy = motion.growth
+        o0, ox, oy = g0 - d0, gx - dx, gy - dy
+        (before, before_x, before_y), crushed = area_springs(polygon, bond, most, o0 + rise, ox, oy)
+        across = springs_hold(polygon, bond, rise, most, o0, ox, oy)
+        across -= springs_hold(polygon, bonded, risen, most, g0, gx, gy)
+        across += (before_x + still_x) * dx + (before_y + still_y) * dy + (before + still) * d0
         across *= 0.5 * k_n
         crushing = strengths.crushing[a] * (beyond - crushed) if beyond > crushed else 0.0
         shear = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (br + er) * qr)
@@ -166,12 +174,12 @@ def bonded_forces(strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, 
         else:
             energy.work[DAMPING] += shear
         energy.work[DAMPING] += 0.5 * dashpot_work(
-            energy.dash[areas.joint[a]], v1 - e1, v2 - e2, mt - er, n - k_n * still, k_n * still_y - ny,
-            nx - k_n * still_x, p1, p2, pr, pn, pr1, pr2,
+            energy.dash[areas.joint[a]], (v1 - e1, v2 - e2, mt - er),
+            (n - k_n * still, k_n * still_y - ny, nx - k_n * still_x), motion,
         )  # fmt: skip
     bonds.crushed[a] = beyond
     bonds.normal[a] = n
-    bonds.least[a] = k_n * extremes(x, y, first, last, risen - dn, r2, -r1)[0]
+    bonds.least[a] = k_n * extremes(polygon.x, polygon.y, polygon.first, polygon.last, g0 + risen, gx, gy)[0]
     bonds.more[a] = k_n * still * risen
     if beyond > 0.0:
         bonds.more[a] -= strengths.crushing[a] * beyond
@@ -179,38 +187,30 @@ def bonded_forces(strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, 
 
 
 @jit
-def dry_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+def dry_forces(areas, a, motion, viscous, energy):
     """`forces` of a joint of a scene in which none has strengths."""
-    first = areas.start[a]
-    last = areas.start[a + 1]
-    area = areas.area[a]
-    second = areas.second[a]
-    reach = areas.reach[a]
+    limit = limit_of(areas, a)
+    polygon = limit.polygon
     k_n = areas.k_n[a]
-    volume, moment_x, moment_y, h0, hx, hy = area_pressure(
-        areas.x, areas.y, first, last, area, second, reach, viscous_n, -dn, r2, -r1, -pn, pr2, -pr1
-    )
-    n = k_n * volume
-    m1 = -k_n * moment_y
-    m2 = k_n * moment_x
-    follow_bending(areas.pressed, a, areas.x, areas.y, first, last, reach, volume, moment_x, moment_y, h0, hx, hy)
-    k_t = areas.k_s[a] * area
-    k_r = areas.k_s[a] * (second[0] + second[1])
+    pressure, depth = area_pressure(polygon, viscous[0], motion.depth, motion.growth)
+    n = k_n * pressure[0]
+    m1 = -k_n * pressure[2]
+    m2 = k_n * pressure[1]
+    follow_bending(areas.pressed, a, polygon, pressure, depth)
     elastic = areas.elastic[a]
     twist = areas.twist[a]
-    old_1 = elastic[0]
-    old_2 = elastic[1]
-    old_r = elastic[2]
-    v1, v2, mt, e1, e2, er, q1, q2, qr, w1, w2, wr, slid, evaluations = area_friction(
-        areas.x, areas.y, first, last, area, reach, areas.far[a], areas.pressed, a, areas.radius[a], n,
-        areas.friction[a], 0.0, k_t, k_r, 1.0 + viscous_s, p1, p2, pr, old_1, old_2, old_r, twist[0], twist[1],
-        twist[2],
+    old = three_of(elastic)
+    shear, new, slipped, start, slid, evaluations = area_friction(
+        limit, n, areas.friction[a], 0.0, shear_springs(polygon, areas.k_s[a]), 1.0 + viscous[1], motion.slip, old,
+        three_of(twist),
     )  # fmt: skip
-    put_vector(elastic, e1, e2, er)
-    put_vector(twist, w1, w2, wr)
+    put_vector(elastic, *new)
+    put_vector(twist, *start)
+    v1, v2, mt = shear
     areas.slip[a] += slid
     if energy is not None:
-        loss = 0.5 * ((old_1 + e1) * q1 + (old_2 + e2) * q2 + (old_r + er) * qr)
+        q1, q2, qr = slipped
+        loss = 0.5 * ((old[0] + new[0]) * q1 + (old[1] + new[1]) * q2 + (old[2] + new[2]) * qr)
         if n > 0.0:
             energy.work[SLIDING] += loss
             energy.work[BY_LAW] += v1 * q1 + v2 * q2 + mt * qr
@@ -218,10 +218,10 @@ def dry_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscou
                 energy.work[LEAST] = min(energy.work[LEAST], loss)
         else:  # an open joint lets go of what its springs held
             energy.work[DAMPING] += loss
-        still, still_x, still_y = spring_pressure(areas.x, areas.y, first, last, area, second, reach, -dn, r2, -r1)
+        still, still_x, still_y = spring_pressure(polygon, *motion.depth)
         energy.work[DAMPING] += 0.5 * dashpot_work(
-            energy.dash[areas.joint[a]], v1 - e1, v2 - e2, mt - er, n - k_n * still, m1 + k_n * still_y,
-            m2 - k_n * still_x, p1, p2, pr, pn, pr1, pr2,
+            energy.dash[areas.joint[a]], (v1 - new[0], v2 - new[1], mt - new[2]),
+            (n - k_n * still, m1 + k_n * still_y, m2 - k_n * still_x), motion,
         )  # fmt: skip
     areas.evaluations[a] += evaluations
     return n, v1, v2, mt, m1, m2, areas.slip[a]
@@ -234,20 +234,7 @@ def dissipation(areas, a, rest, normal, q1, q2, qr):
     size = max(abs(q1), abs(q2), abs(qr) * areas.reach[a])
     if size == 0.0:
         return 0.0
-    d = surface(
-        areas.x,
-        areas.y,
-        areas.start[a],
-        areas.start[a + 1],
-        areas.area[a],
-        areas.reach[a],
-        areas.far[a],
-        areas.pressed,
-        a,
-        q1 / size,
-        q2 / size,
-        qr / size,
-    )[0]
+    d = surface(limit_of(areas, a), q1 / size, q2 / size, qr / size)[0]
     return strength(areas.strengths, areas.bonds, areas, a, normal) * size * d
 
 
@@ -342,10 +329,7 @@ def bound_twist(areas, a, joints):
 @jit
 def area_gauge(areas, a, f1, f2, m):
     """Gauge of a tangential force over V_0 in the limit set of convex joint ``a``, as it is pressed now."""
-    return gauge(
-        areas.x, areas.y, areas.start[a], areas.start[a + 1], areas.area[a], areas.reach[a], areas.far[a],
-        areas.pressed, a, f1, f2, m, 0.0, 0.0, 0.0, 0.0,
-    )[0]  # fmt: skip
+    return gauge(limit_of(areas, a), (f1, f2, m), (0.0, 0.0, 0.0))[0]
 
 
 @jit

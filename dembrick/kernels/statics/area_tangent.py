@@ -6,6 +6,7 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.limit_surface import solve_symmetric, surface
 from dembrick.kernels.joint.no_tension import extremes, pressed_moments
 from dembrick.kernels.joint.pressure import FULL
+from dembrick.kernels.statics.area_joints import limit_of
 
 
 @jit
@@ -60,9 +61,7 @@ def tangent(areas, memory, a, normal, dn, r1, r2, out):
     friction = areas.friction[a]
     if friction > 0.0:
         q = areas.twist[a]
-        _, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(
-            x, y, first, last, whole, reach, areas.far[a], areas.pressed, a, q[0], q[1], q[2]
-        )
+        _, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(limit_of(areas, a), q[0], q[1], q[2])
         v = friction * normal
         h11 = k_t + v * h11
         h22 = k_t + v * h22

@@ -16,7 +16,8 @@ from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.certify import certify
 from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
-from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive, advance, settle
+from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive, Relaxing, advance
+from dembrick.kernels.statics.state import State
 
 FALLS = 5  # besides the states of `advance`: the dead loads alone bring the block down
 
@@ -47,16 +48,13 @@ class Settings(NamedTuple):
     stretch: int
 
 
-class Lone(NamedTuple):
-    """What all scenes share: the numbers of the one joint and of its blocks in their own arrays."""
+class Room(NamedTuple):
+    """Where the scenes of one call work, one after another, and the numbers of the one joint and of its blocks in their
+    own arrays, which all share."""
 
     zero: ndarray  # (1,) int64, 0
     one: ndarray  # (1,) int64, 1
-
-
-class Room(NamedTuple):
-    """Where the scenes of one call work, one after another."""
-
+    ratio: ndarray  # (1,), see `Relaxing`
     window: ndarray  # (window, 4), see `Certificate`
     doubling: ndarray  # (6,)
     start: ndarray  # (2,), see `Guard`
@@ -143,30 +141,34 @@ def clear(room):
 
 
 @jit
-def dead_load_equilibrium(first, blocks, joints, points, areas, inertia, settings):
+def dead_load_equilibrium(first, state, inertia, settings, ratio):
     """Equilibrium under the dead loads, as ``simulation.statics.dead_load`` finds it; False if there is none.
 
     ``first`` is 0, of the type that a scene of its own has compiled, which a literal is not."""
-    ratio = 1.0
+    ratio[0] = 1.0
     for attempt in range(2):
         most = settings.first_steps if attempt == 0 else settings.dead_load_steps
         momentum = 0.0 if attempt == 0 else settings.momentum
-        if not ratio <= settings.unbalanced:
-            ratio, _ = settle(first, most, settings.unbalanced, blocks, joints, points, areas, inertia, momentum)
+        if not ratio[0] <= settings.unbalanced:
+            relaxing = Relaxing(settings.unbalanced, momentum, ratio)
+            advance(first, most, 1.0, state, inertia, None, None, relaxing, None, None, None, None)
     for i in range(3):
-        blocks.velocity[1, i] = 0.0
-        blocks.spin[1, i] = 0.0
-        joints.step[0, i] = 0.0
-    return ratio <= settings.unbalanced
+        state.blocks.velocity[1, i] = 0.0
+        state.blocks.spin[1, i] = 0.0
+        state.joints.step[0, i] = 0.0
+    return ratio[0] <= settings.unbalanced
 
 
 @jit
-def replay_one(
-    i, blocks, joints, points, areas, actuators, resting, pushing, loading, lone, basis, room, settings, answer
-):
+def replay_one(i, state, resting, pushing, loading, basis, room, settings, answer):
     """Load and push scene ``i`` until its bracket is within tolerance; returns the status and the steps taken."""
+    blocks = state.blocks
+    joints = state.joints
+    points = state.points
+    areas = state.areas
+    actuators = state.actuators
     step = answer.steps[i]  # 0
-    if not dead_load_equilibrium(step, blocks, joints, points, areas, resting, settings):
+    if not dead_load_equilibrium(step, state, resting, settings, room.ratio):
         return FALLS, 0
     # the actuators come to a block that the dead load has moved already, and do not push it back
     driven = 0.0
@@ -201,7 +203,7 @@ def replay_one(
     status = RUNNING
     while status == RUNNING and step < settings.most_steps:
         guard = Guard(
-            loading.size[i], settings.mask, settings.stretch, loading.weight[i], lone.one, room.start, room.work,
+            loading.size[i], settings.mask, settings.stretch, loading.weight[i], room.one, room.start, room.work,
             room.sums, room.load,
         )  # fmt: skip
         drive = Drive(
@@ -215,33 +217,36 @@ def replay_one(
             room.doubling, answer.twist[i], room.window,
         )  # fmt: skip
         status, step = advance(
-            step, settings.chunk, 1.0, blocks, joints, points, areas, actuators, None, pushing, None, drive,
-            certificate, None, None, guard,
-        )  # fmt: skip
+            step, settings.chunk, 1.0, state, pushing, None, drive, None, certificate, None, None, guard
+        )
     return status, step
 
 
+@jit
+def state_of(all_scenes, each, lone, i):
+    """Scene ``i`` of the `State` of a batch, with ``each`` actuators."""
+    return State(
+        blocks_of(all_scenes.blocks, lone, i), joint_of(all_scenes.joints, lone, i),
+        families.points_of_scene(all_scenes.points, lone, i), families.areas_of_scene(all_scenes.areas, lone, i),
+        actuators_of(all_scenes.actuators, i, each), None,
+    )  # fmt: skip
+
+
 @entry
-def replay_batch(
-    first, last, blocks, joints, points, areas, actuators, each, resting, pushing, loading, lone, basis, room, settings,
-    answer,
-):  # fmt: skip
+def replay_batch(first, last, scenes, each, inertias, loading, basis, room, settings, answer):
     """Replay the scenes ``first`` to ``last`` - 1 of a batch one after another.
 
-    Either ``points`` or ``areas`` is None. ``each``: actuators of a scene. ``resting`` and ``pushing`` are the scaled
-    inertia of the blocks (2 k, 6, 6) for either task. ``basis`` (`certify`) and ``room`` are to work in.
+    ``scenes``: their `State`, in which either the points or the areas are None. ``each``: actuators of a scene.
+    ``inertias``: scaled inertia of the blocks (2 k, 6, 6) that come to rest, and of those that are pushed. ``basis``
+    (`certify`) and ``room`` are to work in.
     """
+    resting, pushing = inertias
     for i in range(first, last):
         s = slice(2 * i, 2 * i + 2)
-        own = blocks_of(blocks, lone, i)
-        joint = joint_of(joints, lone, i)
-        pushed = actuators_of(actuators, i, each)
         still = ScaledInertia(resting.inverse[s], resting.matrix[s], None)
         moving = ScaledInertia(pushing.inverse[s], pushing.matrix[s], None)
-        status, steps = replay_one(
-            i, own, joint, families.points_of_scene(points, lone, i), families.areas_of_scene(areas, lone, i), pushed,
-            still, moving, loading, lone, basis, room, settings, answer,
-        )  # fmt: skip
+        state = state_of(scenes, each, room, i)
+        status, steps = replay_one(i, state, still, moving, loading, basis, room, settings, answer)
         answer.status[i] = status
         answer.steps[i] = steps
         for c in range(5):

@@ -10,7 +10,7 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import stretch
 from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import columns_times, cross, put_vector
+from dembrick.kernels.math.vec3 import NO_MOMENT, columns_times, cross, put_vector
 from dembrick.kernels.state import ACTUATOR_DAMPING, HEAD
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
@@ -28,15 +28,15 @@ def clear_forces(blocks):
 
 
 @jit
-def add_force(blocks, b, sign, f1, f2, f3, m1, m2, m3, r1, r2, r3):
-    """Add ``sign`` times a force at the arm r from the centroid of ``b``, and a moment, to its out-of-balance."""
-    c1, c2, c3 = cross(r1, r2, r3, f1, f2, f3)
-    blocks.force[b, 0] += sign * f1
-    blocks.force[b, 1] += sign * f2
-    blocks.force[b, 2] += sign * f3
-    blocks.torque[b, 0] += sign * (m1 + c1)
-    blocks.torque[b, 1] += sign * (m2 + c2)
-    blocks.torque[b, 2] += sign * (m3 + c3)
+def add_force(blocks, b, sign, f, m, r):
+    """Add ``sign`` times a force f at the arm r from the centroid of ``b``, and a moment m, to its out-of-balance."""
+    c1, c2, c3 = cross(r[0], r[1], r[2], f[0], f[1], f[2])
+    blocks.force[b, 0] += sign * f[0]
+    blocks.force[b, 1] += sign * f[1]
+    blocks.force[b, 2] += sign * f[2]
+    blocks.torque[b, 0] += sign * (m[0] + c1)
+    blocks.torque[b, 1] += sign * (m[1] + c2)
+    blocks.torque[b, 2] += sign * (m[2] + c3)
 
 
 @jit
@@ -47,17 +47,15 @@ def react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip):
     put_vector(resultant[3:], mt, m1, m2)
     resultant[6] = slip
     axes = joints.axes[j]
-    f1, f2, f3 = columns_times(axes, -v1, -v2, n)
-    c1, c2, c3 = columns_times(axes, -m1, -m2, -mt)
-    arm = joints.arm_b
-    add_force(blocks, joints.block_b[j], 1.0, f1, f2, f3, c1, c2, c3, arm[j, 0], arm[j, 1], arm[j, 2])
-    arm = joints.arm_a
-    add_force(blocks, joints.block_a[j], -1.0, f1, f2, f3, c1, c2, c3, arm[j, 0], arm[j, 1], arm[j, 2])
+    force = columns_times(axes, -v1, -v2, n)
+    moment = columns_times(axes, -m1, -m2, -mt)
+    add_force(blocks, joints.block_b[j], 1.0, force, moment, joints.arm_b[j])
+    add_force(blocks, joints.block_a[j], -1.0, force, moment, joints.arm_a[j])
 
 
 @jit
 def relative(blocks, joints, j, inertia, dt):
-    """What joint ``j`` sees of the motion: dn, r1, r2, pn, pr1, pr2, p1, p2, pr."""
+    """The `Motion` that joint ``j`` sees."""
     if inertia is not None:
         return finite_relative(blocks, joints, j, dt)
     else:
@@ -65,16 +63,19 @@ def relative(blocks, joints, j, inertia, dt):
 
 
 @jit
-def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_s, energy):
-    """Forces of all joints, put on the blocks; ``viscous_*`` times the joint's own ``damping``."""
+def joint_forces(state, inertia, dt, viscous, energy):
+    """Forces of all joints, put on the blocks; ``viscous`` (2) times the joint's own ``damping``."""
+    blocks = state.blocks
+    joints = state.joints
+    points = state.points
+    areas = state.areas
     for family in range(FAMILIES):
         for i in range(joint_count(points, areas, family)):
             j = joint_of(points, areas, family, i)
-            seen = relative(blocks, joints, j, inertia, dt)
+            motion = relative(blocks, joints, j, inertia, dt)
             more = joints.damping[j]
-            found = families.forces(
-                points, areas, family, i, joints.resultant[j], *seen, more * viscous_n, more * viscous_s, energy
-            )
+            own = more * viscous[0], more * viscous[1]
+            found = families.forces(points, areas, family, i, joints.resultant[j], motion, own, energy)
             react(blocks, joints, j, *found)
 
 
@@ -92,8 +93,15 @@ def hold(blocks):
 
 
 @jit
-def tie_forces(blocks, ties):
-    """Forces of all ties in the moving geometry, put on the blocks."""
+def tie_forces(ties, blocks):
+    """Forces of all ties in the moving geometry, put on the blocks; ``ties`` may be None."""
+    if ties is not None:
+        pull_ties(ties, blocks)
+
+
+@jit
+def pull_ties(ties, blocks):
+    """`tie_forces` where there are ties."""
     u = blocks.displacement
     for t in range(ties.stiffness.size):
         a = ties.block[t, 0]
@@ -111,11 +119,8 @@ def tie_forces(blocks, ties):
             offset[1] + u[b, 1] - u[a, 1] + (arm[1, 1] - arm[0, 1]),
             offset[2] + u[b, 2] - u[a, 2] + (arm[1, 2] - arm[0, 2]),
         )
-        f = ties.force[t]
         for side in range(2):
-            sense = 1.0 - 2.0 * side
-            r = arm[side]
-            add_force(blocks, ties.block[t, side], sense, f[0], f[1], f[2], 0.0, 0.0, 0.0, r[0], r[1], r[2])
+            add_force(blocks, ties.block[t, side], 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, arm[side])
 
 
 @jit
@@ -148,10 +153,8 @@ def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
     state[1] = driven
     state[2] = v
     for i in range(actuators.block.size):
-        f = v * actuators.weight[i]
-        d = actuators.direction
-        r = actuators.arm
-        add_force(blocks, actuators.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
+        load = v * actuators.weight[i]
+        add_force(blocks, actuators.block[i], load, actuators.direction[i], NO_MOMENT, actuators.arm[i])
     return v, moved
 
 

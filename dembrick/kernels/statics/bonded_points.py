@@ -3,19 +3,20 @@
 """
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.point_law import bonded_law, bonded_losses, shear_loss, spring_of
+from dembrick.kernels.joint.point_law import Bond, bonded_law, bonded_losses, shear_loss, spring_of
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
 
 
 @jit
-def bonded_forces(
-    strengths, bonds, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
-):  # fmt: skip
+def bonded_forces(strengths, bonds, points, p, motion, viscous, energy):
     """`forces` of a joint of a scene where some have strengths; what they lose is summed point by point."""
     mu = points.friction[p]
-    damped = 1.0 + viscous_s
-    share = 1.0 / damped
+    damped = 1.0 + viscous[1]
+    dashpots = viscous[0], damped, 1.0 / damped
+    g0, gx, gy = motion.depth
+    d0, dx, dy = motion.growth
+    p1, p2, pr = motion.slip
     n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
     still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
     for i in range(points.start[p], points.start[p + 1]):
@@ -26,24 +27,22 @@ def bonded_forces(
         k = points.k_s[i]
         k_n = points.k_n[i]
         area = bonds.area[i]
-        s1 = p1 - pr * ys
-        s2 = p2 + pr * xs
+        slip_here = p1 - pr * ys, p2 + pr * xs
         b1 = points.elastic_1[i]
         b2 = points.elastic_2[i]
-        bond = bonds.bonded[i]
-        depth = bonds.crushed[i]
-        rise = bonds.rise[i]
-        g = -(dn + r1 * y - r2 * x)
-        d = -(pn + pr1 * y - pr2 * x)
-        normal, spring, t1, t2, e1, e2, slid, bonded, crushed, risen = bonded_law(
-            g, d, s1, s2, b1, b2, k_n, k, mu, viscous_n, damped, share, strengths, p, area, bond, depth, rise
-        )  # fmt: skip
+        bond = Bond((b1, b2), bonds.bonded[i], bonds.crushed[i], bonds.rise[i])
+        g = g0 + gy * y + gx * x
+        d = d0 + dy * y + dx * x
+        normal, spring, (t1, t2), slid, now = bonded_law(
+            g, d, slip_here, (k_n, k), mu, dashpots, strengths, p, area, bond
+        )
+        e1, e2 = now.elastic
         points.normal[i] = normal
         points.elastic_1[i] = e1
         points.elastic_2[i] = e2
-        bonds.bonded[i] = bonded
-        bonds.crushed[i] = crushed
-        bonds.rise[i] = risen
+        bonds.bonded[i] = now.bonded
+        bonds.crushed[i] = now.crushed
+        bonds.rise[i] = now.rise
         bonds.spring[i] = spring
         n += normal
         m1 -= y * normal
@@ -61,20 +60,21 @@ def bonded_forces(
             c1 += t1 - e1
             c2 += t2 - e2
             cm += xs * (t2 - e2) - ys * (t1 - e1)
-            before = spring_of(strengths, p, k_n, g - d, area, bond, depth, rise)
+            before = spring_of(strengths, p, k_n, g - d, area, bond)
             opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
-            friction, by_law, crushing, fracture, released, _, dash = bonded_losses(
-                strengths, p, area, mu, k_n, d, before, spring, normal,
-                shear_loss(b1, b2, e1, e2, s1, s2, k), slid, bonded < bond, crushed - depth, risen - rise, opened,
+            lost = bonded_losses(
+                strengths, p, area, mu, k_n, d, (before, spring, normal),
+                shear_loss(bond.elastic, now.elastic, slip_here, k), slid,
+                (now.bonded < bond.bonded, now.crushed - bond.crushed, now.rise - bond.rise, opened),
             )  # fmt: skip
-            energy.work[SLIDING] += friction
-            energy.work[BY_LAW] += by_law
-            energy.work[LEAST] = min(energy.work[LEAST], friction)
-            energy.work[CRUSHING] += crushing
-            energy.work[FRACTURE] += fracture
-            energy.work[DAMPING] += released + dash
+            energy.work[SLIDING] += lost.friction
+            energy.work[BY_LAW] += lost.by_law
+            energy.work[LEAST] = min(energy.work[LEAST], lost.friction)
+            energy.work[CRUSHING] += lost.crushing
+            energy.work[FRACTURE] += lost.fracture
+            energy.work[DAMPING] += lost.released + lost.dash
     if energy is not None:
         energy.work[DAMPING] += 0.5 * dashpot_work(
-            energy.dash[points.joint[p]], c1, c2, cm, n - still_n, m1 - still_1, m2 - still_2, p1, p2, pr, pn, pr1, pr2
-        )  # fmt: skip
+            energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion
+        )
     return n, v1, v2, mt, m1, m2, slip / weight

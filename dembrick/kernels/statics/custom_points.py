@@ -9,8 +9,11 @@ from dembrick.kernels.statics.dashpots import dashpot_work
 
 
 @jit
-def custom_forces(custom, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+def custom_forces(custom, points, p, motion, viscous, energy):
     """`point_joints.forces` of a joint with a law of the user's own; all that it does not hold counts as friction."""
+    g0, gx, gy = motion.depth
+    d0, dx, dy = motion.growth
+    p1, p2, pr = motion.slip
     n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
     still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
     for i in range(points.start[p], points.start[p + 1]):
@@ -19,10 +22,10 @@ def custom_forces(custom, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, visco
         xs = points.x_s[i]
         ys = points.y_s[i]
         k = points.k_s[i]
-        g = -(dn + r1 * y - r2 * x)
-        d = -(pn + pr1 * y - pr2 * x)
+        g = g0 + gy * y + gx * x
+        d = d0 + dy * y + dx * x
         normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
-            custom, i, g, d, p1 - pr * ys, p2 + pr * xs, viscous_n, viscous_s
+            custom, i, g, d, p1 - pr * ys, p2 + pr * xs, viscous[0], viscous[1]
         )
         points.normal[i] = normal
         points.elastic_1[i] = e1
@@ -47,8 +50,8 @@ def custom_forces(custom, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, visco
             energy.work[BY_LAW] += lost
     if energy is not None:
         energy.work[DAMPING] += 0.5 * dashpot_work(
-            energy.dash[points.joint[p]], c1, c2, cm, n - still_n, m1 - still_1, m2 - still_2, p1, p2, pr, pn, pr1, pr2
-        )  # fmt: skip
+            energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion
+        )
     return n, v1, v2, mt, m1, m2, slip / weight
 
 

@@ -10,8 +10,13 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.ties import tie_energy
-from dembrick.kernels.statics.energy import add_dead_torque_work, dead_force_work, elastic_energy, kinetic_energy
+from dembrick.kernels.statics.energy import (
+    add_dead_torque_work,
+    dead_force_work,
+    elastic_energy,
+    held_by_ties,
+    kinetic_energy,
+)
 
 RUNAWAY = 4.0  # times the energy put in: twice the speed that it could give
 LEAST = 0.1  # of the elastic energy of the start, which is always allowed
@@ -32,13 +37,11 @@ class Guard(NamedTuple):
 
 
 @jit
-def open_guard(guard, blocks, joints, points, areas, ties):
+def open_guard(guard, state):
     """Note what energy there is at the start; blocks at rest."""
     if guard is not None:
-        guard.start[0] = elastic_energy(joints, points, areas, None)
-        if ties is not None:
-            guard.start[0] += tie_energy(ties)
-        guard.start[1] = guard.start[0] - dead_force_work(blocks)
+        guard.start[0] = elastic_energy(state, None) + held_by_ties(state.ties)
+        guard.start[1] = guard.start[0] - dead_force_work(state.blocks)
 
 
 @jit

@@ -7,7 +7,7 @@ or closes within a step, and, in finite motion, the turning of the geometry with
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.joint.ties import tie_energy
+from dembrick.kernels.joint.ties import tie_energy, tie_losses
 from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, DEAD_LOAD_WORK, ELASTIC_AT_START, HEAD, SLIDING, TORQUES
 from dembrick.kernels.state import CRUSHING as CRUSHED
 from dembrick.kernels.state import FRACTURE as BROKEN
@@ -39,13 +39,27 @@ def add_dead_torque_work(work, turned, blocks, dt):
 
 
 @jit
-def begin_energy(energy, blocks, joints, points, areas, ties):
+def add_yielding(work, ties):
+    """Add to ``work[YIELDED]`` what ties lost by yielding in the last step; ``ties`` may be None."""
+    if ties is not None:
+        yielded, _ = tie_losses(ties)
+        work[YIELDED] += yielded
+
+
+@jit
+def begin_energy(energy, state):
     """Note what there is at the start; blocks at rest."""
     if energy is not None:
-        energy.work[ELASTIC_AT_START] = elastic_energy(joints, points, areas, None)
-        if ties is not None:
-            energy.work[ELASTIC_AT_START] += tie_energy(ties)
-        energy.work[DEAD_LOAD_WORK] = dead_force_work(blocks)
+        energy.work[ELASTIC_AT_START] = elastic_energy(state, None) + held_by_ties(state.ties)
+        energy.work[DEAD_LOAD_WORK] = dead_force_work(state.blocks)
+
+
+@jit
+def held_by_ties(ties):
+    """Energy (J) in the springs of all ties; zero if ``ties`` is None."""
+    if ties is not None:
+        return tie_energy(ties)
+    return 0.0
 
 
 @jit
@@ -64,13 +78,15 @@ def normal_energy(joints, j, dash):
 
 
 @jit
-def elastic_energy(joints, points, areas, dash):
+def elastic_energy(state, dash):
     """Energy (J) in the springs of all joints now; ``dash`` as in `normal_energy`."""
+    points = state.points
+    areas = state.areas
     total = 0.0
     for family in range(FAMILIES):
         for i in range(joint_count(points, areas, family)):
             j = joint_of(points, areas, family, i)
-            total += normal_energy(joints, j, dash) + families.shear_energy(points, areas, family, i)
+            total += normal_energy(state.joints, j, dash) + families.shear_energy(points, areas, family, i)
     return total
 
 
@@ -98,17 +114,17 @@ def kinetic_energy(blocks, scaled, inertia, dt):
 
 
 @jit
-def balance(energy, blocks, joints, points, areas, actuators, ties, drive, scaled, inertia, dt, out):
+def balance(energy, state, drive, scaled, inertia, dt, out):
     """Write the nine energies of this instant (J): kinetic, elastic, actuator spring, external, friction, dashpots,
     crushing, fracture, yielding."""
+    blocks = state.blocks
+    actuators = state.actuators
     weights = 0.0
     for i in range(actuators.weight.size):
         weights += abs(actuators.weight[i])
     spring = actuators.drive[0] - actuators.drive[1]
     out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
-    out[ELASTIC] = elastic_energy(joints, points, areas, energy.dash) - energy.work[ELASTIC_AT_START]
-    if ties is not None:
-        out[ELASTIC] += tie_energy(ties)
+    out[ELASTIC] = elastic_energy(state, energy.dash) - energy.work[ELASTIC_AT_START] + held_by_ties(state.ties)
     out[ACTUATOR_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
     out[EXTERNAL] = energy.work[HEAD] + energy.work[TORQUES] + (dead_force_work(blocks) - energy.work[DEAD_LOAD_WORK])
     out[FRICTION] = energy.work[SLIDING]

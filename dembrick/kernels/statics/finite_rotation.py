@@ -11,7 +11,7 @@ from dembrick._jit import jit
 from dembrick.kernels.math.held_turns import MOST_CORRECTIONS, held_momentum, turns_freely
 from dembrick.kernels.math.quaternion import rotate, rotate_back, turned
 from dembrick.kernels.math.vec3 import cross, put_vector
-from dembrick.kernels.statics.small_displacement import note_motion
+from dembrick.kernels.statics.small_displacement import seen_by
 
 
 @jit
@@ -88,8 +88,7 @@ def finite_relative(blocks, joints, j, dt):
     dn += joints.gap[j]
     r1 = side * slope_2
     r2 = -side * slope_1
-    note_motion(joints, j, dn, r1, r2, pr1, pr2, p1, p2, pr)
-    return dn, r1, r2, pn, pr1, pr2, p1, p2, pr
+    return seen_by(joints, j, (dn, r1, r2), (pn, pr1, pr2), (p1, p2, pr))
 
 
 @jit

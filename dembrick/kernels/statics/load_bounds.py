@@ -71,13 +71,16 @@ def best_bound(certificate, points, areas, q1, q2, q3):
 
 
 @jit
-def strict_bounds(certificate, joints, points, areas, v):
+def strict_bounds(certificate, state, v):
     """Lower and upper bound of the limit load from the forces and the slip of this instant.
 
     The joint carries t, inside its limit set; the load asks for V f + g0 = t + r. The gauge of r is bounded by
     |r_V|/V_0 + |r_M|/M_T0, about the centre of pressure; then V (1 - gamma0)/(1 - gamma0 + gauge(r)) is carried
     safely.
     """
+    joints = state.joints
+    points = state.points
+    areas = state.areas
     j = certificate.joint
     f = certificate.unit
     g = certificate.dead
@@ -125,12 +128,16 @@ def shear_power(joints, j):
 
 
 @jit
-def instant_upper(blocks, joints, points, areas, v, moved, dt):
+def instant_upper(state, v, moved, dt):
     """Upper bound with the normal forces of this instant, for any number of blocks: an indicator.
 
     V + (excess dissipation - power of the out-of-balance) / f.q for the motion of the last step, ``moved`` the f.q of
     it.
     """
+    blocks = state.blocks
+    joints = state.joints
+    points = state.points
+    areas = state.areas
     upper = NEVER
     if moved > 0.0:
         excess = 0.0
@@ -150,10 +157,10 @@ def instant_upper(blocks, joints, points, areas, v, moved, dt):
 
 
 @jit
-def instant_bounds(blocks, joints, points, areas, v, moved, dt):
+def instant_bounds(state, v, moved, dt):
     """`instant_upper`, and for the lower bound V / (1 + out-of-balance over joint forces)."""
-    upper = instant_upper(blocks, joints, points, areas, v, moved, dt)
-    lower = v / (1.0 + unbalanced_ratio(blocks, joints))
+    upper = instant_upper(state, v, moved, dt)
+    lower = v / (1.0 + unbalanced_ratio(state.blocks, state.joints))
     return min(lower, upper), max(upper, lower)
 
 

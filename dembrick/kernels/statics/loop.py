@@ -7,8 +7,6 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.joint.ties import tie_losses
-from dembrick.kernels.state import YIELDING
 from dembrick.kernels.statics.block_forces import (
     actuator_forces,
     clear_forces,
@@ -19,7 +17,7 @@ from dembrick.kernels.statics.block_forces import (
     unbalanced_ratio,
 )
 from dembrick.kernels.statics.divergence import jumped, open_guard, watch
-from dembrick.kernels.statics.energy import add_dead_torque_work, balance, begin_energy
+from dembrick.kernels.statics.energy import add_dead_torque_work, add_yielding, balance, begin_energy
 from dembrick.kernels.statics.finite_rotation import finite_step
 from dembrick.kernels.statics.load_bounds import carried_load, instant_bounds, judge, strict_bounds
 from dembrick.kernels.statics.record import write_row
@@ -44,6 +42,23 @@ class Drive(NamedTuple):
     mean_weight: float  # of the latest step in that mean
     until: ndarray  # (w,) int64, steps at which the ways of a protocol end; none if the head does not turn
     ways: ndarray  # (w,) m, of the head on each
+
+
+@jit
+def viscous_of(drive):
+    """Dashpot over spring force at contacts (2); ``drive`` is None if nothing is driven."""
+    if drive is not None:
+        return drive.viscous_n, drive.viscous_s
+    return 0.0, 0.0
+
+
+@jit
+def note_extremes(driven, load):
+    """Keep the greatest load so far, where it was, and the least, in `Actuators.drive`."""
+    if load > driven[3]:
+        driven[3] = load
+        driven[4] = driven[1]
+    driven[5] = min(driven[5], load)
 
 
 @jit
@@ -76,72 +91,92 @@ def head_rate(drive, step, dt):
     return drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
 
 
+class Relaxing(NamedTuple):
+    """How blocks come to rest under the dead loads, where nothing is driven."""
+
+    tolerance: float  # out-of-balance over joint forces
+    momentum: float  # part of the last move that is kept, while that goes along with the forces
+    ratio: ndarray  # (1,) out-of-balance over joint forces that was reached
+
+
+@jit
+def at_rest(relaxing, state, step):
+    """Whether the forces balance, after the first step; else keeps the momentum of the blocks or lets it go."""
+    if relaxing is not None:
+        blocks = state.blocks
+        ratio = unbalanced_ratio(blocks, state.joints)
+        relaxing.ratio[0] = ratio
+        if step > 0 and ratio <= relaxing.tolerance:
+            return True
+        # the first step is the elastic answer, and no start for a swing; what works against the forces has swung over
+        keep = relaxing.momentum if step > 1 and unbalanced_power(blocks) > 0.0 else 0.0
+        for f in range(blocks.free.size):
+            b = blocks.free[f]
+            for i in range(3):
+                blocks.velocity[b, i] *= keep
+                blocks.spin[b, i] *= keep
+    return False
+
+
+@jit
+def bounds_now(certificate, state, inertia, v, moved, dt):
+    """Bounds of the limit load from this instant, and V that is carried in equilibrium."""
+    if certificate.strict:
+        lower, upper = strict_bounds(certificate, state, v)
+        if inertia is None:
+            return lower, upper, carried_load(certificate, state.joints, lower)
+        return lower, upper, v
+    lower, upper = instant_bounds(state, v, moved, dt)
+    return lower, upper, v
+
+
 @entry
-def advance(
-    first, n_steps, dt, blocks, joints, points, areas, actuators, ties, scaled, inertia, drive, certificate, record,
-    energy, guard,
-):  # fmt: skip
-    """Advance the replay from step ``first`` until ``n_steps`` more are done, or its bracket is within tolerance.
+def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certificate, record, energy, guard):
+    """Advance a `State` from step ``first`` until ``n_steps`` more are done, or it has come to where it should.
 
     ``scaled`` inertia moves the blocks by small motion, physical ``inertia`` by finite motion; the other is None.
-    ``ties`` is None in small motion, where their forces are among the dead loads.
+    Either they are driven (``drive``), and with a ``certificate`` the bracket of the limit load is formed; or they come
+    to rest (``relaxing``) under the dead loads, each moved by its artificial inertia's answer to the out-of-balance:
+    for one block on a fixed base a step is a Newton step. ``record``, ``energy`` and ``guard`` may be None.
     Returns the status (RUNNING when all steps are done, CONVERGED, DIVERGED where a block jumped or is no number,
     RUNAWAY where there is more energy than was put in, FULL when the record has no room) and the number of steps done.
     """
-    bracket = certificate.bracket
+    blocks = state.blocks
+    viscous = viscous_of(drive)
+    damping = mean_weight = v = moved = rate = 0.0
     if first == 0 and n_steps > 0:
-        begin_energy(energy, blocks, joints, points, areas, ties)
-        open_guard(guard, blocks, joints, points, areas, ties)
+        begin_energy(energy, state)
+        open_guard(guard, state)
     for step in range(first, first + n_steps):
         clear_forces(blocks)
-        joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s, energy)
-        if ties is not None:
-            tie_forces(blocks, ties)
-        rate = head_rate(drive, step, dt)
-        v, moved = actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy)
+        joint_forces(state, inertia, dt, viscous, energy)
+        tie_forces(state.ties, blocks)
+        if drive is not None:
+            rate = head_rate(drive, step, dt)
+            v, moved = actuator_forces(blocks, state.actuators, drive, inertia, rate, dt, energy)
+            damping = drive.damping
+            mean_weight = drive.mean_weight
         hold(blocks)
         if energy is not None:
             add_dead_torque_work(energy.work, energy.turned, blocks, dt)
-            if ties is not None:
-                yielded, _ = tie_losses(ties)
-                energy.work[YIELDING] += yielded
+            add_yielding(energy.work, state.ties)
+        if at_rest(relaxing, state, step):
+            return CONVERGED, step
         done = False
-        load = v
-        if step % certificate.every == 0:
-            if certificate.strict:
-                lower, upper = strict_bounds(certificate, joints, points, areas, v)
-                if inertia is None:
-                    load = carried_load(certificate, joints, lower)
-            else:
-                lower, upper = instant_bounds(blocks, joints, points, areas, v, moved, dt)
-            done = judge(certificate, step // certificate.every, lower, upper, v, actuators.drive[1])
-        if load > actuators.drive[3]:
-            actuators.drive[3] = load
-            actuators.drive[4] = actuators.drive[1]
-        if record is not None:
-            if step % record.every[0] == 0 or done:
-                if energy is not None and record.count[0] < record.row.shape[0]:
-                    balance(
-                        energy, blocks, joints, points, areas, actuators, ties, drive, scaled, inertia, dt,
-                        record.energy[record.count[0]],
-                    )  # fmt: skip
-                bounds = (bracket[0], bracket[1])
-                if not write_row(
-                    record,
-                    step,
-                    step * dt,
-                    blocks,
-                    joints,
-                    points,
-                    areas,
-                    actuators,
-                    ties,
-                    load,
-                    drive.viscous_s,
-                    *bounds,
-                    done,
-                ):
-                    return FULL, step
+        if drive is not None:
+            load = v
+            if certificate is not None:
+                if step % certificate.every == 0:
+                    lower, upper, load = bounds_now(certificate, state, inertia, v, moved, dt)
+                    done = judge(certificate, step // certificate.every, lower, upper, v, state.actuators.drive[1])
+            note_extremes(state.actuators.drive, load)
+            if record is not None:
+                if step % record.every[0] == 0 or done:
+                    if energy is not None and record.count[0] < record.row.shape[0]:
+                        balance(energy, state, drive, scaled, inertia, dt, record.energy[record.count[0]])
+                    bounds = certificate.bracket[0], certificate.bracket[1]
+                    if not write_row(record, step, step * dt, state, load, viscous[1], bounds, done):
+                        return FULL, step
         if done:
             return CONVERGED, step + 1
         if not watch(guard, step, v, rate, blocks, scaled, inertia, dt):
@@ -150,55 +185,7 @@ def advance(
         if inertia is not None:
             longest = finite_step(blocks, inertia, dt)
         if scaled is not None:
-            longest = small_step(blocks, scaled, dt, drive.damping, drive.mean_weight, energy)
+            longest = small_step(blocks, scaled, dt, damping, mean_weight, energy)
         if jumped(guard, longest):
             return DIVERGED, step + 1
     return RUNNING, first + n_steps
-
-
-@entry
-def settle(first, n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
-    """Relaxation under the dead loads from step ``first`` on, until ``n_steps`` more are done or forces balance.
-
-    Each block moves by its artificial inertia's answer to the out-of-balance.
-
-    For one block on a fixed base a step is a Newton step. ``momentum`` keeps part of the last move, while that goes
-    along with the forces. Returns the unbalanced-force ratio reached and the number of steps done.
-    """
-    ratio = 1.0
-    for step in range(first, first + n_steps):
-        clear_forces(blocks)
-        joint_forces(blocks, joints, points, areas, None, 1.0, 0.0, 0.0, None)
-        hold(blocks)
-        ratio = unbalanced_ratio(blocks, joints)
-        if step > 0 and ratio <= tolerance:
-            return ratio, step
-        # the first step is the elastic answer, and no start for a swing; what works against the forces has swung over
-        keep = momentum if step > 1 and unbalanced_power(blocks) > 0.0 else 0.0
-        for f in range(blocks.free.size):
-            b = blocks.free[f]
-            for i in range(3):
-                blocks.velocity[b, i] *= keep
-                blocks.spin[b, i] *= keep
-        small_step(blocks, scaled, 1.0, 0.0, 0.0, None)
-    return ratio, first + n_steps
-
-
-@entry
-def push_on(first, n_steps, dt, blocks, joints, points, areas, actuators, scaled, drive, energy, least, greatest):
-    """Push blocks of artificial inertia on from step ``first`` for ``n_steps`` more, in small motion, whatever they do.
-
-    Returns the ``least`` and the ``greatest`` V, given those so far, and the longest move of a block (m) in a step.
-    """
-    if first == 0:
-        begin_energy(energy, blocks, joints, points, areas, None)
-    longest = 0.0
-    for step in range(first, first + n_steps):
-        clear_forces(blocks)
-        joint_forces(blocks, joints, points, areas, None, dt, drive.viscous_n, drive.viscous_s, energy)
-        v, _ = actuator_forces(blocks, actuators, drive, None, head_rate(drive, step, dt), dt, energy)
-        hold(blocks)
-        least = min(least, v)
-        greatest = max(greatest, v)
-        longest = max(longest, small_step(blocks, scaled, dt, 0.0, 0.0, None))
-    return least, greatest, longest

@@ -12,12 +12,16 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.math.vec3 import put_vector
+from dembrick.kernels.joint.geometry import Motion
+from dembrick.kernels.math.vec3 import NO_MOMENT, put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.block_forces import add_force, clear_forces, hold, react
 from dembrick.kernels.statics.point_joints import Points
-from dembrick.kernels.statics.small_displacement import note_motion
+from dembrick.kernels.statics.small_displacement import seen_by
+
+NOT_GROWN = (0.0, 0.0, 0.0)  # an equilibrium has no rate
+UNDAMPED = (0.0, 0.0)
 
 
 class Trial(NamedTuple):
@@ -48,18 +52,30 @@ def remember(trial, joints, points, areas):
 
 
 @jit
-def answer(trial, points, areas, family, index, gap, base, u1, u2, u3, r1, r2, r3):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint for the motion (u, r), from the memory."""
+def answer(trial, points, areas, family, index, gap, base, u):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint for the motion u (6), from the memory."""
     families.recall(points, areas, trial.points, trial.areas, family, index)
-    return families.forces(
-        points, areas, family, index, None, u3 + gap, r1, r2, 0.0, 0.0, 0.0, u1 - base[0], u2 - base[1], r3 - base[5],
-        0.0, 0.0, None,
+    slip = u[0] - base[0], u[1] - base[1], u[5] - base[5]
+    motion = Motion((-(u[2] + gap), u[4], -u[3]), NOT_GROWN, slip)
+    return families.forces(points, areas, family, index, None, motion, UNDAMPED, None)
+
+
+@jit
+def moved(u, i, h):
+    """The motion u (6), with its component i moved on by h."""
+    return (
+        u[0] + (h if i == 0 else 0.0), u[1] + (h if i == 1 else 0.0), u[2] + (h if i == 2 else 0.0),
+        u[3] + (h if i == 3 else 0.0), u[4] + (h if i == 4 else 0.0), u[5] + (h if i == 5 else 0.0),
     )  # fmt: skip
 
 
 @jit
-def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tangent):
+def try_joint(trial, state, family, index, j, with_tangent):
     """Forces of joint ``j`` for the motion of the blocks, put on them; its tangent where wanted."""
+    blocks = state.blocks
+    joints = state.joints
+    points = state.points
+    areas = state.areas
     a = joints.block_a[j]
     b = joints.block_b[j]
     u = joints.relative[j]
@@ -73,26 +89,18 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
         u[i] = total
     base = trial.base[j]
     gap = joints.gap[j]
-    note_motion(
-        joints, j, u[2] + gap, u[3], u[4], u[3] - base[3], u[4] - base[4],
-        u[0] - base[0], u[1] - base[1], u[5] - base[5],
-    )  # fmt: skip
+    tilts = 0.0, u[3] - base[3], u[4] - base[4]
+    seen_by(joints, j, (u[2] + gap, u[3], u[4]), tilts, (u[0] - base[0], u[1] - base[1], u[5] - base[5]))
     t = trial.force
     known = with_tangent and families.knows_tangent(points, areas, family, index)
     by_differences = with_tangent and not known
     if by_differences:
         for i in range(6):
             h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
-            n, v1, v2, mt, m1, m2, _ = answer(
-                trial, points, areas, family, index, gap, base,
-                u[0] + (h if i == 0 else 0.0), u[1] + (h if i == 1 else 0.0), u[2] + (h if i == 2 else 0.0),
-                u[3] + (h if i == 3 else 0.0), u[4] + (h if i == 4 else 0.0), u[5] + (h if i == 5 else 0.0),
-            )  # fmt: skip
+            n, v1, v2, mt, m1, m2, _ = answer(trial, points, areas, family, index, gap, base, moved(u, i, h))
             put_vector(t[i], v1, v2, -n)
             put_vector(t[i, 3:], m1, m2, mt)
-    n, v1, v2, mt, m1, m2, slip = answer(
-        trial, points, areas, family, index, gap, base, u[0], u[1], u[2], u[3], u[4], u[5]
-    )  # fmt: skip
+    n, v1, v2, mt, m1, m2, slip = answer(trial, points, areas, family, index, gap, base, u)
     if known:
         families.tangent(points, areas, trial.areas, family, index, n, u[2] + gap, u[3], u[4], trial.tangent[j])
     if by_differences:
@@ -122,18 +130,18 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
 
 
 @jit
-def try_motion(trial, blocks, joints, points, areas, actuators, v, with_tangent):
+def try_motion(trial, state, v, with_tangent):
     """Out-of-balance of the blocks for their displacements and rotations and the load ``v``; and the tangents."""
+    blocks = state.blocks
+    actuators = state.actuators
     clear_forces(blocks)
     for family in range(FAMILIES):
-        for i in range(joint_count(points, areas, family)):
-            j = joint_of(points, areas, family, i)
-            try_joint(trial, blocks, joints, points, areas, family, i, j, with_tangent)
+        for i in range(joint_count(state.points, state.areas, family)):
+            j = joint_of(state.points, state.areas, family, i)
+            try_joint(trial, state, family, i, j, with_tangent)
     for i in range(actuators.block.size):
-        f = v * actuators.weight[i]
-        d = actuators.direction
-        r = actuators.arm
-        add_force(blocks, actuators.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
+        load = v * actuators.weight[i]
+        add_force(blocks, actuators.block[i], load, actuators.direction[i], NO_MOMENT, actuators.arm[i])
     hold(blocks)
     for f in range(blocks.free.size):
         b = blocks.free[f]

@@ -13,7 +13,7 @@ from dembrick._jit import entry, jit, jit_sum
 from dembrick.kernels.joint import custom_law
 from dembrick.kernels.joint.custom_law import Custom
 from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, point_law, shear_loss, shear_strength
-from dembrick.kernels.joint.utilisation import point_gauge
+from dembrick.kernels.joint.utilisation import FrictionPoints, point_gauge
 from dembrick.kernels.math.geometric_median import median_distance
 from dembrick.kernels.math.vec3 import columns_times, put_vector
 from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
@@ -67,19 +67,20 @@ def of_scene(points, lone, i):
 
 
 @jit
-def spring_resultant(points, p, sums, dn, r1, r2):
+def spring_resultant(points, p, sums, depth):
     """N, M_1, M_2 of the normal springs of point joint ``p`` without its dashpots; ``sums`` is its `Energy.normal`.
 
     In closed form as if all were closed; where a point may be open, less what the open ones would pull.
     """
-    n = -(sums[0] * dn + sums[2] * r1 - sums[1] * r2)
-    m1 = sums[2] * dn + sums[4] * r1 - sums[5] * r2
-    m2 = -(sums[1] * dn + sums[5] * r1 - sums[3] * r2)
-    if dn + sums[6] * (abs(r1) + abs(r2)) > 0.0:
+    g0, gx, gy = depth
+    n = sums[0] * g0 + sums[2] * gy + sums[1] * gx
+    m1 = -(sums[2] * g0 + sums[4] * gy + sums[5] * gx)
+    m2 = sums[1] * g0 + sums[5] * gy + sums[3] * gx
+    if sums[6] * (abs(gy) + abs(gx)) > g0:
         for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
             x = points.x_n[i]
             y = points.y_n[i]
-            pull = points.k_n[i] * max(dn + r1 * y - r2 * x, 0.0)
+            pull = points.k_n[i] * max(-(g0 + gy * y + gx * x), 0.0)
             n += pull
             m1 -= pull * y
             m2 += pull * x
@@ -87,38 +88,36 @@ def spring_resultant(points, p, sums, dn, r1, r2):
 
 
 @jit
-def forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points.
+def forces(points, p, before, motion, viscous, energy):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p`` for a `Motion`; updates the memory of its
+    contact points.
 
-    With ``energy`` (not None) the work of the step is added up, by the trapezoidal rule; ``before`` is the
-    resultant of the last step.
+    ``viscous``: dashpot over spring force, along the normal and in shear. With ``energy`` (not None) the work of the
+    step is added up, by the trapezoidal rule; ``before`` is the resultant of the last step.
     """
-    return forces_by(
-        points.strengths, points.bonds, points.custom, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr,
-        viscous_n, viscous_s, energy,
-    )  # fmt: skip
+    return forces_by(points.strengths, points.bonds, points.custom, points, p, before, motion, viscous, energy)
 
 
 @jit
-def forces_by(
-    strengths, bonds, custom, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
-):  # fmt: skip
+def forces_by(strengths, bonds, custom, points, p, before, motion, viscous, energy):
     """`forces` by the law that the points have: dry if ``strengths`` and ``custom`` are None."""
     if custom is not None:
-        return custom_forces(custom, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy)
+        return custom_forces(custom, points, p, motion, viscous, energy)
     if strengths is not None:
-        return bonded_forces(
-            strengths, bonds, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
-        )
-    return dry_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy)
+        return bonded_forces(strengths, bonds, points, p, motion, viscous, energy)
+    return dry_forces(points, p, before, motion, viscous, energy)
 
 
 @jit
-def dry_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+def dry_forces(points, p, before, motion, viscous, energy):
     """`forces` of a joint of a scene in which none has strengths."""
     mu = points.friction[p]
-    damped = 1.0 + viscous_s
+    damped = 1.0 + viscous[1]
     share = 1.0 / damped
+    dashpots = viscous[0], damped, share
+    g0, gx, gy = motion.depth
+    d0, dx, dy = motion.growth
+    p1, p2, pr = motion.slip
     n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
     friction = by_law = released = least = c1 = c2 = cm = 0.0
     for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
@@ -132,9 +131,8 @@ def dry_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_
         b1 = points.elastic_1[i]
         b2 = points.elastic_2[i]
         normal, t1, t2, e1, e2, slid = point_law(
-            -(dn + r1 * y - r2 * x), -(pn + pr1 * y - pr2 * x), s1, s2, b1, b2, points.k_n[i], k, mu, viscous_n, damped,
-            share,
-        )  # fmt: skip
+            g0 + gy * y + gx * x, d0 + dy * y + dx * x, (s1, s2), (b1, b2), (points.k_n[i], k), mu, dashpots
+        )
         points.normal[i] = normal
         points.elastic_1[i] = e1
         points.elastic_2[i] = e2
@@ -149,12 +147,12 @@ def dry_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_
         weight += k
         if energy is not None:
             if slid > 0.0:
-                loss = shear_loss(b1, b2, e1, e2, s1, s2, k)
+                loss = shear_loss((b1, b2), (e1, e2), (s1, s2), k)
                 friction += loss
                 least = min(least, loss)
                 by_law += mu * normal * slid
             elif normal == 0.0 and (b1 != 0.0 or b2 != 0.0):
-                released += shear_loss(b1, b2, e1, e2, s1, s2, k)
+                released += shear_loss((b1, b2), (e1, e2), (s1, s2), k)
                 c1 += b1
                 c2 += b2
                 cm += xs * b2 - ys * b1
@@ -166,19 +164,16 @@ def dry_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_
         # The dashpots carry what the springs do not. All points move with one rigid motion, so the work of their
         # resultant is the sum of theirs. At every closed point t = e + d with d = viscous (e - old), so that
         # d = viscous (t - t_old + d_old) / (1 + viscous), and with it the resultants; a point that has opened has no d.
-        still_n, still_1, still_2 = spring_resultant(points, p, energy.normal[p], dn, r1, r2)
+        still_n, still_1, still_2 = spring_resultant(points, p, energy.normal[p], motion.depth)
         dash = energy.dash[points.joint[p]]
         rest = 1.0 - share  # the quotient is there already
-        energy.work[DAMPING] += released + 0.5 * dashpot_work(
-            dash,
+        shear = (
             rest * (v1 - before[1] + dash[0] + c1),
             rest * (v2 - before[2] + dash[1] + c2),
             rest * (mt - before[3] + dash[2] + cm),
-            n - still_n,
-            m1 - still_1,
-            m2 - still_2,
-            p1, p2, pr, pn, pr1, pr2,
-        )  # fmt: skip
+        )
+        pressure = n - still_n, m1 - still_1, m2 - still_2
+        energy.work[DAMPING] += released + 0.5 * dashpot_work(dash, shear, pressure, motion)
     return n, v1, v2, mt, m1, m2, slip / weight
 
 
@@ -367,7 +362,8 @@ def dead_gauge(points, p, normal, dead, basis):
             taken = max(taken, force / (mu * points.normal[i]))
     put_vector(basis.twist, 0.0, 0.0, 0.0)
     load = dead[0] / mu, dead[1] / mu, dead[5] / mu
-    exact = point_gauge(points.x_s, points.y_s, points.normal, first, last, *load, basis.twist, basis.across)
+    carrying = FrictionPoints(points.x_s, points.y_s, points.normal, first, last)
+    exact = point_gauge(carrying, *load, basis.twist, basis.across)
     return min(taken, (1.0 + ABOVE) * exact)
 
 

@@ -10,7 +10,7 @@ from numpy import ndarray
 from dembrick._jit import entry, jit
 from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.kernels.math.quaternion import turned, turning
-from dembrick.kernels.math.vec3 import add_wrench, columns_times
+from dembrick.kernels.math.vec3 import NO_MOMENT, add_wrench, columns_times
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.kernels.statics.joint_families import write_bonds, write_contacts
 
@@ -54,13 +54,13 @@ def write_reactions(joints, support, out):
             continue
         r = joints.resultant[j]
         # what a gives b; where b is the support, it gives a the opposite
-        f1, f2, f3 = columns_times(joints.axes[j], -r[1], -r[2], r[0])
-        m1, m2, m3 = columns_times(joints.axes[j], -r[4], -r[5], -r[3])
+        force = columns_times(joints.axes[j], -r[1], -r[2], r[0])
+        moment = columns_times(joints.axes[j], -r[4], -r[5], -r[3])
         for side in range(2):
             s = on_b if side else on_a
             if s >= 0:
                 arm = joints.arm_b[j] if side else joints.arm_a[j]
-                add_wrench(out[s], -1.0 if side else 1.0, f1, f2, f3, m1, m2, m3, arm[0], arm[1], arm[2])
+                add_wrench(out[s], -1.0 if side else 1.0, force, moment, arm)
 
 
 @entry
@@ -73,22 +73,27 @@ def write_guides(blocks, support, out):
 
 @jit
 def write_ties(record, row, ties):
-    """What ties carry and keep in a row, and what the fixed blocks exert through them."""
-    for t in range(ties.stiffness.size):
-        record.tension[row, t] = ties.now[t, TENSION]
-        record.yielded[row, t] = ties.now[t, YIELDED]
-        f = ties.force[t]
-        for side in range(2):
-            s = record.support[ties.block[t, side]]
-            if s >= 0:
-                r = ties.arm[t, side]
-                out = record.reaction[row, s]
-                add_wrench(out, 2.0 * side - 1.0, f[0], f[1], f[2], 0.0, 0.0, 0.0, r[0], r[1], r[2])
+    """What ties carry and keep in a row, and what the fixed blocks exert through them; ``ties`` may be None."""
+    if ties is not None:
+        write_pulls(record, row, ties)
 
 
 @jit
-def write_frame(record, time, blocks, joints, points, areas, viscous):
+def write_pulls(record, row, ties):
+    """`write_ties` where there are ties."""
+    for t in range(ties.stiffness.size):
+        record.tension[row, t] = ties.now[t, TENSION]
+        record.yielded[row, t] = ties.now[t, YIELDED]
+        for side in range(2):
+            s = record.support[ties.block[t, side]]
+            if s >= 0:
+                add_wrench(record.reaction[row, s], 2.0 * side - 1.0, ties.force[t], NO_MOMENT, ties.arm[t, side])
+
+
+@jit
+def write_frame(record, time, state, viscous):
     """Add a frame to the record; there must be room. ``viscous`` is the dashpot ratio in shear."""
+    blocks = state.blocks
     frame = record.count[1]
     record.frame_time[frame] = time
     for b in range(blocks.displacement.shape[0]):
@@ -102,18 +107,22 @@ def write_frame(record, time, blocks, joints, points, areas, viscous):
             record.frame_velocity[frame, b, i] = blocks.velocity[b, i]
             record.frame_spin[frame, b, i] = blocks.spin[b, i]
     if record.frame_contact.shape[1] > 0:
-        write_contacts(points, areas, joints, viscous, record.frame_contact[frame])
+        write_contacts(state.points, state.areas, state.joints, viscous, record.frame_contact[frame])
     if record.frame_bond.shape[1] > 0:
-        write_bonds(points, areas, record.frame_bond[frame])
+        write_bonds(state.points, state.areas, record.frame_bond[frame])
     record.count[1] = frame + 1
 
 
 @jit
-def write_row(record, step, time, blocks, joints, points, areas, actuators, ties, load, viscous, lower, upper, last):
+def write_row(record, step, time, state, load, viscous, bounds, last):
     """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room.
 
-    ``load``: V (N), of an equilibrium where no inertia is physical.
+    ``load``: V (N), of an equilibrium where no inertia is physical; ``bounds`` (2) of it; ``viscous``: dashpot ratio in
+    shear.
     """
+    blocks = state.blocks
+    joints = state.joints
+    actuators = state.actuators
     row = record.count[0]
     framed = record.frame_time.size > 0 and (last or step % record.every[1] == 0)
     if row >= record.row.shape[0] or (framed and record.count[1] >= record.frame_time.size):
@@ -122,16 +131,15 @@ def write_row(record, step, time, blocks, joints, points, areas, actuators, ties
     record.row[row, 1] = load
     record.row[row, 2] = actuators.drive[1]
     record.row[row, 3] = unbalanced_ratio(blocks, joints)
-    record.row[row, 4] = lower
-    record.row[row, 5] = upper
+    record.row[row, 4] = bounds[0]
+    record.row[row, 5] = bounds[1]
     for i in range(actuators.block.size):
         record.actuator[row, i] = actuators.displacement[i]
     for j in range(record.joint.shape[1]):
         for i in range(7):
             record.joint[row, j, i] = joints.resultant[j, i]
     write_reactions(joints, record.support, record.reaction[row])
-    if ties is not None:
-        write_ties(record, row, ties)
+    write_ties(record, row, state.ties)
     write_guides(blocks, record.support, record.reaction[row])
     for w in range(record.watched.size):
         b = record.watched[w]
@@ -144,5 +152,5 @@ def write_row(record, step, time, blocks, joints, points, areas, actuators, ties
         record.way[row, w, 2] = blocks.displacement[b, 2] + (z + d3 - record.arm[w, 2])
     record.count[0] = row + 1
     if framed:
-        write_frame(record, time, blocks, joints, points, areas, viscous)
+        write_frame(record, time, state, viscous)
     return True

@@ -5,26 +5,28 @@ nothing drifts.
 """
 
 from dembrick._jit import jit
+from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.math.multifrontal import solve_in_place, solve_rounded_in_place
 from dembrick.kernels.math.vec3 import cross, put_vector, rows_times
 from dembrick.kernels.state import DAMPING
 
 
 @jit
-def note_motion(joints, j, dn, r1, r2, pr1, pr2, p1, p2, pr):
-    """Write down the opening of joint ``j`` at O and its tilts, the tilts of the last step and its slip twist."""
+def seen_by(joints, j, opening, opened, slip):
+    """The `Motion` of joint ``j`` from its opening at O and tilts (dn, r1, r2), their growth in the step and its slip
+    twist; writes them down."""
+    dn, r1, r2 = opening
+    pn, pr1, pr2 = opened
     put_vector(joints.opening[j], dn, r1, r2)
     joints.tilt[j, 0] = pr1
     joints.tilt[j, 1] = pr2
-    put_vector(joints.step[j], p1, p2, pr)
+    put_vector(joints.step[j], slip[0], slip[1], slip[2])
+    return Motion((-dn, r2, -r1), (-pn, pr2, -pr1), slip)
 
 
 @jit
 def small_relative(blocks, joints, j):
-    """What joint ``j`` sees: opening and tilts now, their change in the last step, and the slip twist of it.
-
-    Returns dn, r1, r2, pn, pr1, pr2, p1, p2, pr (m, rad; the joint's axes, at O), and keeps them.
-    """
+    """The `Motion` that joint ``j`` sees, from where its blocks are; keeps it."""
     a = joints.block_a[j]
     b = joints.block_b[j]
     axes = joints.axes[j]
@@ -46,8 +48,7 @@ def small_relative(blocks, joints, j):
     put_vector(old, d1, d2, dn)
     put_vector(old[3:], r1, r2, rn)
     dn += joints.gap[j]
-    note_motion(joints, j, dn, r1, r2, pr1, pr2, p1, p2, pr)
-    return dn, r1, r2, pn, pr1, pr2, p1, p2, pr
+    return seen_by(joints, j, (dn, r1, r2), (pn, pr1, pr2), (p1, p2, pr))
 
 
 @jit

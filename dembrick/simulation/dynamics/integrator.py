@@ -27,6 +27,8 @@ from dembrick.kernels.dynamics.loop import (
     REACHED,
     RUNNING,
     STALE,
+    Contacts,
+    Course,
     Limits,
     Loads,
     advance_bodies,
@@ -419,12 +421,13 @@ def _call(motion: Motion, form: _Form, n_steps: int, dt: float, state: MovingSta
 
 def _in_loop(motion: Motion, touch_at: int, n_steps: int, dt: float, state: MovingState, bodies, loads, *others):
     """The arguments of a loop with the blocks in its own order, and the new contacts among them."""
-    *more, touching, table, own = others
+    limits, damping, travel, touching, table, own = others
     arguments = bodies, state.ties, loads, motion.no_contacts if touching is None else touching
     if state.order is not None:
         arguments = state.order.enter(*arguments)
     in_loop, ties, loads, near = arguments
-    return (n_steps, dt, in_loop, *state[1:4], ties, loads, *more, touch_at, near, table, *own), near
+    course, contacts = Course(*limits, damping, travel), Contacts(touch_at, near)
+    return (n_steps, dt, in_loop, *state[1:4], ties, loads, course, contacts, table, own), near
 
 
 def _loops(motion: Motion, bodies) -> list[tuple]:

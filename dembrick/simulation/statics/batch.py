@@ -23,7 +23,7 @@ from dembrick.assembly.joints import Joint
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.geometry import polygons
 from dembrick.kernels.state import Actuators, Blocks, Joints, ScaledInertia
-from dembrick.kernels.statics.batch import FALLS, Answer, Loading, Lone, Room, Settings, replay_batch
+from dembrick.kernels.statics.batch import FALLS, Answer, Loading, Room, Settings, replay_batch
 from dembrick.kernels.statics.certify import Basis
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import CONVERGED
@@ -149,7 +149,7 @@ def _actuators(cases: Cases) -> Actuators:
         direction=np.array(cases.actuator_direction, float, order="C").reshape(-1, 3),
         weight=np.array(cases.actuator_weight, float).reshape(-1),
         displacement=np.zeros(k * each),
-        drive=np.zeros((k, 5)),
+        drive=np.zeros((k, 6)),
     )
 
 
@@ -207,13 +207,13 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     rest = np.zeros(max(1, joint_families.contact_points(whole)))
     basis = Basis(np.zeros(3), np.zeros(3), np.zeros(2), rest, np.zeros(5), np.zeros(3), np.zeros(6))
     room = Room(
-        np.zeros((certificate.WINDOW, 4)), np.zeros(6), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)),
-        np.zeros(0, np.int64), np.zeros(0),
+        np.zeros(1, np.int64), np.ones(1, np.int64), np.zeros(1), np.zeros((certificate.WINDOW, 4)), np.zeros(6),
+        np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)), np.zeros(0, np.int64), np.zeros(0),
     )  # fmt: skip
     replay_batch(
-        0, k, blocks, joints, points, areas, actuators, cases.actuator_weight.shape[1],
-        _inertia(stiffness), _inertia(stiffness / eta**2), loading, Lone(np.zeros(1, np.int64), np.ones(1, np.int64)),
-        basis, room, _settings(cases.tolerance, eta), answer,
+        0, k, state.for_kernels(whole), cases.actuator_weight.shape[1],
+        (_inertia(stiffness), _inertia(stiffness / eta**2)), loading, basis, room, _settings(cases.tolerance, eta),
+        answer,
     )  # fmt: skip
     strict = answer.basis[:, 0] == 1.0
     lower, upper = np.minimum(answer.bracket[:, 0], answer.bracket[:, 1]), answer.bracket.max(axis=1)

@@ -15,7 +15,7 @@ from dembrick.kernels.statics.newton import remember
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.newton import Equilibria
 from dembrick.simulation.statics.path_state import PathState
-from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.state import State, for_kernels
 
 BRINK = 1e-4  # of a step: so close to its end is where a bond breaks
 SHORTEST = 1e-4  # of the longest step: no step is made shorter to find where a bond breaks
@@ -68,11 +68,11 @@ class BondBreaking:
         self.reserves = joint_families.reserves(state)
         if not (self.reserves < 0.0).any():
             return False
-        before = elastic_energy(state.joints, state.points, state.areas, None)
+        before = elastic_energy(for_kernels(state), None)
         joint_families.hold_bonds(state, False)
         search.attempt(way.motion, way.V)
         joint_families.hold_bonds(state, True)
-        way.fracture += before - elastic_energy(state.joints, state.points, state.areas, None)
+        way.fracture += before - elastic_energy(for_kernels(state), None)
         remember(search.trial, state.joints, state.points, state.areas)
         self.reserves = joint_families.reserves(state)
         way.broke, way.step = True, AFTER * way.usual

@@ -17,7 +17,7 @@ import numpy as np
 from dembrick._jit import ready
 from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.state import ScaledInertia
-from dembrick.kernels.statics.loop import settle
+from dembrick.kernels.statics.loop import Relaxing, advance
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import arrays_of, flattened, restored_state
 from dembrick.simulation.floating_point import not_nan
@@ -25,7 +25,7 @@ from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself, whole_inertia
 from dembrick.simulation.statics.sparse_equations import Factors
-from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.state import State, for_kernels
 from dembrick.simulation.statics.viscous_rest import ViscousMotion
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
@@ -140,7 +140,8 @@ def rest(
     bonded = joint_families.has_strengths(state)
     if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
         return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
-    relax = ready(settle, 0, 0, UNBALANCED, *state[:4], inertia, MOMENTUM)
+    relaxing = Relaxing(UNBALANCED, MOMENTUM, np.ones(1))
+    relax = ready(advance, 0, 0, 1.0, for_kernels(state), inertia, None, None, relaxing, None, None, None, None)
     compiled = time.perf_counter()
     # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
     # each step is
@@ -193,12 +194,12 @@ def _changing(state: State) -> Iterator[np.ndarray]:
 
 class _Relaxation:
     """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum, whether bonds are held), until one of them
-    balances the forces; where that was one with held bonds, until one does without. ``settle``: the kernel."""
+    balances the forces; where that was one with held bonds, until one does without. ``relax``: the kernel."""
 
     def __init__(
-        self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float, bool], ...], settle: Callable
+        self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float, bool], ...], relax: Callable
     ):
-        self._state, self._inertia, self._rounds, self._settle = state, inertia, rounds, settle
+        self._state, self._inertia, self._rounds, self._relax = state, inertia, rounds, relax
         self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
         self._start = [(array, array.copy()) for array in _changing(state)]
@@ -214,7 +215,7 @@ class _Relaxation:
 
     def run(self, session: Session) -> tuple[float, int]:
         """The unbalanced-force ratio reached, and the steps of the last round."""
-        ratio, pace = 1.0, FEW
+        ratio, pace, reached = 1.0, FEW, np.ones(1)
         with interrupts.deferred():
             while self._round < len(self._rounds):
                 most, momentum, held = self._rounds[self._round]
@@ -224,9 +225,12 @@ class _Relaxation:
                 if self._state.ties is not None:
                     ties.pull(self._state)
                     steps = 1  # their forces follow every step
-                ratio, self._step = self._settle(
-                    self._step, steps, UNBALANCED, *self._state[:4], self._inertia, momentum
-                )  # fmt: skip
+                relaxing = Relaxing(UNBALANCED, momentum, reached)
+                state = for_kernels(self._state)
+                _, self._step = self._relax(
+                    self._step, steps, 1.0, state, self._inertia, None, None, relaxing, None, None, None, None
+                )
+                ratio = float(reached[0])
                 pace = max(1, min(int(steps * CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)), 16 * steps))
                 balanced, last = ratio <= UNBALANCED, self._round + 1 == len(self._rounds)
                 if (balanced and not held) or (self._step >= most and last):

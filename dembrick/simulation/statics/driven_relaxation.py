@@ -21,17 +21,18 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.errors import DivergedError
-from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, HEAD, SLIDING, ScaledInertia
+from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, HEAD, SLIDING, Energy, ScaledInertia
 from dembrick.kernels.statics.load_bounds import NEVER
-from dembrick.kernels.statics.loop import push_on
+from dembrick.kernels.statics.loop import Drive, advance
 from dembrick.kernels.statics.newton import remember
+from dembrick.kernels.statics.state import State as KernelState
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.elastic_factor import rounded_inertia
 from dembrick.simulation.statics.load_system import VISCOUS, steady_drive
 from dembrick.simulation.statics.newton import Equilibria
 from dembrick.simulation.statics.path_state import PathState
 from dembrick.simulation.statics.sparse_equations import Factors
-from dembrick.simulation.statics.state import State, new_energy
+from dembrick.simulation.statics.state import State, for_kernels, new_energy
 
 STEP_FACTOR = 0.9  # of the critical time step
 STEADY, HALVINGS, HALVING = 256, 8, 96  # steps at a steady rate; then it is halved so often, each over so many steps
@@ -40,6 +41,7 @@ FAR, FARTHEST = 64.0, 256.0  # elastic displacements of the load of now, that a 
 NEAR = 0.02  # out-of-balance over joint forces from which Newton's method has a chance
 CHUNK = 32  # steps between two looks at signals
 STEPS = STEADY + HALVINGS * HALVING
+GREATEST, LEAST = slice(3, 5), 5  # V so far, and where, in `Actuators.drive`
 
 
 class Pushed(NamedTuple):
@@ -102,6 +104,10 @@ class DrivenRelaxation:
             search.attempt(motion, V)
         return V if found is None else found
 
+    def _advance(self, step: int, steps: int, state: KernelState, drive: Drive, energy: Energy) -> None:
+        """Do so many steps more, whatever the blocks do."""
+        advance(step, steps, self.dt, state, self.inertia, None, drive, None, None, None, energy, None)
+
     def show_what_moves(self, rows: np.ndarray) -> None:
         """Let the state hold the motion of the last part of the push, which is that of the mechanism; ``rows`` (f, 6)
         of the free blocks in the equations."""
@@ -123,26 +129,29 @@ class DrivenRelaxation:
         rate = distance / (STEADY + 1.0 / (1.0 - slowing)) / dt
         drive = steady_drive(rate, dt, self.slope)._replace(steady=STEADY, slowing=slowing)
         energy = new_energy(state)
-        scene = dt, *state[:5], self.inertia, drive, energy
+        whole, peak = for_kernels(state), head[GREATEST].copy()
         started = time.perf_counter()
-        push_on(1, 0, *scene, NEVER, -NEVER)  # no step: compiles, or loads the cache
+        self._advance(1, 0, whole, drive, energy)  # no step: compiles, or loads the cache
         ready = time.perf_counter()
-        least, greatest, before, seen = NEVER, -NEVER, motion(), state.joints.relative.copy()
+        before, seen = motion(), state.joints.relative.copy()
         for step in range(0, STEPS, CHUNK):
             if step == STEPS - LATE:
-                least, greatest, before, seen = NEVER, -NEVER, motion(), state.joints.relative.copy()
-            least, greatest, moved = push_on(step, CHUNK, *scene, least, greatest)
-            if not math.isfinite(moved):
+                head[GREATEST], head[LEAST] = (-NEVER, 0.0), NEVER
+                before, seen = motion(), state.joints.relative.copy()
+            self._advance(step, CHUNK, whole, drive, energy)
+            if not (math.isfinite(head[2]) and np.isfinite(blocks.velocity).all()):
                 raise DivergedError("driven relaxation diverged; please report this scenario")
             pause()
+        greatest, least = float(head[GREATEST][0]), float(head[LEAST])
+        head[GREATEST] = peak
         self.compile_seconds += ready - started
         self.seconds += time.perf_counter() - ready
         work, weights = energy.work, float(np.abs(state.actuators.weight).sum())
         spring = 0.5 * weights / self.slope * (head[2] ** 2 - V**2)
         return Pushed(
             V=float(head[2]),
-            least=float(least),
-            greatest=float(greatest),
+            least=least,
+            greatest=greatest,
             driven=float(head[1]),
             motion=motion() - before,
             slip=state.joints.relative - seen,

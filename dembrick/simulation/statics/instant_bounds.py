@@ -6,6 +6,7 @@ import numpy as np
 
 from dembrick.kernels.statics.load_bounds import Certificate, instant_upper, strict_bounds
 from dembrick.simulation.statics.newton import Equilibria
+from dembrick.simulation.statics.state import for_kernels
 
 NOTHING = 1e-6  # of the dead loads: a limit load below it is zero
 LEAST_BALANCED = 1e-9
@@ -25,11 +26,11 @@ class InstantBounds:
 
         Strict if the certificate is; else by the normal forces of now, charged with what is ``hidden`` of V (N).
         """
-        blocks, joints, points, areas = self._search.state[:4]
+        state = for_kernels(self._search.state)
         if self._certificate.strict:
-            lower, upper = strict_bounds(self._certificate, joints, points, areas, V)
+            lower, upper = strict_bounds(self._certificate, state, V)
             return float(lower), float(upper)
-        upper = float(instant_upper(blocks, joints, points, areas, V, moved, 1.0))
+        upper = float(instant_upper(state, V, moved, 1.0))
         if hidden is None:  # something else held the blocks up
             unbalanced = self.held_up(V)
             return V / (1.0 + unbalanced), max(V, upper) * (1.0 + unbalanced)

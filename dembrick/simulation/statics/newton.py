@@ -12,7 +12,7 @@ from dembrick.kernels.statics.newton import Trial, try_motion
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.statics import elements, joint_families, ties
 from dembrick.simulation.statics.sparse_equations import Factors, inner
-from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.state import State, for_kernels
 from dembrick.simulation.statics.stiffness import to_joint
 
 MOST_ITERATIONS = 20  # for one equilibrium
@@ -135,10 +135,7 @@ class Equilibria:
         self.phases["joint_forces"] += time.perf_counter() - began
 
     def _try(self, V: float, with_tangent: bool) -> None:
-        state = self.state
-        try_motion(
-            self.trial, state.blocks, state.joints, state.points, state.areas, state.actuators, V, with_tangent
-        )  # fmt: skip
+        try_motion(self.trial, for_kernels(self.state), V, with_tangent)
 
     def out_of_balance(self) -> float:
         """Out-of-balance force or moment over the greatest joint force or dead load of a block, the worst block."""

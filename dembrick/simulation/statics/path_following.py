@@ -42,7 +42,7 @@ from dembrick.simulation.statics.path_prediction import go_on_rocking
 from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, Path, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
-from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.state import State, for_kernels
 
 ELASTIC_STEPS = 16  # to the limit load, as far as that can be guessed
 EASY, HARD = 6, 12  # iterations up to which a step may grow, from which it shrinks
@@ -89,7 +89,7 @@ class PathFollower:
         self.compliance = inner(self.search.load, self.answer)
         self.elastic_at_start = 0.0
         if recorder is not None:
-            self.elastic_at_start = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
+            self.elastic_at_start = elastic_energy(for_kernels(state), None) + ties.energy(state)
         self.displacement_at_start = state.blocks.displacement.copy()
         # V that weighs as much as all dead loads, and all bonds
         self.dead = float(np.linalg.norm(ties.dead_loads(state)[self.free, :3], axis=1).sum()) / self.weight

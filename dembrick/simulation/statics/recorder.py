@@ -24,7 +24,7 @@ from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.path_state import PathState
 from dembrick.simulation.statics.reactions import support_numbers
-from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.state import State, for_kernels
 
 ENERGIES = energies(real_time=False)
 BUFFER_BYTES = 4 << 20  # memory that the rows of a chunk may take, and again its frames; a chunk ends before more
@@ -110,25 +110,20 @@ class Recorder:
         frames = int(record.count[1])
         energy = record.energy[record.count[0]]
         energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - before
+        energy[ELASTIC] = elastic_energy(for_kernels(state), None) - before
         if way is not None and number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = way.external, way.friction, way.lost
             energy[CRUSHING], energy[FRACTURE], energy[YIELDING] = way.crushing, way.fracture, way.yielding
-        lower, upper = bracket
-        write_row(
-            record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators, None,
-            float(state.actuators.drive[2]), 0.0, lower, upper, way is None or way.pushes > 0,
-        )  # fmt: skip
+        bounds, last = (float(bracket[0]), float(bracket[1])), way is None or way.pushes > 0
+        load = float(state.actuators.drive[2])
+        write_row(record, number, float(number), for_kernels(state), load, 0.0, bounds, last)
         ties.write(state, record)
         return int(record.count[1]) > frames
 
     def write_frame(self, state: State, number: int) -> None:
         """Add the frame of the equilibrium with this ``number``, whose row is in the record."""
         rows = int(self.record.count[0])
-        write_row(
-            self.record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators,
-            None, 0.0, 0.0, 0.0, 0.0, True,
-        )  # fmt: skip
+        write_row(self.record, number, float(number), for_kernels(state), 0.0, 0.0, (0.0, 0.0), True)
         self.record.count[0] = rows
 
     def drain(self) -> None:

@@ -14,10 +14,12 @@ from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.state import Actuators, Blocks, Energy, Joints
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.point_joints import Points
+from dembrick.kernels.statics.state import State as KernelState
 from dembrick.simulation.statics import joint_families, ties
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.joint.ties import Ties as MovingTies
     from dembrick.simulation.statics.ties import Ties
 
 
@@ -30,6 +32,11 @@ class State(NamedTuple):
     areas: Areas | None
     actuators: Actuators
     ties: Ties | None = None
+
+
+def for_kernels(state: State, moving: MovingTies | None = None) -> KernelState:
+    """The state as kernels take it, with ties that follow finite motion; the forces of others are dead loads."""
+    return KernelState(*state[:5], moving)
 
 
 def initial_state(assembly: Assembly) -> State:
@@ -96,7 +103,7 @@ def _actuators(assembly: Assembly) -> Actuators:
         direction=np.array(actuators.direction, float, order="C").reshape(-1, 3),
         weight=np.array(actuators.weight, float),
         displacement=np.zeros(len(arm)),
-        drive=np.zeros(5),
+        drive=np.zeros(6),
     )
 
 

@@ -25,7 +25,7 @@ from dembrick.simulation.checkpoint_arrays import flattened, restored, restored_
 from dembrick.simulation.session import Progress, Session, Snapshot, step_at
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.recorder import Recorder
-from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.state import State, for_kernels
 
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the pace is known
@@ -52,8 +52,8 @@ class Loop:
     def advance(self, n_steps: int) -> int:
         """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
         arguments = (
-            self.step, n_steps, self.dt, *self.state[:5], self.ties, self.scaled, self.inertia, self.drive,
-            self.certificate, self.record, self.energy, self.guard,
+            self.step, n_steps, self.dt, for_kernels(self.state, self.ties), self.scaled, self.inertia, self.drive,
+            None, self.certificate, self.record, self.energy, self.guard,
         )  # fmt: skip
         if self._advance is None:
             self._advance = ready(advance, *arguments)

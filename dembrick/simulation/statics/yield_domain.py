@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -162,15 +163,21 @@ def actuators_for(load: np.ndarray, lever: float, height: float = 0.0) -> tuple[
     return point, np.repeat(direction, 2, axis=1), 0.5 * np.stack([force + turning, force - turning], axis=1)
 
 
+class Fan(NamedTuple):
+    """Which :func:`directions` of (V_1, V_2, M_T) a domain is asked in."""
+
+    count: int
+    space: str = "quarter"
+    shear_angle: float = 90.0  # degrees, of V in a quarter
+
+
 def yield_domain(
     polygon,
     formulation: str,
     *,
     friction: float,
     normal_force: float,
-    count: int,
-    space: str = "quarter",
-    shear_angle: float = 90.0,
+    fan: Fan,
     height: float = 0.0,
     eccentricity=(0.0, 0.0),
     pressure: str = "full",
@@ -179,7 +186,7 @@ def yield_domain(
     threads: int | None = None,
     progress=None,
 ) -> YieldDomain:
-    """Replays in ``count`` :func:`directions` on a joint ``polygon`` (m, 2) about its centroid.
+    """Replays in the :func:`directions` of a ``fan`` on a joint ``polygon`` (m, 2) about its centroid.
 
     N acts at ``eccentricity`` (m, about O), the actuators ``height`` (m) above the joint. Raises ScenarioError for what
     is no test, NotConvergedError if a direction has no answer.
@@ -191,7 +198,7 @@ def yield_domain(
             "than 0"
         )
     lever = lever_of(polygon)
-    load = directions(count, space, shear_angle) * [1.0, 1.0, lever]
+    load = directions(*fan) * [1.0, 1.0, lever]
     point, direction, weight = actuators_for(load, 0.5 * lever, height)
     cases = batch.Cases.on(
         polygon, formulation, friction=friction, normal_force=normal_force, eccentricity=eccentricity,
@@ -204,7 +211,7 @@ def yield_domain(
         i = int(bad[0])
         raise NotConvergedError(
             f"{formulation}: the replay in the direction (V_1, V_2, M_T) = {tuple(load[i].tolist())} is "
-            f"{limits.status[i]} after {limits.steps[i]} steps, and so are {len(bad) - 1} more of {count}: allow a "
+            f"{limits.status[i]} after {limits.steps[i]} steps, and so are {len(bad) - 1} more of {fan.count}: allow a "
             "larger tolerance, or check that the normal force acts inside the joint"
         )
-    return YieldDomain(load, limits, space, friction * normal_force, lever)
+    return YieldDomain(load, limits, fan.space, friction * normal_force, lever)

@@ -20,7 +20,7 @@ import numpy as np
 from dembrick.geometry.friction_integrals import far_moments
 from dembrick.geometry.polygons import area, distance_outside
 from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by, turning
-from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
+from dembrick.kernels.joint.utilisation import Outlines, area_gauges, point_gauges
 from dembrick.simulation.pressed_parts import pressed_parts
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.motion.bonds import Bonds
@@ -156,14 +156,15 @@ class JointMotion:
         return [self.given[j]["pressure"] for j in self.surfaces[-1]]
 
     @cached_property
-    def surfaces(self) -> tuple[np.ndarray, ...] | None:
+    def surfaces(self) -> tuple[Outlines, np.ndarray, np.ndarray] | None:
         """Joints without contact points: what `area_gauges` needs of their polygons, and their numbers."""
         joint = np.flatnonzero(np.diff(self.point_start) == 0)
         if not len(joint):
             return None
         x, y = np.ascontiguousarray(self.polygon[joint][self.is_corner[joint]].T)
         start, far = np.cumsum([0, *self.n_corner[joint]]), far_moments(self.polygon[joint])
-        return x, y, start, area(self.polygon[joint]), self.size[joint], far, np.arange(len(joint)), joint
+        outlines = Outlines(x, y, start, area(self.polygon[joint]), self.size[joint], far)
+        return outlines, np.arange(len(joint)), joint
 
     def greatest_of_blocks(self, of_joint: np.ndarray) -> np.ndarray:
         """(f, n_block): the greatest of what the joints (f, j) of each block have; NaN of a joint says nothing."""

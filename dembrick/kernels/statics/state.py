@@ -1,0 +1,20 @@
+"""Everything that a search or a constant-rate test changes, handed to the kernels as one."""
+
+from typing import NamedTuple
+
+from dembrick.kernels.joint.ties import Ties
+from dembrick.kernels.state import Actuators, Blocks, Joints
+from dembrick.kernels.statics.area_joints import Areas
+from dembrick.kernels.statics.point_joints import Points
+
+
+class State(NamedTuple):
+    """What `simulation.statics.state.State` is to the kernels; ``points`` or ``areas`` is None if no joint is of that
+    family, ``ties`` if there are none, or if their forces are among the dead loads."""
+
+    blocks: Blocks
+    joints: Joints
+    points: Points | None
+    areas: Areas | None
+    actuators: Actuators
+    ties: Ties | None
