@@ -2,12 +2,13 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
 
 from dembrick import theory
-from dembrick.errors import ScenarioError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import FORMULATIONS, DisplacementControl, Load, Solver
@@ -39,6 +40,46 @@ def test_bracket_is_certified_at_any_rate(name, formulation, rate):
     assert point.V_upper >= expected * (1 - 1e-9)
     assert point.V_upper <= expected * (1 + {1e-2: 1e-3, 1e-3: 1e-6, 1e-4: 1e-6}[rate])
     assert result.agrees()
+
+
+NEAR = 1e-5  # of V: elastic displacements, and inertia, are in no bracket that is not certified
+
+
+@pytest.mark.parametrize("formulation", ["concave", "corrected", "corrected-shear", "distributed"])
+@pytest.mark.parametrize("height", [0.02, 0.05])
+@pytest.mark.parametrize("rate", [1e-5, 1e-4])
+def test_bounds_hold_theory_though_the_block_has_moved(formulation, height, rate):
+    """A jack above the joint moves its normal forces, and the block turns under it for ten seconds: up to 1 mm."""
+    scenario = lab_scenario("set4a_curve", formulation)
+    (jack,) = scenario.actuators
+    raised = dataclasses.replace(jack, point=(jack.point[0], jack.point[1], height))
+    control = DisplacementControl(rate, 10.0 * rate)
+    result = simulate(dataclasses.replace(scenario, actuators=(raised,), control=control, text=None), record=False)
+    point, expected = result.yield_point, result.theory.V
+    assert point.bracket == "indicator"
+    assert point.V_lower <= expected * (1.0 + NEAR) and point.V_upper >= expected * (1.0 - NEAR)
+    assert point.V_upper - point.V_lower < 4e-3 * expected
+
+
+@pytest.mark.parametrize("travel", [1e-7, 2e-6])
+@pytest.mark.parametrize("formulation", ["convex", "distributed"])
+def test_a_travel_that_is_too_short_is_told_how_long_it_must_be(formulation, travel):
+    """The plateau comes some twenty elastic slips on, 2e-5 m; no more than three runs lead there."""
+    scenario = lab_scenario("set4a_curve", formulation)
+    (jack,) = scenario.actuators
+    raised = dataclasses.replace(jack, point=(jack.point[0], jack.point[1], 0.05))
+    for _ in range(3):
+        control = DisplacementControl(1e-5, travel)
+        short = dataclasses.replace(scenario, actuators=(raised,), control=control, text=None)
+        try:
+            result = simulate(short, record=False)
+            break
+        except NotConvergedError as error:
+            said = re.search(r"lengthen control.travel, say to (\S+) m", str(error))
+            assert said, error
+            assert 2.0 * travel * (1.0 - 1e-9) <= float(said[1]) <= 500.0 * travel
+            travel = float(said[1])
+    assert result.yield_point.V == pytest.approx(result.theory.V, rel=5e-3)
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex", "corrected", "corrected-shear"])

@@ -125,12 +125,12 @@ def test_what_a_guard_says(built, status, velocity, what):
 POINT = YieldPoint(90.0, 80.0, None, "open", 120.0, 0.0, 90.0, 0.0, 90.0, 0.0, 467.0, 1e-5, None, "sliding", ("a", "b"))
 
 
-def told(load, swing=0.0, least=1.0, stretch=64):
+def told(load, swing=0.0, least=1.0, stretch=64, point=POINT):
     """The guard's sums of a load given at the middle of each stretch, with a swing (rms) in each; and the verdict."""
     load = np.asarray(load, float)
     sums = np.stack([np.full(len(load), stretch), stretch * load, stretch * (load**2 + swing**2)], axis=1)
     guard = kernel.Guard(1.0, 63, stretch, 1.0, np.zeros(0, np.int64), *np.zeros((2, 2)), np.zeros(3), sums)
-    return steady(POINT, guard, least)
+    return steady(point, guard, least, 1e-5)
 
 
 U = (np.arange(64) + 0.5) / 64
@@ -146,10 +146,20 @@ def test_a_load_that_falls_is_what_the_blocks_still_carry():
     assert told(200.0 - 100.0 * U).V == pytest.approx(112.5, rel=1e-9)
 
 
+@pytest.mark.parametrize(("gain", "bounds"), [(-1.0, (80.0, 100.4375)), (0.5, (98.84375, 99.5))])
+def test_the_bracket_holds_the_geometry_of_the_start(gain, bounds):
+    """A straight drift: from the middle of the last quarter, 7/8 of the way, back to the start, and half of it more."""
+    bracket = dataclasses.replace(POINT, V_lower=80.0 if gain < 0.0 else 99.4, V_upper=99.5, bracket="indicator")
+    point = told((100.0 if gain < 0.0 else 99.0625) + gain * U, point=bracket)
+    V = 100.0 - 0.875 if gain < 0.0 else 99.0625 + 0.4375
+    assert pytest.approx(V, rel=1e-9) == point.V
+    assert (point.V_lower, point.V_upper) == pytest.approx(bounds, rel=1e-9)
+
+
 def test_a_swing_is_refused():
     assert told(np.full(64, 100.0), swing=0.99 * STEADY * 100.0).V == pytest.approx(100.0)
     for load, swing in ((np.full(64, 100.0), 1.01 * STEADY * 100.0), (100.0 + 1.5 * np.cos(40.0 * U), 0.0)):
-        with pytest.raises(NotConvergedError, match="swings by") as caught:
+        with pytest.raises(NotConvergedError, match="swings by .* lower control.rate, or lengthen .* 2e-05") as caught:
             told(load, swing)
         assert caught.value.yield_point.V == pytest.approx(100.0, rel=1e-2)
 
@@ -157,7 +167,8 @@ def test_a_swing_is_refused():
 def test_a_load_that_still_rises_is_refused():
     """1 - c/sqrt(u): what is still missing at the end is c; a hundredth of the load is let pass, twice that is not."""
     assert told(100.0 * (1.0 - 0.008 / np.sqrt(U))).V == pytest.approx(100.0, rel=STEADY)
-    with pytest.raises(NotConvergedError, match="still rises"):
+    advice = r"quarter; lengthen control.travel, say to 6e-05 m, or lower"  # 1e-5 m by (2.2 %/1 %)^2, and rounded up
+    with pytest.raises(NotConvergedError, match=rf"still rises.*{advice}"):
         told(100.0 * (1.0 - 0.02 / np.sqrt(U)))
 
 
@@ -167,7 +178,7 @@ def test_nought_is_a_load_too():
 
 
 def test_too_few_steps_to_tell():
-    with pytest.raises(NotConvergedError, match="too few"):
+    with pytest.raises(NotConvergedError, match="too few .* 2e-05 m"):
         told(np.full(5, 100.0))
 
 

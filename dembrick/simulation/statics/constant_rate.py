@@ -33,7 +33,7 @@ from dembrick.simulation.statics.load_system import (
 )
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
-from dembrick.simulation.statics.steady_load import refuse_unsound, steady
+from dembrick.simulation.statics.steady_load import longer, refuse_unsound, steady
 from dembrick.simulation.statics.stepper import Loop, Stepper
 from dembrick.simulation.statics.yield_point import YieldPoint, at_the_end
 
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.controls import DisplacementControl
 
+ENOUGH = 20.0  # elastic slips of a joint: a travel on which most loads become steady
 CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
 
 
@@ -108,11 +109,13 @@ def push_at_constant_rate(
         replay.turns = tuple((until // rows_every).tolist())
         return replay
     if replay.yield_point.V_upper is None:
-        point = replay.yield_point
+        point, travel = replay.yield_point, float(protocol.turns.max())
+        slip = float(joint_families.friction(state).max()) * setup.dead_strength() * setup.compliance / setup.weight
+        advice = longer(travel, max(2.0, ENOUGH * slip / travel))
         raise NotConvergedError(
-            f"no limit load: the joint has not begun to slip over the travel of {protocol.turns.max():.3g} m, and the "
-            f"{point.V:.6g} N that the actuators carry at its end are no strength; lengthen control.travel, or lower "
-            "control.rate",
+            f"no limit load: the joint has not begun to slip over the travel of {travel:.3g} m, and the "
+            f"{point.V:.6g} N that the actuators carry at its end are no strength; {advice}, "
+            "or lower control.rate",
             replace(point, V=None),
         )
     if setup.certificate.strict:
@@ -122,7 +125,8 @@ def push_at_constant_rate(
     elif state.ties is not None:  # they may stretch for ever: V is what is carried at the end of the travel
         replay.yield_point = at_the_end(replay.yield_point)
     else:
-        replay.yield_point = _steady(replay.yield_point, guard, 1e-3 * setup.dead_strength(), assembly, state)
+        least, travel = 1e-3 * setup.dead_strength(), float(protocol.turns.max())
+        replay.yield_point = _steady(replay.yield_point, guard, (least, travel), assembly, state)
     return replay
 
 
@@ -133,10 +137,13 @@ def _of_cycles(point: YieldPoint) -> YieldPoint:
     return replace(point, V=point.V_peak, V_lower=point.V_peak, V_upper=None, bracket="open")
 
 
-def _steady(point: YieldPoint, guard: Guard, least: float, assembly: Assembly, state: State) -> YieldPoint:
-    """`steady`, and where it refuses because blocks have fallen, a word on that."""
+def _steady(
+    point: YieldPoint, guard: Guard, scales: tuple[float, float], assembly: Assembly, state: State
+) -> YieldPoint:
+    """`steady` with its ``scales``: a load that is none (N) and the travel (m); and where it refuses because blocks
+    have fallen, a word on that."""
     try:
-        return steady(point, guard, least)
+        return steady(point, guard, *scales)
     except NotConvergedError as error:
         fall = came_down(assembly, state)
         if fall is None:
