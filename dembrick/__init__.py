@@ -27,9 +27,9 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.errors import UndecidedError as UndecidedError
     from dembrick.errors import WriteError as WriteError
     from dembrick.history import History as History
-    from dembrick.history import read as read_history  # noqa: F401
+    from dembrick.history import read_history as read_history
     from dembrick.runs.causes import Causes as Causes
-    from dembrick.runs.causes import find as find_causes  # noqa: F401
+    from dembrick.runs.causes import find_causes as find_causes
     from dembrick.runs.domain import simulate_domain as simulate_domain
     from dembrick.runs.lab import replay_lab as replay_lab
     from dembrick.runs.limit import LimitResult as LimitResult
@@ -161,8 +161,7 @@ def __getattr__(name: str):
 
     if name in _MODULES:
         return import_module(f"{_HOMES[name]}.{name}")
-    home = import_module(_HOMES[name])
-    return getattr(home, {"read_history": "read", "find_causes": "find"}.get(name, name))
+    return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__():

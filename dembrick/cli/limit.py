@@ -20,7 +20,11 @@ def add_arguments(parser) -> None:
     reaction.add_argument(
         "--reaction", metavar="SUPPORT", help="a fixed block or a group: its least and greatest force"
     )
-    reaction.add_argument("--direction", metavar="X,Y,Z", help="along which its force on the other blocks counts")
+    reaction.add_argument(
+        "--direction",
+        metavar="X,Y,Z",
+        help="along which its force on the other blocks counts as positive; against it as negative",
+    )
 
 
 def run(options, console) -> int:

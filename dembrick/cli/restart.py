@@ -19,7 +19,8 @@ def add_arguments(parser) -> None:
         metavar="KEY.PATH=VALUE",
         action="append",
         default=[],
-        help="with --at: change a joint law, a load, a tie, ... from then on",
+        help="with --at: change a joint law, a load, a tie, ... from then on; 'run FILE.h5 --set ... --out NEW.h5' "
+        "makes the change from the start",
     )
     parser.add_argument("--out", metavar="NEW.h5", help="with --at: the new history")
     add_force(parser)
@@ -33,7 +34,12 @@ def run(options, console) -> int:
     shown = {"report": console.remark, "progress": console.meter.run}
     if options.at is None:
         if options.set or options.out:
-            raise ScenarioError("--set and --out go with --at T, the time from which the run goes on")
+            changes = " ".join(f"--set {change}" for change in options.set) or "--set KEY.PATH=VALUE"
+            new = options.out or "NEW.h5"
+            raise ScenarioError(
+                "--set and --out go with --at T, the time from which the run goes on; for the whole run with a change: "
+                f"dembrick run {options.history} {changes} --out {new}"
+            )
         return answer(lambda: restart(options.history, **shown), options.history, console)
     if not options.out:
         raise ScenarioError("--at T writes a new history and leaves the old one as it is; name it: --out NEW.h5")

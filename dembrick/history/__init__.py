@@ -16,6 +16,8 @@ from dembrick.history.products import is_ours, product, refuse_inputs
 from dembrick.history.reader import History, is_of, read
 from dembrick.history.writer import OWN, HistoryWriter
 
+read_history = read  # its name at the top of the package
+
 __all__ = [
     "OWN",
     "Checkpoint",
@@ -30,6 +32,7 @@ __all__ = [
     "part_name",
     "product",
     "read",
+    "read_history",
     "reason",
     "recorded",
     "refuse_inputs",

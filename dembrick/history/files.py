@@ -48,10 +48,10 @@ def clear_parts(path: str) -> None:
 
 
 def check_output(path: str | os.PathLike) -> str:
-    """The real path behind ``path`` if a file can be written there.
+    """The real path behind ``path`` if a file can be written there; its folder is made if missing.
 
-    OutputError if the path makes no sense or another's file is there (see `products`), WriteError if the system
-    refuses.
+    OutputError if the path makes no sense, if its folder has no parent either (a slip of the pen, as a rule), or if
+    another's file is there (see `products`); WriteError if the system refuses.
     Whether the folder can be written is tried, not asked: permissions alone do not tell of a read-only disk.
     """
     real = os.path.realpath(path)
@@ -61,7 +61,7 @@ def check_output(path: str | os.PathLike) -> str:
     if os.path.isfile(folder):
         raise OutputError(f"{path}: {folder} is a file, not a folder; choose another path")
     if not os.path.isdir(folder):
-        raise OutputError(f"{path}: the folder {folder} does not exist; make it first or choose another path")
+        _make(folder, path)
     if os.path.exists(real) and not os.path.isfile(real):
         raise OutputError(f"{path}: this is not an ordinary file; choose another path")
     products.refuse_foreign(path, real)
@@ -76,6 +76,21 @@ def check_output(path: str | os.PathLike) -> str:
             f"{path}: the folder {folder} cannot be written ({reason(error)}); choose another path"
         ) from error
     return real
+
+
+def _make(folder: str, path: str | os.PathLike) -> None:
+    """Make the one ``folder`` that ``path`` lacks."""
+    parent = os.path.dirname(folder)
+    if not os.path.isdir(parent):
+        raise OutputError(f"{path}: the folder {parent} does not exist; make it first or choose another path")
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise OutputError(f"{path}: the name is too long; choose a shorter one") from error
+        raise WriteError(
+            f"{path}: the folder {folder} cannot be made ({reason(error)}); choose another path"
+        ) from error
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import needed
-from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, ROWS
+from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NO_BOUND, ROWS
 
 if TYPE_CHECKING:
     import pandas
@@ -59,7 +59,7 @@ def to_pandas(history: History) -> pandas.DataFrame:
 def to_xarray(history: History) -> xarray.Dataset:
     """All series and frames with named dimensions: ``row`` and ``frame`` (with their times), ``joint``, ``block``,
     ``actuator``, ``control_point``, ``support``, ``tie`` (with their names), ``axis``; unit and meaning are attributes
-    of each variable.
+    of each variable. Where no upper bound is known yet, ``upper`` is infinite.
 
     Raises MissingDependency without xarray.
     """
@@ -81,7 +81,10 @@ def to_xarray(history: History) -> xarray.Dataset:
                 coordinates[dim] = (dim, list(labels))
         name = channel.name.replace("/", "_")
         values = history.entries(channel.path, 0, history.n_frames if framed else history.n_row)
-        attributes = {"units": history.unit(channel.path), "long_name": channel.about.format_map(_Words())}
+        about = channel.about.format_map(_Words())
+        if channel.path == "history/upper":
+            values, about = np.where(values >= NO_BOUND, np.inf, values), about.replace("1e300", "inf")
+        attributes = {"units": history.unit(channel.path), "long_name": about}
         variables[f"frame_{name}" if framed else name] = (dims, values, attributes)
     return xarray.Dataset(variables, coordinates, {"title": history.title, "status": history.status})
 

@@ -431,3 +431,6 @@ def _ranked(patterns: dict[bytes, list], judged: np.ndarray, assembly: Assembly)
 def _plain(velocity: np.ndarray, gravity) -> tuple:
     """Order of motions that explain as much: along an axis before turns and what is put together, down before up."""
     return np.count_nonzero(velocity), bool(velocity[3:].any()), -float(np.asarray(gravity) @ velocity[:3])
+
+
+find_causes = find  # its name at the top of the package

@@ -36,10 +36,10 @@ def _refuse(assembly: Assembly, scenario: Scenario, name: str) -> None:
     """ScenarioError for what a law of the user's own cannot be given to."""
     if scenario.control.regime not in REGIMES:
         raise ScenarioError(
-            f'control.kind = "{scenario.control.kind}" of this scenario is answered by {scenario.control.regime.name}, '
-            f"which knows no joint law of one's own: the law {name} is for searches of the limit load "
-            'of a single joint (kind = "yield"), tests at a constant rate (kind = "displacement" with a rate) and '
-            "motion in real time"
+            f'control.kind = "{scenario.control.kind}" of this scenario goes from equilibrium to equilibrium, and a '
+            f"joint law of one's own is followed only through a motion, step by step: give the law {name} to "
+            'kind = "displacement" with a rate, to a run in real time (kind = "dynamic", "base-motion", or "tilt" with '
+            'a rate), or to kind = "yield" of blocks that each stand on fixed ones alone'
         )
     if scenario.stages:
         raise ScenarioError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 SLIDES, PRESSES = 1e-3, 1e-6  # of the greatest move, and of the greatest N: what slides, and what presses
+ACROSS = 0.05  # cosine of a direction that points neither to the blocks nor away from them
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
 
@@ -170,7 +171,10 @@ class LimitResult:
 @dataclass
 class ReactionResult:
     """Reaction of ``support`` along ``direction``, what it exerts on the other blocks: its ``least`` and ``greatest``
-    value (N) in the equilibria of a ``scenario`` and its ``assembly``; ``wall``: seconds."""
+    value (N) in the equilibria of a ``scenario`` and its ``assembly``; ``wall``: seconds.
+
+    ``towards``: cosine between ``direction`` and the way from the support to the centre of the free blocks.
+    """
 
     scenario: Scenario
     assembly: assemblies.Assembly
@@ -179,6 +183,7 @@ class ReactionResult:
     least: Extreme
     greatest: Extreme
     wall: dict
+    towards: float = 0.0
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick limit --reaction --json``."""
@@ -200,9 +205,35 @@ class ReactionResult:
             "direction": list(self.direction),
             "least": end(self.least),
             "greatest": end(self.greatest),
+            "push": self.push,
             "flow": "associative",
             "wall": self.wall,
         }
+
+    @property
+    def push(self) -> dict | None:
+        """How the support pushes the other blocks: its ``least`` and ``greatest`` size (N, None if unlimited), the
+        direction ``along`` which it does (3), and whether that is "inward", towards them, or "outward", away from them
+        (None if it is across); None if it may push either way."""
+        low, high = self.least.value, self.greatest.value
+        if low < 0.0 < high or low == high == 0.0:
+            return None
+        sign = -1.0 if low < 0.0 else 1.0
+        least, greatest = sorted((abs(low), abs(high)))
+        facing = sign * self.towards
+        side = None if abs(facing) < ACROSS else "inward" if facing > 0.0 else "outward"
+        along = [sign * part + 0.0 for part in self.direction]
+        return {"least": _finite(least), "greatest": _finite(greatest), "along": along, "side": side}
+
+    def _push_text(self) -> str:
+        """Sentence on what the signs of the two values mean."""
+        push = self.push
+        if push is None:
+            return "the support may push the others along this direction (positive) or against it (negative)"
+        side = {"inward": ", inward (towards them)", "outward": ", outward (away from them)", None: ""}[push["side"]]
+        most = "without limit" if push["greatest"] is None else f"at most {push['greatest']:.6g} N"
+        least = "without limit" if push["least"] is None else f"at least {push['least']:.6g} N"
+        return f"the support pushes the others along {named(push['along'])}{side}: {least}, {most}"
 
     def text(self) -> str:
         """Text of the command line."""
@@ -215,7 +246,7 @@ class ReactionResult:
                 f"{label:13} {end.value:.9g} N (balanced {end.reached:.9g}, bound {end.bound:.9g}), by "
                 f"{present(end.mechanism).kind} of {listed(names_of(self.assembly, present(end.mechanism)))}"
             )
-        return "\n".join(lines)
+        return "\n".join([*lines, f"push          {self._push_text()}"])
 
 
 def limit(
@@ -294,7 +325,18 @@ def reaction(
         error.answer = _failure(given, error)
         raise
     wall = {"build": built, "total": time.perf_counter() - began}
-    return ReactionResult(given, assembly, support, tuple(way.tolist()), least, greatest, wall)
+    centres = assembly.position - assembly.position[fixed].mean(axis=0)
+    mean = np.average(centres[~assembly.fixed], axis=0, weights=assembly.mass[~assembly.fixed])
+    towards = float(way @ mean) / max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
+    return ReactionResult(given, assembly, support, tuple(way.tolist()), least, greatest, wall, towards)
+
+
+def named(direction: Sequence[float]) -> str:
+    """A direction by the axis that it is, -x, or by its three numbers."""
+    for axis, name in enumerate("xyz"):
+        if abs(direction[axis]) == 1.0:
+            return f"{'-' if direction[axis] < 0.0 else '+'}{name}"
+    return f"({', '.join(f'{part:.4g}' for part in direction)})"
 
 
 def associative_bound(assembly: Assembly, control: Control) -> dict | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -209,7 +209,7 @@ class DeformedRestResult(RestResult, MotionResult):
     run: LoadPathRun
 
     @property
-    def statics(self) -> dict:
+    def statics(self) -> dict[str, Any]:
         """The object ``statics`` of the JSON output."""
         fallen = self.run.collapse or {"mechanism": None, "blocks": []}
         found = {"stands": self.run.stands, "unbalanced": self.run.unbalanced}

@@ -26,6 +26,9 @@ from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
 from dembrick.views.summary import cycle_numbers, limit_text, plain
 
 if TYPE_CHECKING:
+    import pandas
+    import pyvista
+    import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -153,7 +156,9 @@ class RunResult:
 
         return plot.force_displacement([self], ax=ax)
 
-    def meshes(self, frame: int | str | None = None, *, time: float | None = None, magnification: float = 1.0):
+    def meshes(
+        self, frame: int | str | None = None, *, time: float | None = None, magnification: float = 1.0
+    ) -> pyvista.MultiBlock:
         """The blocks in a ``frame`` ("peak", "last" or a number; None: the peak of a search, else the last), or at a
         ``time`` (s), as a ``pyvista.MultiBlock`` of their names; the motion times
         ``magnification``."""
@@ -163,7 +168,7 @@ class RunResult:
         with in_memory.recording(self) as found:
             return render.meshes(found, frame, magnification, time)
 
-    def to_pandas(self):
+    def to_pandas(self) -> pandas.DataFrame:
         """The series as a ``pandas.DataFrame`` by time, units in the headings; MissingDependency without pandas,
         HistoryError if the run kept no record."""
         from dembrick.runs import in_memory
@@ -171,7 +176,7 @@ class RunResult:
         with in_memory.recording(self) as found:
             return found.to_pandas()
 
-    def to_xarray(self):
+    def to_xarray(self) -> xarray.Dataset:
         """Series and frames as an ``xarray.Dataset`` with named dimensions and units; MissingDependency without xarray,
         HistoryError if the run kept no record."""
         from dembrick.runs import in_memory

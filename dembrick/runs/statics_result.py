@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dembrick.runs.result import RunResult, SearchResult
 from dembrick.simulation.statics.dead_load import DECIDES, does_not_stand, undecided
@@ -21,7 +21,7 @@ class RestResult(RunResult):
     if TYPE_CHECKING:
 
         @property
-        def statics(self) -> dict: ...  # the object ``statics`` of the JSON output
+        def statics(self) -> dict[str, Any]: ...  # the object ``statics`` of the JSON output
 
         @property
         def plain_answer(self) -> str: ...  # the answer in a sentence
@@ -53,7 +53,7 @@ class StaticsResult(RestResult, SearchResult):
     run: Standing
 
     @property
-    def statics(self) -> dict:
+    def statics(self) -> dict[str, Any]:
         """The object ``statics`` of the JSON output."""
         rest = self.run.rest
         return {

@@ -109,7 +109,7 @@ def test_explicit_out_is_not_replaced_without_force(call, folder):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["run", SET_4A, "--out", "missing/a.h5"], "missing"),
+        (["run", SET_4A, "--out", "missing/too/a.h5"], "missing"),
         (["run", SET_4A, "--out", "file/a.h5"], "file/a.h5"),
         (["run", SET_4A, "--set", "joint.frictoin=0.5"], "did you mean 'friction'"),
         (["run", SET_4A, "--set", "joint.friction=-1"], "friction"),

@@ -372,13 +372,24 @@ def test_a_link_is_followed_to_its_file(tmp_path):
     assert os.listdir(tmp_path / "disk") == ["real.h5"]
 
 
+def test_a_folder_that_is_missing_is_made(tmp_path, monkeypatch):
+    """One, as a sweep makes its own and a run without --out makes results; of two, the path is wrong."""
+    monkeypatch.chdir(tmp_path)
+    assert history.check_output("results/run.h5") == str(tmp_path / "results" / "run.h5")
+    with pytest.raises(OutputError, match="folder .*/no does not exist"):
+        history.check_output("no/no/run.h5")
+    assert os.listdir(tmp_path) == ["results"]
+
+
 def test_paths_that_cannot_be_used(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="folder .* does not exist"):
-        cases.open_writer(tmp_path / "no" / "run.h5")
+        cases.open_writer(tmp_path / "no" / "no" / "run.h5")
     with pytest.raises(OutputError, match="this is a folder"):
         cases.open_writer(tmp_path)
     with pytest.raises(OutputError, match="too long"):
         cases.open_writer(tmp_path / ("x" * 300))
+    with pytest.raises(OutputError, match="too long"):
+        cases.open_writer(tmp_path / ("x" * 300) / "run.h5")
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OutputError, match="not an ordinary file"):
         cases.open_writer(tmp_path / "pipe")

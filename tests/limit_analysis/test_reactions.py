@@ -4,11 +4,12 @@ import math
 
 import pytest
 
-from dembrick.runs.limit import reaction
+from dembrick.runs.limit import ReactionResult, reaction
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.generators import Arch, Wall
 from dembrick.scenario.model import Scenario
+from dembrick.simulation.limit_analysis.reactions import Extreme
 from helpers import pushed_assemblies as scenes
 from helpers.pushed_assemblies import law
 
@@ -24,6 +25,34 @@ def test_the_thrust_of_an_arch(formulation, friction, greatest):
     assert found.least.mechanism.kind == "rocking"
     mirrored = reaction(scenario, "arch.right", (1.0, 0.0, 0.0))
     assert mirrored.greatest.value == pytest.approx(-2130.36785, rel=1e-7)
+    for one in (found, mirrored):
+        assert (one.push["along"], one.push["side"]) == ([-1.0, 0.0, 0.0], "inward")
+        assert (one.push["least"], one.push["greatest"]) == pytest.approx((2130.36785, greatest), rel=1e-7)
+        said = (
+            "push          the support pushes the others along -x, inward (towards them): at least 2130.37 N, at most"
+        )
+        assert said in one.text() and one.as_dict()["push"] == one.push
+
+
+@pytest.mark.parametrize(
+    "ends, push",
+    [
+        ((-3.0, -1.0), (1.0, 3.0, [-1.0, 0.0, 0.0], "outward")),
+        ((1.0, math.inf), (1.0, None, [1.0, 0.0, 0.0], "inward")),
+        ((-1.0, 2.0), None),
+    ],
+)
+def test_a_push_is_told_without_signs(ends, push):
+    """A centre of blocks that lies along +x of the support."""
+    low, high = (Extreme(value, value, value, None) for value in ends)
+    found = ReactionResult(None, None, "left", (1.0, 0.0, 0.0), low, high, {}, towards=0.8)
+    assert found.push == (
+        None if push is None else dict(zip(("least", "greatest", "along", "side"), push, strict=True))
+    )
+    told = found._push_text()
+    assert ("either" in told or "or against it" in told) == (push is None) and ("without limit" in told) == (
+        high.value > 1e9
+    )
 
 
 def test_a_springing_that_sinks():

@@ -184,7 +184,11 @@ def test_what_cannot_be_answered_is_refused_in_one_sentence():
     scenario = lab()
     strong = replace(scenario, joint=replace(scenario.joint, cohesion=1e3))
     for wrong, words, options in (
-        (replace(scenario, control=dembrick.StaticsControl()), "knows no joint law of one's own", {}),
+        (
+            replace(scenario, control=dembrick.StaticsControl()),
+            "followed only through a motion, step by step: give the law",
+            {},
+        ),
         (lab("convex"), 'formulation = "convex"', {}),
         (strong, "parameters of the law", {}),
         (scenario, "bound = True", {"bound": True}),

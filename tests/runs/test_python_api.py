@@ -39,6 +39,10 @@ def test_a_dataset_names_dimensions_and_units(result):
     assert moved.attrs["units"] == "m" and data["load"].attrs["units"] == "N"
     assert data["frame_orientation"].dims == ("frame", "block", "quaternion")
     assert data.attrs["status"] == "yield"
+    bound = result.rows["upper"] < 1e300
+    assert 0 < np.count_nonzero(bound) < len(bound)
+    np.testing.assert_array_equal(data["upper"], np.where(bound, result.rows["upper"], np.inf))
+    assert data["upper"].attrs["long_name"].endswith("inf stands for none")
 
 
 @pytest.mark.parametrize("library, method", [("pandas", "to_pandas"), ("xarray", "to_xarray")])

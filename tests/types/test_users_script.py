@@ -19,6 +19,7 @@ pytest.importorskip("mypy")
 # Packages beside ours are not read, which takes most of the time; the types of ours hold without theirs.
 SETTINGS = """
 [mypy]
+strict = true
 ignore_missing_imports = true
 follow_imports = silent
 [mypy-numpy.*,numba.*,h5py.*,scipy.*,matplotlib.*,pyvista.*,vtkmodules.*,pandas.*,xarray.*,distributed.*,dask.*]

@@ -1,6 +1,6 @@
 """What a type checker and an editor know of a user's script; mypy reads this file, nobody runs it."""
 
-from typing import assert_type
+from typing import Any, assert_type
 
 import dembrick
 
@@ -13,6 +13,7 @@ try:
     assert_type(result, dembrick.Result | dembrick.MotionResult | dembrick.StaticsResult)
     if isinstance(result, dembrick.Result):
         assert_type(result.yield_point.V_lower, float)
+    result.to_xarray(), result.to_pandas(), result.meshes()
 except dembrick.ScenarioError as error:
     print(error)
 except dembrick.NotConvergedError as error:
@@ -20,8 +21,7 @@ except dembrick.NotConvergedError as error:
 
 with dembrick.read_history("wall.h5") as run:
     assert_type(run, dembrick.History)
-    run.to_xarray()
-    run.to_pandas()
+    dataset, table = run.to_xarray(), run.to_pandas()
 
 found = dembrick.limit("wall.toml")
 if isinstance(found, dembrick.LimitResult):
@@ -29,7 +29,7 @@ if isinstance(found, dembrick.LimitResult):
 
 
 @dembrick.joint_law(memory="slipped", slip_distance=1e-3)
-def own_law(move, law, memory):
+def own_law(move: Any, law: Any, memory: Any) -> tuple[float, float, float, float]:
     return law.normal_stiffness * max(move.penetration, 0.0), 0.0, 0.0, 0.0
 
 

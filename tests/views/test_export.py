@@ -93,7 +93,7 @@ def test_an_unknown_ending_names_the_known_ones(tmp_path, name):
 def test_a_path_that_cannot_be_used(tmp_path, ending):
     found = make(tmp_path)
     with pytest.raises(OutputError, match="does not exist"):
-        export.export(found, tmp_path / "no" / f"x.{ending}")
+        export.export(found, tmp_path / "no" / "no" / f"x.{ending}")
     (tmp_path / f"folder.{ending}").mkdir()
     with pytest.raises(OutputError, match="folder"):
         export.export(found, tmp_path / f"folder.{ending}")

@@ -152,7 +152,7 @@ def test_what_cannot_be_shown_is_said(tmp_path):
     with pytest.raises(OutputError, match=r"end in \.html"):
         page.write(written(tmp_path / "run.h5"), tmp_path / "page.xml")
     with pytest.raises(OutputError, match="does not exist"):
-        page.write(tmp_path / "run.h5", tmp_path / "nowhere" / "page.html")
+        page.write(tmp_path / "run.h5", tmp_path / "nowhere" / "no" / "page.html")
     with pytest.raises(HistoryError, match="no frames"):
         page.write(written(tmp_path / "bare.h5", frames=0), tmp_path / "page.html")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bare.h5", "run.h5"]

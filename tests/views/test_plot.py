@@ -117,7 +117,7 @@ def test_errors_name_the_remedy(run, tmp_path):
     with pytest.raises(OutputError, match=r"\.png, \.svg, \.pdf"):
         plot.save(figure, tmp_path / "figure.bmp")
     with pytest.raises(OutputError, match="does not exist"):
-        plot.save(figure, tmp_path / "nowhere" / "figure.png")
+        plot.save(figure, tmp_path / "nowhere" / "no" / "figure.png")
     with pytest.raises(ScenarioError, match="2 labels for 1 histories"):
         plot.force_displacement([run], labels=["a", "b"])
     with pytest.raises(ScenarioError, match="needs a joint"):

@@ -58,7 +58,7 @@ def test_errors(run, tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="PNG"):
         render.picture(run, tmp_path / "a.bmp")
     with pytest.raises(OutputError, match="does not exist"):
-        render.picture(run, tmp_path / "nowhere" / "a.png")
+        render.picture(run, tmp_path / "nowhere" / "no" / "a.png")
     with pytest.raises(ScenarioError, match="iso, front, back, iso-front, side, top"):
         render.picture(run, tmp_path / "a.png", view="below")
     with pytest.raises(ScenarioError, match="frames 0 to 3"):

@@ -29,9 +29,10 @@ class Arch:
     """A circular arch of ``voussoirs`` equal stones: mean ``radius``, ``thickness`` and ``depth`` in m.
 
     ``angle`` (deg) is the angle of embrace, 180 for a semicircle. ``position`` is the centre of the circle; the arch
-    stands in the x-z plane (or along ``heading``, deg) with its crown above the centre. ``curved``: mass, centroid
-    and inertia of the stones are those of pieces of a ring (:class:`dembrick.scenario.blocks.Voussoir`). ``abutments``
-    puts a fixed stone under each springing, wider than the arch; without them something else must carry it.
+    stands in the x-z plane (or along ``heading``, deg) with its crown above the centre, and its ``depth`` lies across,
+    along y, half on either side of the centre. ``curved``: mass, centroid and inertia of the stones are those of pieces
+    of a ring (:class:`dembrick.scenario.blocks.Voussoir`). ``abutments`` puts a fixed stone under
+    each springing, wider than the arch; without them something else must carry it.
 
     Stones of ``material``, and of a ``group``, are called ``name``.1, ``name``.2, ... from the left springing (towards
     -x) to the right; the abutments name.left and name.right.
