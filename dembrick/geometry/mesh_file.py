@@ -1,9 +1,9 @@
 """Shapes from mesh files: STL, OBJ, PLY, gmsh .msh and .vtu, read by meshio and checked here.
 
 A file is a surface of triangles and polygons, or a solid mesh whose skin is taken. Corners that nearly coincide are
-one corner (STL repeats them). The surface must be closed and look outward, and one that is not convex is cut into
-convex parts along its own faces. Faces are plane; a message names the one that is wrong by its number in the file, from
-0, and by its middle.
+one corner (STL repeats them). The surface must be closed; faces that look inward are turned where that is beyond doubt.
+One that is not convex is cut into convex parts along its own faces. Faces are plane; a message names the one that is
+wrong by its number in the file, from 0, and by its middle.
 """
 
 from __future__ import annotations
@@ -68,6 +68,7 @@ def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> list[Polyhedron
     points, faces = _welded(points, faces, _SAME * size)
     if not faces:
         raise ScenarioError("no face of the surface has an area; a block needs a volume")
+    faces = _looking_outward(points, faces)
     _check_closed(points, faces)
     volume, _, _ = mass_properties(points, [face for _, face in faces])
     if abs(volume) <= _SAME * size**3:
@@ -207,6 +208,38 @@ def _face(points, numbered) -> str:
     index, face = numbered
     middle = points[list(face)].mean(axis=0)
     return f"face {index} (about {middle[0]:.4g}, {middle[1]:.4g}, {middle[2]:.4g})"
+
+
+def _looking_outward(points, faces) -> list[tuple[int, tuple[int, ...]]]:
+    """The faces of one surface whose edges all have two of them, each turned so that it looks outward; others as they
+    are. Neighbours that walk their edge opposite ways look to the same side, and a volume is positive: no other way of
+    turning them makes a solid."""
+    sides: dict[tuple[int, int], list[tuple[int, bool]]] = {}
+    for number, (_, face) in enumerate(faces):
+        for edge in zip(face[-1:] + face[:-1], face, strict=True):
+            sides.setdefault((min(edge), max(edge)), []).append((number, edge[0] < edge[1]))
+    if any(len(both) != 2 for both in sides.values()):
+        return faces
+    beside: list[list[tuple[int, bool]]] = [[] for _ in faces]  # neighbours, and whether they look to the other side
+    for (a, up), (b, other_up) in sides.values():
+        beside[a].append((b, up == other_up))
+        beside[b].append((a, up == other_up))
+    turned = {0: False}
+    waiting = [0]
+    while waiting:
+        here = waiting.pop()
+        for there, other in beside[here]:
+            if there not in turned:
+                turned[there] = turned[here] != other
+                waiting.append(there)
+            elif turned[there] != (turned[here] != other):
+                return faces  # a surface with one side only
+    if len(turned) < len(faces):
+        return faces
+    found = [(index, face[::-1] if turned[i] else face) for i, (index, face) in enumerate(faces)]
+    if mass_properties(points, [face for _, face in found])[0] < 0.0:
+        found = [(index, face[::-1]) for index, face in found]
+    return found
 
 
 def _check_closed(points, faces) -> None:

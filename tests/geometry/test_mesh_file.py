@@ -90,13 +90,20 @@ def test_a_hole():
     refused(CORNERS, QUADS[:3], "not closed")
 
 
-def test_inside_out():
-    refused(CORNERS, [q[::-1] for q in QUADS], "inside out", "face 0 (about 0.15, 0.1, 0)", "volume -0.006 m3")
+def test_faces_that_look_inward_are_turned():
+    """One, all, and one of a box whose first face is wrong."""
+    for turned in ({4}, set(range(6)), {0}, {0, 1, 3}):
+        (solid,) = checked(CORNERS, [q[::-1] if i in turned else q for i, q in enumerate(QUADS)])
+        assert solid.volume == pytest.approx(0.3 * 0.2 * 0.1, rel=1e-12)
 
 
-def test_one_face_turned_round():
-    faces = [*QUADS[:4], QUADS[4][::-1], QUADS[5]]
-    refused(CORNERS, faces, "face 4 (about 0, 0.1, 0.05)", "the same way", "looks inward")
+def test_two_surfaces_are_left_as_they_are():
+    """Which of them looks outward is not known: an inner one is a hollow."""
+    both = np.concatenate([CORNERS, CORNERS + (1.0, 0.0, 0.0)])
+    second = [tuple(i + 8 for i in q) for q in QUADS]
+    refused(both, [q[::-1] for q in QUADS + second], "inside out", "face 0 (about 0.15, 0.1, 0)", "volume -0.012 m3")
+    faces = [*QUADS[:4], QUADS[4][::-1], QUADS[5], *second]
+    refused(both, faces, "face 4 (about 0, 0.1, 0.05)", "the same way", "looks inward")
 
 
 def test_flat():
