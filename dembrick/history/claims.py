@@ -1,17 +1,29 @@
-"""One writer a file: a second run that would write the same history is refused while the first one goes on."""
+"""One writer a file: a second run that would write the same history is refused while the first one goes on.
+
+The lock is that of the system, POSIX or Windows, which lets go of it when a process ends, however it ends.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
+from typing import Any
 
 from dembrick.errors import OutputError
 
-try:
-    import fcntl
-except ImportError:  # Windows: there an open file cannot be replaced, and the second run fails by itself
-    fcntl = None  # type: ignore[assignment]
+
+def _module(name: str) -> Any:
+    """A module of this system, None if it is one of another."""
+    try:
+        return import_module(name)
+    except ImportError:
+        return None
+
+
+fcntl, msvcrt = _module("fcntl"), _module("msvcrt")
+_NO_LINKS = getattr(os, "O_NOFOLLOW", 0)  # Windows has no such flag
 
 
 @contextmanager
@@ -23,7 +35,7 @@ def claimed(path: str | os.PathLike) -> Iterator[None]:
     """
     folder, name = os.path.split(os.path.realpath(path))
     neighbour = os.path.join(folder, f".{name}.lock")
-    lock = _locked(neighbour, os.fspath(path)) if fcntl else None
+    lock = _locked(neighbour, os.fspath(path)) if fcntl or msvcrt else None
     try:
         yield
     finally:
@@ -31,17 +43,20 @@ def claimed(path: str | os.PathLike) -> Iterator[None]:
             with suppress(OSError):
                 os.unlink(neighbour)  # before it is let go of: who opened it meanwhile finds it gone, and makes another
             os.close(lock)
+            if os.name == "nt":  # there an open file cannot be removed, nor one that the next writer has opened
+                with suppress(OSError):
+                    os.unlink(neighbour)
 
 
 def _locked(neighbour: str, path: str) -> int | None:
     """An open and locked file, None if that is impossible."""
     while True:
         try:
-            lock = os.open(neighbour, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            lock = os.open(neighbour, os.O_RDWR | os.O_CREAT | _NO_LINKS, 0o600)
         except OSError:
             return None
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(lock)
             if os.stat(neighbour).st_ino == os.fstat(lock).st_ino:
                 return lock
         except BlockingIOError:
@@ -55,3 +70,14 @@ def _locked(neighbour: str, path: str) -> int | None:
             os.close(lock)
             return None
         os.close(lock)
+
+
+def _lock(file: int) -> None:
+    """Lock an open file until it is closed: BlockingIOError if another has it, OSError on a disk without locks."""
+    if fcntl is not None:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return
+    try:
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)  # its first byte, which need not be there
+    except PermissionError as error:
+        raise BlockingIOError(error.errno, error.strerror) from None

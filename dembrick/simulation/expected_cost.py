@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-START_SECONDS = 1.0  # of a command: start-up, loading what is compiled, building, writing
+START_SECONDS = 0.7  # of a command: start-up, loading what is compiled, building, writing
 LONG = 3600.0  # s: a run that takes more says so before it starts
 ROCKING = 13.0  # steps of a search that rocks, however many blocks
 FIRST_SLIDING, NEWTON_PER_JOINT = 45.0, 2.0  # of one that slides: and more with every joint that does

@@ -12,10 +12,13 @@ import pytest
 from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import OutputError
+from dembrick.history import claims
 from dembrick.history.claims import claimed
 from dembrick.runs.simulate import simulate
+from helpers import windows_locks
+from helpers.places import ROOT
 
-SET4A = (Path(__file__).parents[2] / "scenarios" / "set4a.toml").read_text()
+SET4A = (ROOT / "scenarios" / "set4a.toml").read_text()
 
 
 @pytest.fixture
@@ -94,8 +97,24 @@ def test_an_unfinished_run_of_another_scenario_is_kept(run, folder, capsys):
     assert main(["run", "mine.toml", "--out", run]) == 0  # of the same one: begun again
 
 
-def test_the_second_of_two_writers_is_refused(folder, capsys):
+@pytest.fixture(params=["posix", "windows"])
+def system(request, monkeypatch):
+    """Beginning of a script that locks files as a system does; this process does too."""
+    if request.param == "posix":
+        return ""
+    if sys.platform != "linux":
+        pytest.skip("locks of Windows are played by those of Linux")
+    monkeypatch.setattr(claims, "fcntl", None)
+    monkeypatch.setattr(claims, "msvcrt", windows_locks)
+    return (
+        f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r})\nfrom helpers import windows_locks\n"
+        "from dembrick.history import claims\nclaims.fcntl, claims.msvcrt = None, windows_locks\n"
+    )
+
+
+def test_the_second_of_two_writers_is_refused(folder, capsys, system):
     code = "from dembrick.history import claimed\nimport time\nwith claimed('run.h5'):\n print('in', flush=True)\n"
+    code = system + code
     first = subprocess.Popen([sys.executable, "-c", code + " time.sleep(60)"], stdout=subprocess.PIPE, text=True)
     try:
         assert first.stdout.readline() == "in\n"
@@ -109,7 +128,7 @@ def test_the_second_of_two_writers_is_refused(folder, capsys):
     assert sorted(os.listdir(folder)) == ["mine.toml", "run.h5"]
 
 
-def test_claims_of_many_processes_never_meet(folder):
+def test_claims_of_many_processes_never_meet(folder, system):
     """Whoever gets in is alone there, also while the file that is locked is made and removed."""
     code = """
 import os, random, time
@@ -126,7 +145,9 @@ while time.monotonic() < end:
         pass
 print(got)
 """
-    started = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    started = [
+        subprocess.Popen([sys.executable, "-c", system + code], stdout=subprocess.PIPE, text=True) for _ in range(3)
+    ]
     assert [one.wait() for one in started] == [0, 0, 0]
     assert sum(int(one.stdout.read()) for one in started) > 100
     assert time.monotonic()
