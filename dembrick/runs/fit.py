@@ -26,7 +26,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.csv_tables import Table, cells_by_name, name_of, read_table
-from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
+from dembrick.scenario.model import FORMULATIONS, DisplacementControl, Scenario, YieldControl
 
 CONFIDENCE = 0.95
 _COLUMNS = {"test": True, "scenario": True, "V": True, "deviation": False, "formulation": False}  # needed or not
@@ -82,8 +82,11 @@ def read(path: str | os.PathLike) -> list[Measurement]:
         V = _positive(table, number, row, *columns["V"])
         deviation = _positive(table, number, row, *columns["deviation"]) if cells.get("deviation") else None
         scenario = scenarios.load(path.parent / cells["scenario"], regular=True)
-        if not isinstance(scenario.control, YieldControl):
-            raise ScenarioError(f'{place}: {scenario.path} has no control.kind = "yield", so it has no yield point')
+        if not isinstance(scenario.control, YieldControl | DisplacementControl):  # the limit of its jacks counts
+            raise ScenarioError(
+                f"{place}: {scenario.path} has control.kind = {show(scenario.control.kind)}, and so no yield point; "
+                'give it "yield", or "displacement"'
+            )
         found.append(Measurement(cells["test"], scenario, V, deviation, formulation))
     return found
 

@@ -69,6 +69,16 @@ def test_a_stated_deviation_weighs(tmp_path):
     assert found.mu == pytest.approx((9 * 0.5 + 0.7) / 10.0, rel=1e-4)
 
 
+def test_a_test_at_constant_rate_counts_by_its_limit(tmp_path):
+    """The scenario of its curve has the same jacks, and so the same friction."""
+    found = []
+    for name in ("set4a", "set4a_curve"):
+        path = tmp_path / f"{name}.csv"
+        path.write_text(f"test, scenario, V [N]\na, {FOLDER / name}.toml, 216.055\n")
+        found.append(fit.fit(fit.read(path), ("convex",))[0].mu)
+    assert found[0] == found[1] == pytest.approx(0.64, rel=1e-3)
+
+
 def test_one_test_has_no_interval(tmp_path):
     (found,) = fit.fit(fit.read(data(tmp_path, line("4a", 200.0))), ("concave",))
     assert found.half_width is None
@@ -90,7 +100,7 @@ def test_student(freedom):
         ("test,scenario,V [N]", [line("2a", -1.0)], ["greater than 0"]),
         ("test,scenario,V [N]", ["2a,none.toml,100"], ["none.toml", "no such file"]),
         ("test,scenario,V [N],formulation", [line("2a", 100.0, "convx")], ["convx", "convex"]),
-        ("test,scenario,V [N]", [line("2a_curve", 100.0)], ["yield"]),
+        ("test,scenario,V [N]", [f"a,{FOLDER / 'arch.toml'},100.0"], ["pushover", "yield", "displacement"]),
         ("test,scenario,V [N]", [], ["at least one test"]),
     ],
 )
