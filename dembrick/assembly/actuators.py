@@ -63,17 +63,26 @@ NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), NO_VECTORS, NO_VECT
 
 def check_inside(what: str, point, bare: Assembly, block: int) -> np.ndarray:
     """The arm (3,) of a point from the centroid of its block; ScenarioError if it lies outside."""
-    shape, arm = bare.shapes[block], np.array(point, float) - bare.position[block]
-    local = bare.rotation[block].T @ arm
-    outside = min(
-        float((part.face_normals @ (local - place) - part.face_offsets).max()) for place, part in parts_of(shape)
-    )
-    if outside > ON_FACE * shape.diameter:
-        where = f"its point {show(tuple(point))} lies {outside:.6g} m outside block {show(bare.names[block])}"
+    outside = _outside(point, bare, block)
+    if outside > 0.0:
+        name = show(bare.names[block])
+        where = f"its point {show(tuple(point))} lies {outside:.6g} m outside block {name}"
+        others = [other for i, other in enumerate(bare.names) if i != block and _outside(point, bare, i) <= 0.0]
+        where += f", in {show(others[0])}" if others else ""
+        centre = ", ".join(f"{part:.4g}" for part in (bare.position[block] + 0.0).round(9).tolist())
         raise ScenarioError(
-            f"{what}: {where}; put it in the block or on one of its faces (world position at the start)"
+            f"{what}: {where}; put it in the block, whose centroid is at ({centre}), or on one of its faces (world "
+            "position at the start)"
         )
-    return arm
+    return np.array(point, float) - bare.position[block]
+
+
+def _outside(point, bare: Assembly, block: int) -> float:
+    """How far (m) a point lies outside a block, 0 if it is in it or on a face."""
+    shape = bare.shapes[block]
+    local = bare.rotation[block].T @ (np.array(point, float) - bare.position[block])
+    far = min(float((part.face_normals @ (local - place) - part.face_offsets).max()) for place, part in parts_of(shape))
+    return far if far > ON_FACE * shape.diameter else 0.0
 
 
 def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) -> ActuatorTable:

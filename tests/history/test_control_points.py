@@ -99,7 +99,10 @@ def test_on_the_command_line(tmp_path, capsys):
 @pytest.mark.parametrize(
     "point, words",
     [
-        (("a", "upper", (0.0, 0.0, 0.2)), "control point 'a': its point .* lies 0.1 m outside block 'upper'"),
+        (
+            ("a", "upper", (0.0, 0.0, 0.2)),
+            "control point 'a': its point .* lies 0.1 m outside block 'upper'; put it in the block, whose centroid",
+        ),
         (("a", "uper", None), "block of control point 'a' = 'uper' .*did you mean 'upper'"),
         (("", "upper", None), "name = ''"),
     ],

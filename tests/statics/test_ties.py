@@ -215,6 +215,10 @@ def test_ties_that_cannot_be_are_refused(text, words):
 def test_a_tie_outside_its_block_is_refused():
     with pytest.raises(ScenarioError, match="tie number 1.*outside block 'upper'"):
         assemble(toml.loads(BASE + TIE.replace("0.1] }]", "0.3] }]") + STEEP))
+    with pytest.raises(
+        ScenarioError, match=r"outside block 'upper', in 'lower'; .* whose centroid is at \(0, 0, 0\.05\)"
+    ):
+        assemble(toml.loads(BASE + TIE.replace("0.1] }]", "-0.02] }]") + STEEP))
 
 
 def test_ties_are_written_as_they_are_read():
