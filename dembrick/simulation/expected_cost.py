@@ -14,7 +14,8 @@ START_SECONDS = 0.7  # of a command: start-up, loading what is compiled, buildin
 LONG = 3600.0  # s: a run that takes more says so before it starts
 ROCKING = 13.0  # steps of a search that rocks, however many blocks
 FIRST_SLIDING, NEWTON_PER_JOINT = 45.0, 2.0  # of one that slides: and more with every joint that does
-FEW_SLIDING = 12.0  # and at most so many a joint: a dam that slides on its foot took 7, four slabs on a slope 17
+FEW_SLIDING, MORE_SLIDING = 7.0, 1.1  # at most so many times the number of them to that power: a dam that slides on its
+# foot took 7, four slabs on a slope 17, a wall with seven joints that slide 117
 CONVEX_ROCKING = 1.4  # times as many steps where convex joints rock
 EQUILIBRIA = 32  # on the path of a search: some ten to sixty are recorded
 WITHIN = 4.0  # factor by which the steps of a search of several joints may be off
@@ -41,7 +42,7 @@ def search_steps(tolerance: float, bent: bool = False) -> int:
 def newton_steps(convex: bool, sliding: int = 0) -> int:
     """Newton steps of a search through equilibria, ``sliding`` joints of which slide in the mechanism."""
     if sliding:
-        return round(min(FEW_SLIDING * sliding, FIRST_SLIDING + NEWTON_PER_JOINT * sliding))
+        return round(min(FEW_SLIDING * sliding**MORE_SLIDING, FIRST_SLIDING + NEWTON_PER_JOINT * sliding))
     return round(ROCKING * (CONVEX_ROCKING if convex else 1.0))
 
 

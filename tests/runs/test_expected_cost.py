@@ -33,6 +33,7 @@ def planned(stem, *changes):
         ("set4a_mid", []),
         ("set4b_mid", ["control.tolerance=1e-5"]),
         ("dam", []),
+        ("slope_weak_joints", []),
         ("rocking_push", []),
         ("newmark_pulse", []),
     ],
