@@ -28,8 +28,8 @@ LAWS = {  # nine points are an odd number
 }
 
 
-def pairs(n, formulation):
-    """``n`` blocks on as many floors, at rest, ready to write down the forces at their points."""
+def drawn(n, formulation):
+    """``n`` blocks on as many floors, as they are drawn."""
     built = build.assemble(
         Scenario(
             title="pairs",
@@ -44,7 +44,12 @@ def pairs(n, formulation):
             control=DynamicControl(duration=1.0),
         )
     )
-    moving, driving = motion(built, 0.1, 0.3), Driving(GRAVITY)
+    return motion(built, 0.1, 0.3)
+
+
+def pairs(n, formulation):
+    """They at rest, ready to write down the forces at their points."""
+    moving, driving = drawn(n, formulation), Driving(GRAVITY)
     find_equilibrium(moving, driving)
     moving.state = with_contact_forces(moving.state)
     return moving, driving
@@ -110,7 +115,7 @@ def test_every_joint_has_one_lane_among_its_kind():
 
 
 def test_what_stands_in_tiles_is_read_as_a_copy_that_refuses_to_be_written():
-    moving, _ = pairs(3, "concave")
+    moving = drawn(3, "concave")
     links, corners = moving.state.links, moving.state.corners
     with pytest.raises(ValueError, match="read-only"):
         links.offset[1] = 0.0
@@ -177,8 +182,7 @@ def test_quaternion_of_a_frame():
 def test_blocks_turn_side_by_side_as_they_do_alone():
     """Slow ones, and one that is too fast for a series: it turns by the general step."""
     dt = 1e-4
-    one, _ = pairs(4, "concave")
-    other, _ = pairs(4, "concave")
+    one, other = drawn(4, "concave"), drawn(4, "concave")
     rng = np.random.default_rng(2)
     for moving in (one, other):
         bodies = moving.state.bodies
