@@ -36,18 +36,18 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.runs.limit import ReactionResult as ReactionResult
     from dembrick.runs.limit import limit as limit
     from dembrick.runs.limit import reaction as reaction
-    from dembrick.runs.limit_standing import StandingResult as StandingResult
-    from dembrick.runs.load_path_result import DeformedRestResult as DeformedRestResult
-    from dembrick.runs.load_path_result import DrivenPathResult as DrivenPathResult
-    from dembrick.runs.load_path_result import LoadPathResult as LoadPathResult
-    from dembrick.runs.motion_result import MotionResult as MotionResult
+    from dembrick.runs.limit_cases import StandingResult as StandingResult
+    from dembrick.runs.outcomes.load_path_result import DeformedRestResult as DeformedRestResult
+    from dembrick.runs.outcomes.load_path_result import DrivenPathResult as DrivenPathResult
+    from dembrick.runs.outcomes.load_path_result import LoadPathResult as LoadPathResult
+    from dembrick.runs.outcomes.load_path_result import SettlementResult as SettlementResult
+    from dembrick.runs.outcomes.motion_result import MotionResult as MotionResult
+    from dembrick.runs.outcomes.result import Result as Result
+    from dembrick.runs.outcomes.statics_result import StaticsResult as StaticsResult
     from dembrick.runs.reading import load as load
-    from dembrick.runs.result import Result as Result
-    from dembrick.runs.settlement_result import SettlementResult as SettlementResult
     from dembrick.runs.simulate import restart as restart
     from dembrick.runs.simulate import restart_at as restart_at
     from dembrick.runs.simulate import simulate as simulate
-    from dembrick.runs.statics_result import StaticsResult as StaticsResult
     from dembrick.runs.steps import Step as Step
     from dembrick.runs.steps import steps as steps
     from dembrick.runs.study import Outcome as Outcome
@@ -69,17 +69,16 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.controls import StaticsControl as StaticsControl
     from dembrick.scenario.controls import TiltControl as TiltControl
     from dembrick.scenario.controls import YieldControl as YieldControl
-    from dembrick.scenario.custom_laws import CustomLaw as CustomLaw
-    from dembrick.scenario.custom_laws import joint_law as joint_law
-    from dembrick.scenario.fills import Fill as Fill
     from dembrick.scenario.generators import Arch as Arch
     from dembrick.scenario.generators import Dome as Dome
     from dembrick.scenario.generators import Opening as Opening
     from dembrick.scenario.generators import Return as Return
     from dembrick.scenario.generators import Stack as Stack
     from dembrick.scenario.generators import Wall as Wall
+    from dembrick.scenario.joint_laws import CustomLaw as CustomLaw
     from dembrick.scenario.joint_laws import JointLaw as JointLaw
     from dembrick.scenario.joint_laws import JointOverride as JointOverride
+    from dembrick.scenario.joint_laws import joint_law as joint_law
     from dembrick.scenario.model import Actuator as Actuator
     from dembrick.scenario.model import Block as Block
     from dembrick.scenario.model import ControlPoint as ControlPoint
@@ -88,14 +87,15 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.model import Output as Output
     from dembrick.scenario.model import Scenario as Scenario
     from dembrick.scenario.model import Solver as Solver
+    from dembrick.scenario.pressures import Fill as Fill
     from dembrick.scenario.pressures import Pressure as Pressure
     from dembrick.scenario.regimes import Control as Control
-    from dembrick.scenario.support_paths import SupportPath as SupportPath
-    from dembrick.scenario.support_paths import Turn as Turn
     from dembrick.scenario.ties import Tie as Tie
     from dembrick.scenario.ties import TieEnd as TieEnd
     from dembrick.scenario.time_functions import Pulse as Pulse
     from dembrick.scenario.time_functions import Sine as Sine
+    from dembrick.scenario.time_functions import SupportPath as SupportPath
+    from dembrick.scenario.time_functions import Turn as Turn
     from dembrick.scenario.toml import dumps as dumps
     from dembrick.scenario.toml import loads as loads
     from dembrick.simulation.interrupts import Interrupted as Interrupted
@@ -116,14 +116,13 @@ _NAMES = {  # by the module that has them
     "dembrick.runs.domain": "simulate_domain",
     "dembrick.runs.lab": "replay_lab",
     "dembrick.runs.limit": "LimitResult ReactionResult limit reaction",
-    "dembrick.runs.limit_standing": "StandingResult",
-    "dembrick.runs.load_path_result": "DeformedRestResult DrivenPathResult LoadPathResult",
-    "dembrick.runs.motion_result": "MotionResult",
+    "dembrick.runs.limit_cases": "StandingResult",
+    "dembrick.runs.outcomes.load_path_result": "DeformedRestResult DrivenPathResult LoadPathResult SettlementResult",
+    "dembrick.runs.outcomes.motion_result": "MotionResult",
     "dembrick.runs.reading": "load",
-    "dembrick.runs.result": "Result",
-    "dembrick.runs.settlement_result": "SettlementResult",
+    "dembrick.runs.outcomes.result": "Result",
     "dembrick.runs.simulate": "restart restart_at simulate",
-    "dembrick.runs.statics_result": "StaticsResult",
+    "dembrick.runs.outcomes.statics_result": "StaticsResult",
     "dembrick.runs.steps": "Step steps",
     "dembrick.runs.study": "Outcome Study sweep",
     "dembrick.runs.study.executors": "ClusterError",
@@ -133,16 +132,13 @@ _NAMES = {  # by the module that has them
     "dembrick.scenario.cad_models": "CadModel",
     "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl "
     "SettlementControl StaticsControl TiltControl YieldControl",
-    "dembrick.scenario.custom_laws": "CustomLaw joint_law",
-    "dembrick.scenario.fills": "Fill",
     "dembrick.scenario.generators": "Arch Dome Opening Return Stack Wall",
-    "dembrick.scenario.joint_laws": "JointLaw JointOverride",
+    "dembrick.scenario.joint_laws": "CustomLaw JointLaw JointOverride joint_law",
     "dembrick.scenario.model": "Actuator Block ControlPoint Load Material Output Scenario Solver",
-    "dembrick.scenario.pressures": "Pressure",
+    "dembrick.scenario.pressures": "Fill Pressure",
     "dembrick.scenario.regimes": "Control",
-    "dembrick.scenario.support_paths": "SupportPath Turn",
     "dembrick.scenario.ties": "Tie TieEnd",
-    "dembrick.scenario.time_functions": "Pulse Sine",
+    "dembrick.scenario.time_functions": "Pulse Sine SupportPath Turn",
     "dembrick.scenario.toml": "dumps loads",
     "dembrick.simulation.interrupts": "Interrupted",
     "dembrick.simulation.statics.yield_point": "YieldPoint",

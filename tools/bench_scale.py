@@ -29,7 +29,8 @@ CORNER = (
 
 def with_pushes(assembly, step_factor: float) -> None:
     """A search that pushes blocks on by driven relaxation from the start, so that this is compiled as well."""
-    from dembrick.simulation.statics import limit_load, path_following
+    from dembrick.simulation.statics import limit_load
+    from dembrick.simulation.statics.paths import path_following
 
     patience = path_following.WASTED, path_following.LEAST_WASTED
     path_following.WASTED, path_following.LEAST_WASTED = -1e12, -1

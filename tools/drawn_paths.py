@@ -14,8 +14,8 @@ import argparse
 import numpy as np
 
 from dembrick.errors import DembrickError
-from dembrick.runs.error_estimate import RATIOS, with_ratio
 from dembrick.runs.limit import limit
+from dembrick.runs.outcomes.error_estimate import RATIOS, with_ratio
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl, TiltControl
 from dembrick.scenario.generators import Wall

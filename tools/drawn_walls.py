@@ -17,8 +17,8 @@ import math
 import numpy as np
 
 from dembrick.errors import DembrickError
-from dembrick.runs.error_estimate import with_ratio
 from dembrick.runs.limit import limit
+from dembrick.runs.outcomes.error_estimate import with_ratio
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl, YieldControl
 from dembrick.scenario.generators import Wall

@@ -25,7 +25,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from dembrick.assembly import build  # noqa: E402
 from dembrick.errors import DembrickError  # noqa: E402
 from dembrick.runs.limit import limit  # noqa: E402
-from dembrick.runs.limit_scenario import searched  # noqa: E402
+from dembrick.runs.limit_cases import searched  # noqa: E402
 from dembrick.runs.simulate import simulate  # noqa: E402
 from dembrick.scenario import toml  # noqa: E402
 from dembrick.scenario.generators import Arch, Stack, Wall  # noqa: E402

@@ -211,9 +211,9 @@ MODULES = {  # module at the top level: its functions
     "generators": "",
 }
 HELD = {  # what functions give back, with what it can do
-    "Result": "dembrick.runs.result.Result",
-    "MotionResult": "dembrick.runs.motion_result.MotionResult",
-    "StaticsResult": "dembrick.runs.statics_result.StaticsResult",
+    "Result": "dembrick.runs.outcomes.result.Result",
+    "MotionResult": "dembrick.runs.outcomes.motion_result.MotionResult",
+    "StaticsResult": "dembrick.runs.outcomes.statics_result.StaticsResult",
     "History": "dembrick.history.reader.History",
 }
 

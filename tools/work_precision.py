@@ -48,7 +48,7 @@ from dembrick.runs import theory_check
 from dembrick.runs.lab import lab_scenario
 from dembrick.scenario import shipped
 from dembrick.scenario.model import FORMULATIONS
-from dembrick.simulation.statics import limit_load, point_placement
+from dembrick.simulation.statics import limit_load
 from dembrick.theory.paper_tables import SETS
 from dembrick.views.plot import style
 
@@ -146,7 +146,7 @@ def measure_loops(cases: list[Case], repeats: int) -> list[Case]:
             for _ in range(0 if i in failed else burst):
                 try:
                     how = case.setting.tolerance, case.setting.step_factor
-                    placed, seconds = point_placement.place_points(case.assembly, *how)
+                    placed, seconds = limit_load.place_points(case.assembly, *how)
                     run = limit_load.find_limit_load(placed, *how)
                 except NotConvergedError as error:
                     print(f"not converged: set {case.set_name}, {case.setting}: {error}")
@@ -247,7 +247,7 @@ def rule_table() -> list[str]:
     lines += ["", "Rays from the torsion centre: points (least and most), worst centre"]
     centres = np.concatenate([np.zeros((1, 2)), quarter[::7], 1.7 * quarter[::7]])
     exact = polygons.mean_distance(corners, centres)
-    for counts in point_placement.COUNTS:
+    for counts in limit_load.COUNTS:
         sets = [ray_quadrature.rays(corners, c, *counts) for c in centres]
         found = [ray_quadrature.friction_moment(*s, c, (1 / 0.06, 0, 0)) for s, c in zip(sets, centres, strict=True)]
         sizes = [len(areas) for _, areas in sets]

@@ -43,10 +43,10 @@ from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, EVERY_BLOCK, REAL_TIME
-from dembrick.scenario.custom_laws import CustomLaw
-from dembrick.scenario.limits import check_magnitudes
+from dembrick.scenario.joint_laws import CustomLaw
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
+from dembrick.scenario.units import check_magnitudes
 
 _NO_POINTS = place_points(JointTable.of(()), DISCRETISATION)
 

@@ -3,7 +3,7 @@
 On each face with the stated outward normal n the pressure p(z) = c0 + c1 z acts where it is positive and where no joint
 covers the face. With dF = -n p dA, all parallel on one face, the resultant is F = -n int p dA at the centre of pressure
 int p x dA / int p dA. Both integrals are exact: p x is quadratic, and the midpoint rule of triangles integrates that.
-Where blocks move, the polygons move with them, and `kernels.dynamics.pressed_faces` integrates over them at every step.
+Where blocks move, the polygons move with them, and `kernels.dynamics.block_loads` integrates over them at every step.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ def run(options, console) -> int:
 
 
 def _report(file, options, console) -> int:
-    from dembrick.scenario.custom_laws import described
+    from dembrick.scenario.joint_laws import described
     from dembrick.views.summary import key_numbers, plain
 
     if options.scenario:

@@ -48,7 +48,7 @@ def run(options, console) -> int:
     data = replayed.as_dict()
     text = []
     if not options.no_figures:
-        from dembrick.runs.lab_figures import draw
+        from dembrick.runs.lab import draw
 
         data["figures"] = draw(replayed, folder, console)
         text = ["figures: " + ", ".join(data["figures"]), ""]

@@ -123,8 +123,8 @@ def answer(simulated: Callable, path: str, console) -> int:
 
 def _text(result) -> str:
     from dembrick.runs.collapse import after_lines, collapse_lines
+    from dembrick.runs.outcomes.result import Result, printed
     from dembrick.runs.path_dependence import path_lines
-    from dembrick.runs.result import Result, printed
     from dembrick.scenario.regimes import CONSTANT_RATE
     from dembrick.views.summary import limit_text, peak_text, plain
 

@@ -17,7 +17,7 @@ import numpy as np
 from h5py import h5a, h5d, h5g, h5l, h5t, h5z
 
 from dembrick.errors import HistoryError
-from dembrick.history.heaps import check_heaps
+from dembrick.history.hdf5_files import check_heaps
 
 MAX_READ = 4 << 30  # bytes of one read: a longer one is a mistake or an attack
 _CACHE = 1 << 20  # bytes of unpacked chunks kept for each dataset; some versions of HDF5 would keep eight times that

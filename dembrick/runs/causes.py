@@ -41,13 +41,13 @@ from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history.files import write_whole
 from dembrick.runs.limit import assembled
-from dembrick.runs.result import listed
+from dembrick.runs.outcomes.result import listed
 from dembrick.runs.simulate import simulate
 from dembrick.runs.study.target import Target, read
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import Output
-from dembrick.scenario.support_paths import Turn
+from dembrick.scenario.time_functions import Turn
 from dembrick.simulation.limit_analysis.mechanism import joint_motions
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.runs.outcomes.result import listed
 from dembrick.runs.path_dependence import path_lines
-from dembrick.runs.result import listed
 from dembrick.scenario.checks import present
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks

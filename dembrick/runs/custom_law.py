@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.scenario.controls import CONSTANT_RATE, LIMIT_LOAD, REAL_TIME
-from dembrick.scenario.custom_laws import CustomLaw
+from dembrick.scenario.joint_laws import CustomLaw
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

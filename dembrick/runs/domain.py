@@ -1,11 +1,13 @@
-"""Yield domains of one joint by theory and by simulation, side by side, as rows for tables, files and plots."""
+"""Yield domains of one joint by theory and by simulation, side by side, as rows for tables, files and plots.
+That of a joint with cohesion that it keeps takes a search in each direction, one after the other.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,14 +16,18 @@ from dembrick._ahead import meanwhile
 from dembrick.assembly import quadrature
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
+from dembrick.runs.simulate import simulate
 from dembrick.runs.theory_check import known_cohesion, wrench
+from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.checks import nearest, present
-from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw
-from dembrick.simulation.statics.batch import face
-from dembrick.simulation.statics.yield_domain import Fan, YieldDomain, directions, lever_of, yield_domain
+from dembrick.scenario.controls import YieldControl
+from dembrick.scenario.model import FORMULATIONS, PRESSURES, Actuator, JointLaw, Load, Material, Scenario
+from dembrick.simulation.statics.batch import LimitLoads, face
+from dembrick.simulation.statics.yield_domain import Fan, YieldDomain, actuators_for, directions, lever_of, yield_domain
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+
 
 __all__ = ["DomainJoint", "Request", "by_simulation", "by_theory", "simulate_domain"]
 
@@ -203,9 +209,7 @@ def simulate_domain(
 def _simulated(joint, formulation, count, request, threads=None, progress=None) -> YieldDomain:
     _check([formulation], request)
     if joint.cohesion > 0.0:
-        from dembrick.runs import bonded_domain  # and searches: for those that are not run in one call
-
-        return bonded_domain.yield_domain(joint, formulation, count, request, progress)
+        return bonded_yield_domain(joint, formulation, count, request, progress)
     return yield_domain(
         joint.polygon,
         formulation,
@@ -275,3 +279,59 @@ def _row(name: str, source: str, point, half: float | None, request: Request) ->
         V = -V
     row = {"formulation": name, "pressure": request.pressure_of(name), "source": source}
     return row | {"V": V, "M_T": M_T, "V_1": V_1, "V_2": V_2, "half_width": half}
+
+
+STIFFNESS = 1e10  # Pa/m; a limit load does not depend on it
+
+
+def bonded_yield_domain(
+    joint: DomainJoint, formulation: str, count: int, request: Request, progress: Callable[[int, int], None] | None
+) -> YieldDomain:
+    """As `simulation.statics.yield_domain.yield_domain`, of a ``joint`` with cohesion; brackets are indicators. Raises
+    NotConvergedError if a direction has no answer."""
+    polygon = joint.polygon
+    law = JointLaw(
+        formulation, joint.friction, STIFFNESS, 0.4 * STIFFNESS, request.points_of(formulation),
+        request.pressure_of(formulation), joint.cohesion, residual_cohesion=joint.cohesion,
+    )  # fmt: skip
+    lever = lever_of(polygon)
+    load = directions(count, request.space, request.shear_angle) * [1.0, 1.0, lever]
+    point, direction, weight = actuators_for(load, 0.5 * lever, request.height)
+    depth = max(float(np.ptp(polygon, axis=0).min()), 2.0 * abs(request.height))
+    outline = Prism(tuple(map(tuple, polygon.tolist())), depth)
+    scene = Scenario(
+        title="yield domain",
+        gravity=(0.0, 0.0, 0.0),
+        joint=law,
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("lower", "stone", prism=outline, position=(0.0, 0.0, -0.5 * depth), fixed=True),
+            Block("upper", "stone", prism=outline, position=(0.0, 0.0, 0.5 * depth)),
+        ),
+        loads=(Load("upper", (0.0, 0.0, -joint.normal_force), (*joint.eccentricity, 0.0)),),
+        control=YieldControl(request.tolerance),
+    )
+    found: list[tuple[Any, Any]] = []
+    for i in range(count):
+        actuators = tuple(
+            Actuator(f"jack {k}", "upper", tuple(point[i, k]), tuple(direction[i, k]), float(weight[i, k]))
+            for k in range(2)
+            if abs(weight[i, k]) > 1e-12 * np.abs(weight[i]).max()
+        )
+        result = simulate(replace(scene, actuators=actuators), record=False, progress=False)
+        found.append((result.yield_point, result.run))
+        if progress:
+            progress(i + 1, count)
+    limits = LimitLoads(
+        certified=np.zeros(count, bool),
+        status=np.full(count, "yield"),
+        twist=np.array([run.state.joints.step[0] for _, run in found]),
+        tilt=np.array([run.state.joints.tilt[0] for _, run in found]),
+        steps=np.array([run.steps for _, run in found]),
+        **{
+            name: np.array([present(getattr(one, name)) for one, _ in found])
+            for name in ("V", "V_lower", "V_upper", "actuator_load", "N", "V_1", "V_2", "M_T")
+        },
+    )
+    V_0 = float(law.cohesion * polygons.area(polygon) + law.friction * joint.normal_force)
+    return YieldDomain(load, limits, request.space, V_0, lever)

@@ -15,12 +15,16 @@ from dembrick.assembly.build import Assembly
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
-from dembrick.runs.load_path_result import DeformedRestResult, DrivenPathResult, LoadPathResult
-from dembrick.runs.motion_result import MotionResult
+from dembrick.runs.outcomes.load_path_result import (
+    DeformedRestResult,
+    DrivenPathResult,
+    LoadPathResult,
+    SettlementResult,
+)
+from dembrick.runs.outcomes.motion_result import MotionResult
+from dembrick.runs.outcomes.result import Result
+from dembrick.runs.outcomes.statics_result import StaticsResult
 from dembrick.runs.path_dependence import beside_limit, has_paths, other_paths, within
-from dembrick.runs.result import Result
-from dembrick.runs.settlement_result import SettlementResult
-from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import (
     COLLAPSE,
@@ -42,7 +46,7 @@ from dembrick.scenario.protocols import protocol_of
 from dembrick.simulation.expected_cost import LONG, WITHIN, longest_search, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
-from dembrick.simulation.statics import constant_rate, custom_limit, limit_load, point_placement, standing
+from dembrick.simulation.statics import constant_rate, custom_limit, dead_load, limit_load
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import State
 
@@ -65,7 +69,7 @@ class Driver(NamedTuple):
     """
 
     plan: Callable[[Scenario, Assembly], Plan]
-    run: Callable[[Scenario, Assembly, Session], Replay | MotionRun | standing.Standing]
+    run: Callable[[Scenario, Assembly, Session], Replay | MotionRun | dead_load.Standing]
     result: Callable[..., Result | MotionResult | StaticsResult]
     refined: Callable[..., Any] | None = None
     place: Callable[[Scenario, Assembly], tuple[Assembly, float]] = lambda _, assembly: (assembly, 0.0)
@@ -89,7 +93,7 @@ def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, flo
     if assembly.custom_law is not None:
         return assembly, 0.0
     try:
-        return point_placement.place_points(assembly, _tolerance(scenario), scenario.solver.step_factor)
+        return limit_load.place_points(assembly, _tolerance(scenario), scenario.solver.step_factor)
     except Interrupted as error:
         raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
 
@@ -238,7 +242,7 @@ def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
     """About the load factor of a collapse in real time, by limit analysis if that takes seconds; None if it does not,
     or finds none."""
     from dembrick.runs import limit
-    from dembrick.runs.limit_scenario import searched
+    from dembrick.runs.limit_cases import searched
 
     if scenario.control.ends_with != COLLAPSE or not limit.cheaper_than(SECONDS_OF_CHECK, assembly):
         return None
@@ -293,9 +297,8 @@ def _find_equilibria(scenario: Scenario, assembly: Assembly, session: Session, s
 
 def _path_of(control: Control):
     """The kind of a path of equilibria in the deformed geometry."""
-    from dembrick.simulation.dynamics.driven_path import DrivenPath, ForcePath
-    from dembrick.simulation.dynamics.load_path import LoadPath
-    from dembrick.simulation.dynamics.settlement import Settlement
+    from dembrick.simulation.dynamics.paths.driven_path import DrivenPath, ForcePath
+    from dembrick.simulation.dynamics.paths.load_path import LoadPath, Settlement
 
     if isinstance(control, DisplacementControl) and control.force_protocol is not None:
         return ForcePath
@@ -316,8 +319,8 @@ DRIVERS = {
     CONSTANT_RATE.name: Driver(_plan_rate, _constant_rate, _searched),
     PATH_FOLLOWING.name: Driver(_plan_path, _follow_path, _searched, _other_path(_follow_path)),
     DEAD_LOAD.name: Driver(
-        lambda _, assembly: standing.plan(assembly),
-        lambda _, assembly, session: standing.find_rest(assembly, session),
+        lambda _, assembly: dead_load.plan(assembly),
+        lambda _, assembly, session: dead_load.find_rest(assembly, session),
         StaticsResult,
     ),
     LOAD_PATH.name: Driver(_plan_equilibria, _find_equilibria, LoadPathResult, _refined_path),

@@ -20,8 +20,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs import custom_law
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.reading import WENT_ON
-from dembrick.runs.stage_laws import check_change
-from dembrick.runs.stages import Stages
+from dembrick.runs.stages import Stages, check_change
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import CONSTANT_RATE, DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT

@@ -15,10 +15,9 @@ from dembrick.assembly import build as assemblies
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
-from dembrick.runs.limit_scenario import assembled, names_of
-from dembrick.runs.limit_standing import StandingResult, stands
+from dembrick.runs.limit_cases import StandingResult, assembled, names_of, stands
+from dembrick.runs.outcomes.result import heading, listed, tie_lines, tied
 from dembrick.runs.reading import load
-from dembrick.runs.result import heading, listed, tie_lines, tied
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
 from dembrick.scenario.model import Scenario
@@ -256,7 +255,7 @@ def limit(
     report: Callable[[str], None] | None = None,
 ) -> LimitResult | StandingResult:
     """Rigid-block limit analysis of a scenario (or the TOML file of one): the greatest load of its control, or of
-    ``kind = "statics"``, which has none, whether it stands: a `StandingResult`, see `limit_standing.stands`.
+    ``kind = "statics"``, which has none, whether it stands: a `StandingResult`, see `limit_cases.stands`.
 
     Supports, loads and joints are those of the search; ``heuristic`` adds the second opinion without dilatancy. Raises
     ScenarioError for input that is no test or has no load, NotConvergedError if it does not stand under its dead

@@ -17,11 +17,11 @@ import numpy as np
 
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
-from dembrick.runs.error_estimate import RATIOS, with_laws, with_ratio
+from dembrick.runs.outcomes.error_estimate import RATIOS, with_laws, with_ratio
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import standing
-from dembrick.simulation.statics.other_paths import grazing_joints
+from dembrick.simulation.statics import dead_load
+from dembrick.simulation.statics.paths.other_paths import grazing_joints
 from dembrick.simulation.statics.state import State
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def _let_go(assembly: Assembly, wrench: np.ndarray) -> State:
 
 def _rest(assembly: Assembly, start: State | None = None) -> State:
     """The equilibrium under the dead loads; NotConvergedError without one."""
-    found = standing.find_rest(assembly, Session(start=start))
+    found = dead_load.find_rest(assembly, Session(start=start))
     if found.rest.stands is not True:
         raise NoSuchHistory("the blocks do not stand this history")
     return found.state

@@ -19,7 +19,7 @@ from dembrick.runs.in_memory import temporary
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.channels import JOINT_CHANNELS, ROWS, recorded
 from dembrick.simulation.statics import ties
-from dembrick.simulation.statics.reactions import reactions
+from dembrick.simulation.statics.recorder import reactions
 from dembrick.simulation.statics.state import initial_state
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 Friction without dilatancy has no unique limit load: what the joints carry when a mechanism forms depends on how they
 were loaded, and a squeeze that is locked in makes contacts carry that carry nothing without it. A search follows one
 path, from a start without forces locked in (or from what its stages leave). That no path bears more is proven by its
-mechanism, if normality allows it (`simulation.statics.other_paths`), or if the limit reaches the load A of limit
+mechanism, if normality allows it (`simulation.statics.paths.other_paths`), or if the limit reaches the load A of limit
 analysis with associative flow, which bounds every admissible state. That none bears less takes a proof of its own:
 a path may end below A by another mechanism, and normal forces that neither the load nor a squeeze changes exclude it.
 """
@@ -18,7 +18,7 @@ import numpy as np
 
 from dembrick.errors import BracketError, MissingDependency, NotConvergedError, ScenarioError
 from dembrick.scenario.checks import present
-from dembrick.simulation.statics.other_paths import greatest_on_any_path, statically_determinate
+from dembrick.simulation.statics.paths.other_paths import greatest_on_any_path, statically_determinate
 from dembrick.simulation.statics.yield_point import YieldPoint, last_moves, slides
 from dembrick.views.summary import known, start_text
 

@@ -14,7 +14,7 @@ from dembrick._kernel_sources import kernel_hash
 from dembrick.errors import HistoryError
 from dembrick.scenario.model import Output, Scenario
 from dembrick.simulation.channels import FRAMES, ROWS, followed, recorded
-from dembrick.simulation.dynamics.waiting_rows import joined
+from dembrick.simulation.dynamics.recorder import joined
 from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.session import GoesOn, Kept, Session
 

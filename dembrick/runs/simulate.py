@@ -14,21 +14,20 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, ScenarioError, UndecidedError, WriteError
 from dembrick.runs import custom_law
 from dembrick.runs.drivers import driver_of
-from dembrick.runs.error_estimate import Refinement, error_of, refinements
-from dembrick.runs.inertia_share import inertia_remark
 from dembrick.runs.locked_in import NoSuchHistory, histories
 from dembrick.runs.logger import LOGGER, heard_by
 from dembrick.runs.notebook import notebook_bar
+from dembrick.runs.outcomes.error_estimate import Refinement, error_of, inertia_remark, refinements
+from dembrick.runs.outcomes.result import Result, heading
+from dembrick.runs.outcomes.statics_result import StaticsResult
 from dembrick.runs.path_dependence import has_paths, ranged, within
 from dembrick.runs.reading import WENT_ON, came_from, load, refuse_alone
 from dembrick.runs.record_store import Memory, RecordStore
-from dembrick.runs.result import Result, heading
 from dembrick.runs.stages import Stages
-from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import LIMIT_LOAD, PATH_FOLLOWING, StaticsControl
-from dembrick.scenario.custom_laws import CustomLaw
+from dembrick.scenario.joint_laws import CustomLaw
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
 from dembrick.scenario.unit_slips import unit_slips
@@ -39,9 +38,13 @@ from dembrick.simulation.session import Progress, Session
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
-    from dembrick.runs.load_path_result import DeformedRestResult, DrivenPathResult, LoadPathResult
-    from dembrick.runs.motion_result import MotionResult  # and its kernels: for runs in real time only
-    from dembrick.runs.settlement_result import SettlementResult
+    from dembrick.runs.outcomes.load_path_result import (
+        DeformedRestResult,
+        DrivenPathResult,
+        LoadPathResult,
+        SettlementResult,
+    )
+    from dembrick.runs.outcomes.motion_result import MotionResult  # and its kernels: for runs in real time only
     from dembrick.scenario.controls import (
         BaseMotionControl,
         DisplacementControl,

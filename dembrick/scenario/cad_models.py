@@ -10,7 +10,7 @@ from typing import Any
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Part, Vector
 from dembrick.scenario.checks import assign, check_name, nearest, one_of, real, require, require_type, show
-from dembrick.scenario.generators.placing import Frame, check_common, stone_of
+from dembrick.scenario.generators.stacks import Frame, check_common, stone_of
 from dembrick.scenario.units import LENGTHS
 
 _NEAR = 5e-3  # of the smallest solid: faces nearer than this may have been meant to touch, and a remark says so

@@ -51,8 +51,7 @@ from dembrick.scenario.regimes import (
     Limit,
     Regime,
 )
-from dembrick.scenario.support_paths import SupportPath, Turn
-from dembrick.scenario.time_functions import Pulse, Sine, check_baseline, checked_columns
+from dembrick.scenario.time_functions import Pulse, Sine, SupportPath, Turn, check_baseline, checked_columns
 
 TOLERANCE = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
 DAMPING = "it must lie between 0 and 0.9 of critical"

@@ -14,7 +14,6 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from dembrick.scenario.blocks import Block, Mesh, Part, Prism, Voussoir
 from dembrick.scenario.cad_models import CadModel
 from dembrick.scenario.controls import CONTROLS, Control, Pulse, Sine
-from dembrick.scenario.fills import Fill
 from dembrick.scenario.generators import Arch, Dome, Opening, Return, Stack, Wall
 from dembrick.scenario.model import (
     Actuator,
@@ -27,9 +26,9 @@ from dembrick.scenario.model import (
     Scenario,
     Solver,
 )
-from dembrick.scenario.pressures import Pressure
-from dembrick.scenario.support_paths import SupportPath, Turn
+from dembrick.scenario.pressures import Fill, Pressure
 from dembrick.scenario.ties import Tie, TieEnd
+from dembrick.scenario.time_functions import SupportPath, Turn
 
 NOT_KEYS = {"text", "path", "files"}  # fields of dataclasses that no file writes
 

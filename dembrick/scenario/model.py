@@ -43,11 +43,10 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
     YieldControl,
     checked_columns,
 )
-from dembrick.scenario.fills import Fill
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
-from dembrick.scenario.pressures import Pressure
+from dembrick.scenario.pressures import Fill, Pressure
 from dembrick.scenario.references import check_references, unknown
 from dembrick.scenario.stages import check_stages, controls_of, in_deformed_geometry, stage_numbers
 from dembrick.scenario.ties import Tie

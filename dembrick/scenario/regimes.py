@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.support_paths import SupportPath
+from dembrick.scenario.time_functions import SupportPath
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 

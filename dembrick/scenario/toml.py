@@ -23,12 +23,11 @@ from dembrick.scenario.checks import Faults, nearest, show
 from dembrick.scenario.checks import assign as keep
 from dembrick.scenario.controls import ACTUATORS, CONTROLS
 from dembrick.scenario.generators import GENERATORS
-from dembrick.scenario.lines import line_of
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario
 from dembrick.scenario.overrides import apply_overrides, assign
 from dembrick.scenario.references import ScenarioErrors
 from dembrick.scenario.stages import controls_of
-from dembrick.scenario.text_files import read_text
+from dembrick.scenario.text_files import line_of, read_text
 
 
 def _keys_of(kind: type) -> dict[str, bool]:

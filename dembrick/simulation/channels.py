@@ -18,7 +18,7 @@ import numpy as np
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.assembly.joints import JointTable
 from dembrick.scenario.controls import Control
-from dembrick.simulation.joint_strengths import has_strengths
+from dembrick.simulation.joint_laws import has_strengths
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.simulation.pressed_parts import room_of
+from dembrick.simulation.joint_laws import room_of
 from dembrick.simulation.session import Snapshot
 
 COUNTERS = ("state.areas.evaluations", "state.areas.pressed.count")  # integers of a state that change

@@ -4,18 +4,18 @@ Conventions: joint axes (t1, t2, n) about the joint's centroid O; forces (V_1, V
 the +n side, M_T positive counter-clockwise; a force (f1, f2) at eccentricity (e1, e2) has m = f2 e1 - f1 e2.
 """
 
-from dembrick.theory.approximations import approximate_domain
+from dembrick.theory.approximations import (
+    approximate_domain,
+    interaction_curve,
+    surface_along,
+    torsion_strength,
+)
 from dembrick.theory.formulations import (
     Formulation,
     formulation_law,
     point_formulation,
     polygon_formulation,
     rectangle_formulation,
-)
-from dembrick.theory.interaction import (
-    interaction_curve,
-    surface_along,
-    torsion_strength,
 )
 from dembrick.theory.limit_load import gauge, limit_load, limit_loads
 from dembrick.theory.limit_surface import Law, convex, linear_pressure, points

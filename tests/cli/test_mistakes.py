@@ -10,7 +10,7 @@ from dembrick.assembly.block_shapes import shapes_of
 from dembrick.assembly.build import assemble
 from dembrick.cli import main
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.runs.result import printed, reaction_lines
+from dembrick.runs.outcomes.result import printed, reaction_lines
 from dembrick.runs.study import plan
 from dembrick.scenario import toml
 from dembrick.scenario.unit_slips import unit_slips

@@ -8,7 +8,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Output, Scenario
-from dembrick.scenario.support_paths import Turn
+from dembrick.scenario.time_functions import Turn
 
 G = 9.81
 STONE = {"stone": Material(2000.0)}

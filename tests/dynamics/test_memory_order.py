@@ -11,9 +11,8 @@ from dembrick.scenario import shipped, toml
 from dembrick.scenario.model import Output
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.simulation.dynamics import memory_order
-from dembrick.simulation.dynamics.memory_order import neighbours_together
+from dembrick.simulation.dynamics.memory_order import ALIKE, neighbours_together
 from dembrick.simulation.dynamics.state import moving_state
-from dembrick.simulation.dynamics.tiling import ALIKE
 from helpers.restart_cases import check_same, stop_at_look
 
 

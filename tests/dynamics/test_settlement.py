@@ -13,8 +13,8 @@ from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.generators import Arch, Wall
 from dembrick.scenario.model import JointLaw, Material, Output, Scenario
-from dembrick.scenario.support_paths import SupportPath, Turn
-from dembrick.simulation.dynamics import settlement
+from dembrick.scenario.time_functions import SupportPath, Turn
+from dembrick.simulation.dynamics.paths import load_path
 from dembrick.simulation.dynamics.support_motion import SupportMotion
 
 G = 9.81
@@ -39,7 +39,7 @@ def arch(control, stiffness=1e10, formulation="concave") -> Scenario:
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
     """Fewer equilibria on the way."""
-    monkeypatch.setattr(settlement, "EQUILIBRIA", 20)
+    monkeypatch.setattr(load_path, "EQUILIBRIA", 20)
 
 
 def thrust_at(result, x) -> float:
@@ -52,7 +52,7 @@ def thrust_at(result, x) -> float:
 @pytest.fixture(scope="module")
 def spread():
     patch = pytest.MonkeyPatch()
-    patch.setattr(settlement, "EQUILIBRIA", 20)
+    patch.setattr(load_path, "EQUILIBRIA", 20)
     result = simulate(arch(SettlementControl(("arch.right",), (0.1, 0.0, 0.0))))
     patch.undo()
     return result
@@ -214,7 +214,7 @@ def test_hinges_of_stiff_joints_stay_closed():
 def too_far():
     """Steps far apart, and a coarse tolerance."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(settlement, "EQUILIBRIA", 20)
+    patch.setattr(load_path, "EQUILIBRIA", 20)
     result = simulate(arch(SettlementControl(("arch.right",), (0.5, 0.0, 0.0), tolerance=1e-2), stiffness=2e10))
     patch.undo()
     return result

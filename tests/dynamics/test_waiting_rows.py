@@ -8,9 +8,9 @@ import pytest
 from dembrick.assembly.build import assemble
 from dembrick.runs.drivers import _set_up
 from dembrick.scenario import shipped, toml
-from dembrick.simulation.dynamics import loads, run, waiting_rows
+from dembrick.simulation.dynamics import loads, recorder, run
 from dembrick.simulation.dynamics.loads import LoadsAhead
-from dembrick.simulation.dynamics.waiting_rows import WaitingRows, joined
+from dembrick.simulation.dynamics.recorder import WaitingRows, joined
 from dembrick.simulation.session import Session
 
 SHAKEN = ["control.duration=0.05", "output.rows=300", "output.frames=40"]
@@ -54,7 +54,7 @@ def same(one, other):
 def test_rows_together_are_the_rows_one_by_one(monkeypatch, stem):
     scenario = toml.load(shipped.folder() / f"{stem}.toml", SHAKEN)
     together, frames, calls = observed(scenario)
-    monkeypatch.setattr(waiting_rows, "TOGETHER", 1)
+    monkeypatch.setattr(recorder, "TOGETHER", 1)
     monkeypatch.setattr(loads, "AHEAD", 1)
     alone, own_frames, each = observed(scenario)
     assert calls < 0.2 * each == 0.2 * len(alone["time"])
@@ -95,7 +95,7 @@ def test_a_snapshot_finds_every_row_passed_on():
 def test_large_rows_do_not_wait():
     calls = []
     waiting = WaitingRows(lambda rows, frames: calls.append(len(rows["time"])))
-    row = {"time": 0.0, "joint": np.zeros((waiting_rows.MOST_WAITING // 8, 7)), "energy": {"kinetic": 1.0}}
+    row = {"time": 0.0, "joint": np.zeros((recorder.MOST_WAITING // 8, 7)), "energy": {"kinetic": 1.0}}
     assert waiting.add(row, {})
     waiting.pass_on()
     waiting.pass_on()

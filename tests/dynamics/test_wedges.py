@@ -8,7 +8,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Output, Scenario
-from dembrick.simulation.dynamics import settlement
+from dembrick.simulation.dynamics.paths import load_path
 
 G, DENSITY = 9.81, 1800.0
 
@@ -16,7 +16,7 @@ G, DENSITY = 9.81, 1800.0
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
     """Fewer equilibria on the way."""
-    monkeypatch.setattr(settlement, "EQUILIBRIA", 30)
+    monkeypatch.setattr(load_path, "EQUILIBRIA", 30)
 
 
 def prism(name: str, outline: list[tuple[float, float]], fixed: bool = False) -> Block:

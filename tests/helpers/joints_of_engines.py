@@ -4,14 +4,14 @@ import numpy as np
 
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics import area_joints as moving_areas
-from dembrick.kernels.dynamics import area_tiles, bonded_points, tiles
+from dembrick.kernels.dynamics import area_tiles, point_laws, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
 from dembrick.kernels.dynamics.energy_terms import KINDS, LEDGER, PRESSURE, Counted, EnergyTerms
 from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.joint.point_law import Strengths
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
 from dembrick.kernels.statics import area_joints, point_joints
-from dembrick.simulation.pressed_parts import pressed_parts
+from dembrick.simulation.joint_laws import pressed_parts
 
 W = tiles.W
 K_N, K_S, MU, VISCOUS = 1e8, 5e7, 0.5, 0.3
@@ -98,7 +98,7 @@ class MovingPoints:
     def __init__(self, mu=MU, law=None):
         self.mu = mu
         self.strengths = None if law is None else strengths_of(law)
-        self.of_bonds = None if law is None else np.zeros(4, bonded_points.BOND)
+        self.of_bonds = None if law is None else np.zeros(4, point_laws.BOND)
         if law is not None:
             self.of_bonds["bonded"] = bond_of(law, 4)[:, None]
         self.custom = None  # `Custom` of a law of the user's own
@@ -120,7 +120,7 @@ class MovingPoints:
             points = self.own[two], self.sheared[two]
             bonded = custom = None
             if self.strengths is not None:
-                bonded = bonded_points.BondedPair(self.strengths, 0, self.of_bonds[two])
+                bonded = point_laws.BondedPair(self.strengths, 0, self.of_bonds[two])
             if self.custom is not None:
                 custom = self.rows_of(2 * pair)
             if moving_points.press(self.work, points, law, True, None, bonded, custom, self.ledger):
@@ -151,7 +151,7 @@ class MovingPoints:
 
     @property
     def bonds(self):
-        return np.stack([self.of_bonds[name][:, 3] for name in bonded_points.BOND.names], axis=1)
+        return np.stack([self.of_bonds[name][:, 3] for name in point_laws.BOND.names], axis=1)
 
 
 def seen_flat():

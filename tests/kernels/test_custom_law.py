@@ -6,7 +6,7 @@ import pytest
 from dembrick.kernels.dynamics import tiles
 from dembrick.kernels.state import BY_LAW, DAMPING, SLIDING
 from dembrick.scenario.joint_laws import JointLaw
-from dembrick.simulation.custom_law import rows_of
+from dembrick.simulation.joint_laws import rows_of
 from tests.helpers import joints_of_engines as engines
 from tests.helpers.custom_laws import BILINEAR, COULOMB, FOLLOWING
 from tests.kernels.test_one_law import hold_together, random_states

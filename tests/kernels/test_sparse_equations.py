@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dembrick.simulation.statics import sparse_equations
-from dembrick.simulation.statics.nested_dissection import dissect
-from dembrick.simulation.statics.sparse_equations import Factors, analyse
+from dembrick.simulation.statics.sparse_equations import Factors, analyse, dissect
 
 
 def grid(*sizes):

@@ -15,8 +15,8 @@ from dembrick.scenario.model import Block, JointLaw, Material, Scenario
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, with_contact_forces
-from dembrick.simulation.dynamics.tiling import tiled, without_rounding
 from helpers.resting_blocks import GRAVITY, about, place
 from helpers.walls import wall
 

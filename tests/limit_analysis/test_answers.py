@@ -10,7 +10,7 @@ import pytest
 from dembrick import cli
 from dembrick.errors import MissingDependency, NotConvergedError, ScenarioError
 from dembrick.runs.limit import associative_bound, cheaper_than, limit
-from dembrick.runs.limit_scenario import searched
+from dembrick.runs.limit_cases import searched
 from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DynamicControl, PushoverControl, StaticsControl, TiltControl, YieldControl

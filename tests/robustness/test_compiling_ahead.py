@@ -22,8 +22,8 @@ from dembrick.simulation.dynamics.recorder import Recorder
 from helpers.second_process import python
 
 KERNELS = """
-from dembrick.kernels.math.quaternion import product
-from dembrick.kernels.math.vec3 import cross
+from dembrick.kernels.math.vectors import product
+from dembrick.kernels.math.vectors import cross
 
 def misses_and_hits(kernel):
     return [sum(found.values()) for found in (kernel.called.stats.cache_misses, kernel.called.stats.cache_hits)]

@@ -20,7 +20,7 @@ import dembrick
 from dembrick import _kernel_cache, _numba
 from dembrick._jit import entry, ready
 from dembrick._kernel_sources import TOOLS, closure_hash, compiler_hash, import_closure, imported, source_hash
-from dembrick.kernels.math.quaternion import product
+from dembrick.kernels.math.vectors import product
 
 PACKAGE = Path(dembrick.__file__).parent
 
@@ -85,7 +85,7 @@ def test_packages_of_kernels_hold_no_code():
 
 def test_an_edit_leaves_the_machine_code_of_modules_that_do_not_import_it(copy):
     """One of a law changes both engines, one of a loop nobody else."""
-    modules = ["dembrick.kernels.statics.loop", "dembrick.kernels.dynamics.loop", "dembrick.kernels.math.vec3"]
+    modules = ["dembrick.kernels.statics.loop", "dembrick.kernels.dynamics.loop", "dembrick.kernels.math.vectors"]
 
     def hashes():
         imported.cache_clear()
@@ -94,7 +94,7 @@ def test_an_edit_leaves_the_machine_code_of_modules_that_do_not_import_it(copy):
 
     before = hashes()
     changed = []
-    for name in ("joint/point_law.py", "dynamics/loop.py", "math/vec3.py"):
+    for name in ("joint/point_law.py", "dynamics/loop.py", "math/vectors.py"):
         source = copy / "kernels" / name
         text = source.read_bytes()
         source.write_bytes(text + b"\n# an edit\n")
@@ -136,7 +136,7 @@ def test_a_moved_kernel_file_changes_it(copy):
 
 def test_a_copy_elsewhere_finds_what_another_compiled(tmp_path, copy):
     """An installation of the same sources at another path, or the same one installed again, compiles nothing."""
-    code = "from dembrick.kernels.math.quaternion import product as kernel\nkernel(*8 * [1.0])\n"
+    code = "from dembrick.kernels.math.vectors import product as kernel\nkernel(*8 * [1.0])\n"
     code += "print(sum(kernel.called.stats.cache_hits.values()))"
     hits = []
     for place in (PACKAGE, copy):

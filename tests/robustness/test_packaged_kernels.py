@@ -19,7 +19,7 @@ TARGET = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
 CALL = """
 from dembrick._jit import versions
 from dembrick._packaged_kernels import why_compiled
-from dembrick.kernels.math.quaternion import product
+from dembrick.kernels.math.vectors import product
 
 value = product(*[0.1 * i for i in range(8)])
 print(sum(product.called.stats.cache_hits.values()), value, why_compiled(), versions()[1], sep="|")
@@ -92,7 +92,7 @@ def test_kernels_of_another_version_are_compiled(packaged, tmp_path, key, value,
 
 def test_an_edited_kernel_is_compiled(packaged, tmp_path):
     copy, value = packaged
-    source = copy / "kernels" / "math" / "quaternion.py"
+    source = copy / "kernels" / "math" / "vectors.py"
     before = source.read_text()
     source.write_text(before + "\n# an edit\n")
     try:

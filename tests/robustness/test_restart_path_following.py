@@ -18,7 +18,8 @@ from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
-from dembrick.simulation.statics import dead_load, path_following, path_state, point_placement, stepper
+from dembrick.simulation.statics import dead_load, limit_load, stepper
+from dembrick.simulation.statics.paths import path_following, path_state
 from helpers.restart_cases import SLOW, check_same, dembrick, wait_for
 
 
@@ -284,12 +285,12 @@ def test_stopped_while_points_are_placed_leaves_a_history_to_restart(tmp_path, m
     given = lab_scenario("set4a", "distributed")
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS))
     simulate(given, tmp_path / "whole.h5")
-    place, path = point_placement.place_points, tmp_path / "run.h5"
+    place, path = limit_load.place_points, tmp_path / "run.h5"
 
     def interrupted(*_):
         raise Interrupted(signal.SIGINT)
 
-    monkeypatch.setattr(point_placement, "place_points", interrupted)
+    monkeypatch.setattr(limit_load, "place_points", interrupted)
     with pytest.raises(Interrupted, match=f"while the contact points were placed.*dembrick restart {path}") as stopped:
         simulate(given, path)
     assert stopped.value.exit_code == 130
@@ -297,7 +298,7 @@ def test_stopped_while_points_are_placed_leaves_a_history_to_restart(tmp_path, m
         assert (file.status, file.n_row, file.title) == ("interrupted", 0, given.title)
     with pytest.raises(OutputError, match="a finished history"):  # before anything is placed
         simulate(given, path)
-    monkeypatch.setattr(point_placement, "place_points", place)
+    monkeypatch.setattr(limit_load, "place_points", place)
     restart(path, report=print)
     assert "from the beginning" in capsys.readouterr().out
     check_same(tmp_path / "whole.h5", path)

@@ -8,9 +8,9 @@ from dembrick.history import Checkpoints, read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
-from dembrick.scenario.support_paths import Turn
+from dembrick.scenario.time_functions import Turn
 from dembrick.simulation import interrupts
-from dembrick.simulation.dynamics import equilibria, settlement
+from dembrick.simulation.dynamics.paths import equilibria, load_path
 from dembrick.simulation.interrupts import Interrupted
 from helpers.restart_cases import check_same
 
@@ -18,8 +18,8 @@ from helpers.restart_cases import check_same
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
     """Fewer equilibria on the way."""
-    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
-    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
+    monkeypatch.setattr(load_path, "WITHIN", 1.0)
 
 
 def turned_floor() -> Scenario:

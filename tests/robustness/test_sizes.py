@@ -1,12 +1,14 @@
 """How long a module and a function may be, and how many parameters a function may have."""
 
 import ast
+from collections import Counter
 from pathlib import Path
 
 import dembrick
 
 PACKAGE, TESTS = Path(dembrick.__file__).parent, Path(__file__).parents[1]
 MODULE, FUNCTION, PARAMETERS, MOST = 450, 100, 10, 12
+ROOM = 26  # modules
 
 
 def functions(kernels=True):
@@ -23,6 +25,11 @@ def test_modules_can_be_read_at_a_sitting():
         lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in root.rglob("*.py")}
         assert len(lines) > 50
         assert not {str(path): n for path, n in lines.items() if n > MODULE}
+
+
+def test_folders_can_be_taken_in_at_a_glance():
+    count = Counter(path.parent for path in PACKAGE.rglob("*.py"))
+    assert not {str(folder): n for folder, n in count.items() if n > ROOM}
 
 
 def test_functions_are_short():

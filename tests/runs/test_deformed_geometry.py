@@ -14,7 +14,7 @@ from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.runs.steps import steps
 from dembrick.scenario import toml
-from dembrick.simulation.dynamics import driven_path, settlement
+from dembrick.simulation.dynamics.paths import driven_path, load_path
 from helpers.restart_cases import stop_in_stages
 
 G, WEIGHT = 9.81, 16.0 * 9.81
@@ -45,9 +45,9 @@ TRAVEL = 'kind = "displacement"\nrate = 1e-3\ntravel = 3e-4\n'
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
     """Fewer equilibria of settlements on the way."""
-    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
-    monkeypatch.setattr(settlement, "HALVINGS", 3)
-    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
+    monkeypatch.setattr(load_path, "HALVINGS", 3)
+    monkeypatch.setattr(load_path, "WITHIN", 1.0)
     monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
 
 

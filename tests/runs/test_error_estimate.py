@@ -6,7 +6,7 @@ import pytest
 
 from dembrick import cli
 from dembrick.errors import ScenarioError
-from dembrick.runs.error_estimate import refinements
+from dembrick.runs.outcomes.error_estimate import refinements
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.views.summary import key_numbers

@@ -7,7 +7,7 @@ import pytest
 
 from dembrick.assembly.build import assemble
 from dembrick.cli import main
-from dembrick.runs.inertia_share import effective_mass, inertia_remark, inertia_share
+from dembrick.runs.outcomes.error_estimate import effective_mass, inertia_remark, inertia_share
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 

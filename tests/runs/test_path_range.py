@@ -10,8 +10,8 @@ import pytest
 from dembrick import cli
 from dembrick.errors import ScenarioError
 from dembrick.runs.collapse import collapse_lines
-from dembrick.runs.error_estimate import RATIOS, refinements, with_ratio
 from dembrick.runs.limit import limit
+from dembrick.runs.outcomes.error_estimate import RATIOS, refinements, with_ratio
 from dembrick.runs.path_dependence import path_lines, ranged
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml

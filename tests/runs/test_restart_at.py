@@ -13,7 +13,7 @@ import dembrick
 from dembrick.cli import main
 from dembrick.errors import HistoryError, OutputError, ScenarioError
 from dembrick.simulation import interrupts
-from dembrick.simulation.dynamics import driven_path, settlement
+from dembrick.simulation.dynamics.paths import driven_path, load_path
 from dembrick.simulation.interrupts import Interrupted
 from helpers.restart_cases import content
 from helpers.scenario_text import block, header
@@ -125,9 +125,9 @@ def test_a_longer_run_goes_on_behind_its_end(slide):
 
 @pytest.fixture
 def few(monkeypatch):
-    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
-    monkeypatch.setattr(settlement, "HALVINGS", 3)
-    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
+    monkeypatch.setattr(load_path, "HALVINGS", 3)
+    monkeypatch.setattr(load_path, "WITHIN", 1.0)
     monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
 
 

@@ -12,7 +12,7 @@ from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
-from dembrick.simulation.dynamics import settlement
+from dembrick.simulation.dynamics.paths import load_path
 from dembrick.simulation.statics import stepper
 from helpers.restart_cases import stop_in_stages, told_of_checkpoints
 from helpers.scenario_text import BASE, refused
@@ -266,9 +266,9 @@ def turned(formulation, *stages, degrees=10.0, more="[output]\nrows = 400\nframe
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
     """Fewer equilibria of settlements on the way."""
-    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
-    monkeypatch.setattr(settlement, "HALVINGS", 3)
-    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
+    monkeypatch.setattr(load_path, "HALVINGS", 3)
+    monkeypatch.setattr(load_path, "WITHIN", 1.0)
 
 
 def pulse(degrees, amplitude=6.0, duration=0.8):

@@ -11,7 +11,7 @@ from dembrick.errors import ScenarioError
 from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
-from dembrick.simulation.dynamics import settlement
+from dembrick.simulation.dynamics.paths import load_path
 from helpers.restart_cases import stop_in_stages, told_of_checkpoints
 from helpers.scenario_text import BASE, refused
 from helpers.scenario_text import block as block_text
@@ -105,9 +105,9 @@ def test_a_yielded_tie_keeps_its_length_beside_one_that_comes():
 
 @pytest.fixture
 def few(monkeypatch):
-    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
-    monkeypatch.setattr(settlement, "HALVINGS", 3)
-    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
+    monkeypatch.setattr(load_path, "HALVINGS", 3)
+    monkeypatch.setattr(load_path, "WITHIN", 1.0)
 
 
 SPREAD = 0.05  # m

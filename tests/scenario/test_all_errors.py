@@ -6,7 +6,7 @@ import pytest
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario import toml
-from dembrick.scenario.lines import line_of
+from dembrick.scenario.text_files import line_of
 
 TEXT = """title = "bad"
 gravity = [0.0, 0.0, -9.81]

@@ -9,7 +9,7 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.drivers import driver_of
 from dembrick.scenario import toml
 from dembrick.scenario.controls import SettlementControl
-from dembrick.scenario.support_paths import SupportPath, Turn
+from dembrick.scenario.time_functions import SupportPath, Turn
 
 ARCH = """
 title = "arch"

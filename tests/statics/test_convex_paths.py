@@ -12,10 +12,9 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl
 from dembrick.scenario.model import Block
 from dembrick.simulation.statics.load_system import Setup
-from dembrick.simulation.statics.path_bounds import limit_bounds
-from dembrick.simulation.statics.path_following import PathFollower
-from dembrick.simulation.statics.path_prediction import go_on_rocking
-from dembrick.simulation.statics.path_state import PathState
+from dembrick.simulation.statics.paths.bounds import go_on_rocking, limit_bounds
+from dembrick.simulation.statics.paths.path_following import PathFollower
+from dembrick.simulation.statics.paths.path_state import PathState
 from helpers.quasi_static import leaf, scene
 
 

@@ -16,9 +16,10 @@ from dembrick.scenario import shipped, toml
 from dembrick.scenario.controls import PushoverControl
 from dembrick.scenario.generators import Wall
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import driven_relaxation, limit_load, path_following
+from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.elastic_factor import elastic_factor, rounded_inertia
-from dembrick.simulation.statics.path_bounds import pushed_bounds
+from dembrick.simulation.statics.paths import driven_relaxation, path_following
+from dembrick.simulation.statics.paths.bounds import pushed_bounds
 from dembrick.simulation.statics.state import initial_state
 from helpers.pushed_assemblies import law, stack, wall
 from helpers.quasi_static import leaf, scene

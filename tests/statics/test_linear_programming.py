@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
 from dembrick.runs.collapse import collapse_lines
-from dembrick.runs.error_estimate import refinements
+from dembrick.runs.outcomes.error_estimate import refinements
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl
 from dembrick.scenario.generators import Arch, Stack, Wall

@@ -14,7 +14,7 @@ from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.simulation.statics import limit_load
-from dembrick.simulation.statics.point_placement import place_points
+from dembrick.simulation.statics.limit_load import place_points
 from dembrick.theory import limit_load_at_height, rectangle_formulation
 
 RECTANGLE = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])

@@ -14,7 +14,7 @@ from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import DisplacementControl, Load
-from dembrick.simulation.pressed_parts import pressed_parts
+from dembrick.simulation.joint_laws import pressed_parts
 from dembrick.simulation.statics import area_joints, limit_load, state
 from helpers.compiled import forms, matrix
 from helpers.one_joint import MU, A, B, N, scene, single

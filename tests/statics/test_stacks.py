@@ -12,7 +12,8 @@ from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
 from dembrick.geometry import polygons
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
-from dembrick.simulation.statics import limit_load, path_following
+from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics.paths import path_following
 
 A, B, H, MU = 0.3, 0.2, 0.1, 0.64
 WEIGHT = 1500.0 * A * B * H * 9.81

@@ -248,7 +248,7 @@ def test_shaken_stones_that_cannot_stand_are_refused_early():
 def test_relaxation_in_moving_geometry_that_ends_unbalanced_is_undecided(monkeypatch):
     """After 2,048 steps a convex stack has not come to rest, and no joint has come apart."""
     monkeypatch.setattr("dembrick.simulation.dynamics.dead_load.MOST_STEPS", 2048)
-    monkeypatch.setattr("dembrick.simulation.dynamics.equilibria.ROUNDS", 1)
+    monkeypatch.setattr("dembrick.simulation.dynamics.paths.equilibria.ROUNDS", 1)
     leaning = replace(overhanging(0.95), joint=JointLaw("convex", 0.6, 1e10, 4e9))
     shaken = BaseMotionControl(0.05, (1.0, 0.0, 0.0), sine=Sine(0.1, 5.0))
     for control in (shaken, StaticsControl(large_displacements=True)):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import dembrick
 from dembrick import errors
-from dembrick.runs.result import RunResult
+from dembrick.runs.outcomes.result import RunResult
 
 
 def test_every_name_is_imported_for_type_checkers():

@@ -50,7 +50,7 @@ from dembrick.kernels.joint.area_law import (
 )
 from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.limit_surface import LimitSurface
-from dembrick.kernels.math.vec3 import put_vector, three_of
+from dembrick.kernels.math.vectors import put_vector, three_of
 
 
 @entry

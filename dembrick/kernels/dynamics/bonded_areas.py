@@ -13,7 +13,7 @@ from dembrick.kernels.dynamics.energy_terms import (
 from dembrick.kernels.dynamics.tiles import put_three, three, two
 from dembrick.kernels.joint.area_law import Memory, area_springs, bonded_area, springs_hold
 from dembrick.kernels.joint.geometry import Motion
-from dembrick.kernels.math.vec3 import put_vector, three_of
+from dembrick.kernels.math.vectors import put_vector, three_of
 
 
 @jit

@@ -13,8 +13,7 @@ from math import atan2, cos, sin, sqrt
 from dembrick._jit import jit
 from dembrick.kernels.joint.area_law import area_friction
 from dembrick.kernels.joint.limit_surface import LimitSurface
-from dembrick.kernels.math.quaternion import turned_back
-from dembrick.kernels.math.vec3 import cross, put_vector, three_of
+from dembrick.kernels.math.vectors import cross, put_vector, three_of, turned_back
 
 RIM = 1e-4  # of the pressure: smaller patches count nothing for friction
 THIN = 3e-3  # of the length

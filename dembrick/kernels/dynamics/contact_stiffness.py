@@ -3,7 +3,7 @@ and for which masses.
 """
 
 from dembrick._jit import jit
-from dembrick.kernels.math.vec3 import columns_times, cross, rows_times
+from dembrick.kernels.math.vectors import columns_times, cross, rows_times
 
 STEEP = 0.3  # least cosine between a face and the mean normal: what presses more from aside stores next to nothing
 

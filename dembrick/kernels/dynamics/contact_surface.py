@@ -24,7 +24,7 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.joint.no_tension import extremes, no_tension
 from dembrick.kernels.joint.pressure import cut
-from dembrick.kernels.math.vec3 import columns_times, cross, put_vector, rows_times, tangent
+from dembrick.kernels.math.vectors import columns_times, cross, put_vector, rows_times, tangent
 
 SAME = 1e-12  # |n_i - n_j|^2 below which two faces look the same way and have no plane between them
 FLUSH = 1e-9  # of the smaller part's radius: faces that look the same way and are no further apart lie in one plane

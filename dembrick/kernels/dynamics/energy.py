@@ -28,8 +28,7 @@ from dembrick.kernels.dynamics.rigid_bodies import gathered
 from dembrick.kernels.dynamics.tiles import W
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import tie_losses
-from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import add_wrench, cross, put_vector
+from dembrick.kernels.math.vectors import add_wrench, cross, put_vector, rotate
 
 
 @jit

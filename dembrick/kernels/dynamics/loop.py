@@ -11,17 +11,22 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import call_at, entry, jit, jit_parallel, prange, renamed
+from dembrick.kernels.dynamics.block_loads import (
+    PressedFaces,
+    clear_guided,
+    clear_pressed,
+    clear_tied,
+    hold,
+    press,
+    pull_ties,
+)
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, Touching, clear_applied
 from dembrick.kernels.dynamics.energy import add_step
-from dembrick.kernels.dynamics.guides import clear_guided, hold
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
-from dembrick.kernels.dynamics.pressed_faces import PressedFaces, clear_pressed, press
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, write_rotations
-from dembrick.kernels.dynamics.tie_forces import clear_tied, pull_ties
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
-from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import NO_MOMENT, add_wrench
+from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, rotate
 
 RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 

@@ -6,7 +6,7 @@ from dembrick._jit import jit
 from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.tiles import ACTION, W, sense_of, three, wrench_at
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.math.vec3 import cross, rows_times
+from dembrick.kernels.math.vectors import cross, rows_times
 
 
 @jit

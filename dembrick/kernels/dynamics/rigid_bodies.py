@@ -11,8 +11,17 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.tiles import ACTION, W, combined, dot, four, put_three, three
-from dembrick.kernels.math.quaternion import axes_of, half_turn, product, rotate, rotate_back, turned_back
-from dembrick.kernels.math.vec3 import cross, put_vector, rows_times
+from dembrick.kernels.math.vectors import (
+    axes_of,
+    cross,
+    half_turn,
+    product,
+    put_vector,
+    rotate,
+    rotate_back,
+    rows_times,
+    turned_back,
+)
 
 SLOW = 1e-4  # rad a step: up to here one correction of the spin, and a series for the turn, are exact to rounding
 

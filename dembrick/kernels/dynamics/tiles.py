@@ -29,8 +29,7 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import entry, jit, prefetch
-from dembrick.kernels.math.quaternion import axes_of, product
-from dembrick.kernels.math.vec3 import cross
+from dembrick.kernels.math.vectors import axes_of, cross, product
 
 W = 16  # lanes of a tile
 LINE = 64  # bytes of a line of the cache

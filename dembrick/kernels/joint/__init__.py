@@ -1,7 +1,7 @@
 """Laws of a joint, one of each, called by both engines: ``kernels.statics`` and ``kernels.dynamics``.
 
 `point_law`: force and memory of a contact point (return mapping of Coulomb friction). `area_law`: the same of a convex
-joint (`limit_surface`, `pressure`, `no_tension`). `onset`: what a dashpot does in the step in which contact begins.
+joint (`limit_surface`, `pressure`, `no_tension`). `dashpots`: what a dashpot does in the step in which contact begins.
 `utilisation`: how much of its strength a joint uses. In go penetrations, slips and memory as floats, out come forces
 and the new memory; nothing here knows blocks, steps of a loop or arrays of an engine.
 

@@ -5,7 +5,7 @@ quantities are (V_1, V_2, M_T) about O in the axes of the polygon, in the sense 
 the host), which is also the direction in which it slips.
 
 - Normal: k_n times the integral of <g + viscous d'>+, zero if g is nowhere positive; d' follows the rule of
-  `onset.dashpot_growth` if no part of the joint was in contact a step ago.
+  `dashpots.dashpot_growth` if no part of the joint was in contact a step ago.
 - Shear and torsion: springs k_s A and k_s J with dashpots in parallel, behind a slider whose strength is the limit
   surface times mu N; beyond it the trial force returns by the proximal map.
 - Memory: the elastic (V_1, V_2, M_T). An open joint carries nothing and remembers nothing, as in `point_law`.
@@ -88,7 +88,7 @@ def area_pressure(polygon, viscous, depth, growth):
             before = max(before, g - d)
         if most <= 0.0:
             return (0.0, 0.0, 0.0), (h0, hx, hy)
-        if before <= 0.0:  # contact began in the step: see `onset`
+        if before <= 0.0:  # contact began in the step: see `dashpots`
             h0 = g0 + viscous * (g0 + 0.5 * d0)
             hx = gx + viscous * (gx + 0.5 * dx)
             hy = gy + viscous * (gy + 0.5 * dy)
@@ -148,7 +148,7 @@ def area_pressure_of_four(x, y, area, second, viscous, depth, growth):
     d = at_four(x, y, d0, dx, dy)
     touching = most_of_four(g) > 0.0
     began = most_of_four((g[0] - d[0], g[1] - d[1], g[2] - d[2], g[3] - d[3])) <= 0.0
-    own = 1.0 if began else 0.0  # contact began in the step: see `onset`
+    own = 1.0 if began else 0.0  # contact began in the step: see `dashpots`
     grown = 0.5 if began else 1.0
     h0 = g0 + viscous * (own * g0 + grown * d0)
     hx = gx + viscous * (own * gx + grown * dx)

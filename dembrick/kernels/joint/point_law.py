@@ -4,7 +4,7 @@ Both engines call `point_law` once a point and step, or `bonded_law` in scenes w
 friction gives it, or dilates, or crushes. Sign of all shear quantities: the action on block b (in dynamics
 the host), which is also the direction in which it slips; the joint pushes back with the opposite.
 
-- Normal: N = k_n (g + viscous d'), never negative and zero if g <= 0; d' is `onset.dashpot_growth`.
+- Normal: N = k_n (g + viscous d'), never negative and zero if g <= 0; d' is `dashpots.dashpot_growth`.
 - Shear: spring and dashpot in parallel, both behind a slider of strength mu N. The trial force is the elastic force
   before plus k_s (1 + viscous) times the slip of the step; beyond mu N it returns along its own direction.
 - Memory: the elastic shear force, in N. An open point (N = 0) carries nothing and remembers nothing: a point that
@@ -36,7 +36,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.onset import dashpot_growth
+from dembrick.kernels.joint.dashpots import dashpot_growth
 
 NONE = 1e-140  # as good as zero, in a divisor
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.math.vec3 import put_vector
+from dembrick.kernels.math.vectors import put_vector
 
 FULL, EFFECTIVE, LINEAR, PATCHES = 0, 1, 2, 3  # the last of new contacts
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.math.vec3 import put_vector
+from dembrick.kernels.math.vectors import put_vector
 
 # Columns of `Ties.now` and `Ties.before`: length (m), tension (N), elongation that stays (m)
 LENGTH, TENSION, YIELDED = 0, 1, 2

@@ -15,7 +15,7 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.limit_surface import LimitSurface, gauge
 from dembrick.kernels.joint.pressure import follow_pressure
-from dembrick.kernels.math.vec3 import cross, put_vector, tangent
+from dembrick.kernels.math.vectors import cross, put_vector, tangent
 
 MAX_NEWTON = 30
 # What half a Newton decrement may leave of D.

@@ -21,14 +21,14 @@ from dembrick.kernels.joint.area_law import (
     spring_pressure,
     springs_hold,
 )
+from dembrick.kernels.joint.dashpots import dashpot_work
 from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.limit_surface import LimitSurface, gauge, surface
 from dembrick.kernels.joint.no_tension import extremes
 from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import Pressed
-from dembrick.kernels.math.vec3 import put_vector, three_of
+from dembrick.kernels.math.vectors import put_vector, three_of
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
-from dembrick.kernels.statics.dashpots import dashpot_work
 
 SAME = 1e-9  # of the normal force and its moment: a pressure that moves no more than that is at rest
 NEVER_OVER = 1e300  # N, of a block that no load of this direction turns over

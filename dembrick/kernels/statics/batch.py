@@ -13,10 +13,8 @@ from numpy import ndarray
 from dembrick._jit import entry, jit
 from dembrick.kernels.state import Actuators, Blocks, Joints, ScaledInertia
 from dembrick.kernels.statics import joint_families as families
-from dembrick.kernels.statics.certify import certify
-from dembrick.kernels.statics.divergence import Guard
-from dembrick.kernels.statics.load_bounds import NEVER, Certificate
-from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive, Relaxing, advance
+from dembrick.kernels.statics.load_bounds import NEVER, Certificate, certify
+from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive, Guard, Relaxing, advance
 from dembrick.kernels.statics.state import State
 
 FALLS = 5  # besides the states of `advance`: the dead loads alone bring the block down

@@ -9,8 +9,7 @@ from math import isnan, nan, sqrt
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import stretch
-from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import NO_MOMENT, columns_times, cross, put_vector
+from dembrick.kernels.math.vectors import NO_MOMENT, columns_times, cross, put_vector, rotate
 from dembrick.kernels.state import ACTUATOR_DAMPING, HEAD
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative

@@ -9,8 +9,7 @@ from math import sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.math.held_turns import MOST_CORRECTIONS, held_momentum, turns_freely
-from dembrick.kernels.math.quaternion import rotate, rotate_back, turned
-from dembrick.kernels.math.vec3 import cross, put_vector
+from dembrick.kernels.math.vectors import cross, put_vector, rotate, rotate_back, turned
 from dembrick.kernels.statics.small_displacement import seen_by
 
 

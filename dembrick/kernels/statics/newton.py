@@ -13,7 +13,7 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.geometry import Motion
-from dembrick.kernels.math.vec3 import NO_MOMENT, put_vector
+from dembrick.kernels.math.vectors import NO_MOMENT, put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.block_forces import add_force, clear_forces, hold, react

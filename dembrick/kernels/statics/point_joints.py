@@ -12,14 +12,13 @@ from numpy import ndarray, uint64
 from dembrick._jit import entry, jit, jit_sum
 from dembrick.kernels.joint import custom_law
 from dembrick.kernels.joint.custom_law import Custom
+from dembrick.kernels.joint.dashpots import dashpot_work
 from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, point_law, shear_loss, shear_strength
 from dembrick.kernels.joint.utilisation import FrictionPoints, point_gauge
 from dembrick.kernels.math.geometric_median import median_distance
-from dembrick.kernels.math.vec3 import columns_times, put_vector
+from dembrick.kernels.math.vectors import columns_times, put_vector
 from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
-from dembrick.kernels.statics.bonded_points import bonded_forces
-from dembrick.kernels.statics.custom_points import custom_forces, power_taken
-from dembrick.kernels.statics.dashpots import dashpot_work
+from dembrick.kernels.statics.point_laws import bonded_forces, custom_forces, power_taken
 
 
 class Bonds(NamedTuple):

@@ -9,8 +9,7 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.joint.ties import TENSION, YIELDED
-from dembrick.kernels.math.quaternion import turned, turning
-from dembrick.kernels.math.vec3 import NO_MOMENT, add_wrench, columns_times
+from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, columns_times, turned, turning
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.kernels.statics.joint_families import write_bonds, write_contacts
 

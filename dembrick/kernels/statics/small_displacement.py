@@ -7,7 +7,7 @@ nothing drifts.
 from dembrick._jit import jit
 from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.math.multifrontal import solve_in_place, solve_rounded_in_place
-from dembrick.kernels.math.vec3 import cross, put_vector, rows_times
+from dembrick.kernels.math.vectors import cross, put_vector, rows_times
 from dembrick.kernels.state import DAMPING
 
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, UndecidedError
-from dembrick.runs.result import fell
+from dembrick.runs.outcomes.result import fell
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, real, show

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError
-from dembrick.runs.error_estimate import RATIOS, with_ratio
-from dembrick.runs.load_path_result import DrivenPathResult
-from dembrick.runs.result import Result, fell
+from dembrick.runs.outcomes.error_estimate import RATIOS, with_ratio
+from dembrick.runs.outcomes.load_path_result import DrivenPathResult
+from dembrick.runs.outcomes.result import Result, fell
 from dembrick.runs.simulate import AnyResult, simulate
 from dembrick.runs.validation.cases import Case
 from dembrick.scenario import toml

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from dembrick.errors import DembrickError
-from dembrick.runs.result import fell
+from dembrick.runs.outcomes.result import fell
 from dembrick.runs.verification.cases import Case
 from dembrick.scenario.checks import present
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dembrick.scenario.blocks import Block, Quaternion, Vector, Voussoir
 from dembrick.scenario.checks import assign, present, real, require, require_type
-from dembrick.scenario.generators.placing import (
+from dembrick.scenario.generators.stacks import (
     Frame,
     about_y,
     about_z,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
 from dembrick.scenario.checks import assign, members_of, one_of, present, real, require, require_type, show, vector
-from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths, stone_of
+from dembrick.scenario.generators.stacks import Frame, check_common, check_count, check_lengths, stone_of
 
 ENDS = ("half", "quoin", "toothed")
 PATTERN = {"1": (1.0, True), "h": (0.5, True), "q": (1.5, True), "o": (1.0, False), ".": (0.5, False)}

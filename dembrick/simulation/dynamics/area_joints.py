@@ -15,10 +15,15 @@ from dembrick.errors import HistoryError
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics.area_tiles import FACE, SHEARED, FaceBonds, Faces
 from dembrick.kernels.dynamics.tiles import W, in_lanes, rows_of_lanes
-from dembrick.simulation.dynamics.tiling import tiled, without_rounding
-from dembrick.simulation.joint_stiffness import elastic_stiffness
-from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
-from dembrick.simulation.pressed_parts import check_pressures, pressed_parts, room_of
+from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
+from dembrick.simulation.joint_laws import (
+    bonded_at_start,
+    check_pressures,
+    elastic_stiffness,
+    pressed_parts,
+    room_of,
+    strengths_of,
+)
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

@@ -17,9 +17,8 @@ from dembrick.assembly.broad_phase import Bodies, bodies_of, close_pairs, overla
 from dembrick.assembly.joints import TOLERANCE, Joint, JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry.shapes import parts_of
-from dembrick.kernels.dynamics.contact_forces import Touching
+from dembrick.kernels.dynamics.contact_forces import PARTED, SINK, SLIP, TURN, Touching
 from dembrick.kernels.dynamics.contact_surface import Parts, Scratch
-from dembrick.kernels.dynamics.handover import PARTED, SINK, SLIP, TURN
 from dembrick.simulation.dynamics.contact_state import parts_table, scratch_for, touching_pairs
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.state import MovingState

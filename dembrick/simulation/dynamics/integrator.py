@@ -43,9 +43,9 @@ from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetect
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.loads import Driving, LoadsAhead
+from dembrick.simulation.dynamics.memory_order import without_rounding
 from dembrick.simulation.dynamics.pace import LONGEST_CHUNK, Pace
 from dembrick.simulation.dynamics.state import MovingState, moving_state, reactions
-from dembrick.simulation.dynamics.tiling import without_rounding
 from dembrick.simulation.dynamics.time_step import (
     contact_time_step,
     critical_time_step,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dembrick.kernels.dynamics.area_tiles import Faces
-from dembrick.kernels.dynamics.point_tiles import Corners
+from dembrick.kernels.dynamics.point_joints import Corners
 from dembrick.simulation.dynamics import area_joints, point_joints
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ FAMILIES: dict[str, ModuleType] = {"corners": point_joints, "faces": area_joints
 
 def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> tuple[Corners | None, Faces | None]:
     """The joints of all families of an assembly, at rest: the fields of a state. ``turn`` and ``way`` (j,) of all
-    joints: see `tiling.in_turn` and `tiling.ways`."""
+    joints: see `memory_order.in_turn` and `memory_order.ways`."""
     corners = point_joints.at_rest(assembly, turn, way)
     return corners, area_joints.at_rest(assembly, turn, way, 0 if corners is None else len(corners.used))
 

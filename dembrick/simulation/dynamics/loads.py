@@ -19,11 +19,11 @@ import numpy as np
 
 from dembrick.assembly.surface_pressures import NO_POLYGONS, PressedPolygons
 from dembrick.errors import ScenarioError
+from dembrick.kernels.dynamics.block_loads import PressedFaces
 from dembrick.kernels.dynamics.loop import Loads
-from dembrick.kernels.dynamics.pressed_faces import PressedFaces
 from dembrick.scenario.regimes import ACTUATORS, EVERY_BLOCK, REAL_TIME
 from dembrick.simulation.dynamics import time_histories
-from dembrick.simulation.dynamics.driven_loads import DrivenLoads
+from dembrick.simulation.dynamics.paths.driven_loads import DrivenLoads
 from dembrick.simulation.dynamics.support_motion import AT_REST, PrescribedMotion, SupportMotion, support_motion
 from dembrick.simulation.dynamics.time_histories import Curve
 

@@ -11,20 +11,18 @@ import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
-from dembrick.kernels.dynamics.bonded_points import BOND
-from dembrick.kernels.dynamics.point_tiles import Corners
+from dembrick.kernels.dynamics.point_joints import Corners
+from dembrick.kernels.dynamics.point_laws import BOND
 from dembrick.kernels.dynamics.tiles import PATH, POINT, SHEAR, W, rows_of_lanes
-from dembrick.scenario.custom_laws import RECORD
-from dembrick.simulation import custom_law
-from dembrick.simulation.dynamics.tiling import tiled, without_rounding
-from dembrick.simulation.joint_stiffness import elastic_stiffness
-from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
+from dembrick.scenario.joint_laws import RECORD
+from dembrick.simulation import joint_laws
+from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
+from dembrick.simulation.joint_laws import bonded_at_start, elastic_stiffness, strengths_of
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.statics.point_joints import Points
-    from dembrick.scenario.custom_laws import CustomLaw
-    from dembrick.scenario.joint_laws import JointLaw
+    from dembrick.scenario.joint_laws import CustomLaw, JointLaw
 
 
 def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | None:
@@ -93,7 +91,7 @@ def _custom(corners: Corners, law: CustomLaw, laws: list[JointLaw]) -> Corners:
     given = np.zeros(area.size, np.int64)
     where = corners.where()
     area[where], given[where] = corners.area, np.repeat(np.arange(len(laws)), np.diff(corners.start))
-    rows = custom_law.rows_of(law, [laws[i] for i in given], area)
+    rows = joint_laws.rows_of(law, [laws[i] for i in given], area)
     return corners._replace(custom=rows)
 
 

@@ -13,14 +13,13 @@ import numpy as np
 from dembrick.assembly.joints import JointTable
 from dembrick.geometry.rotations import frame_quaternion
 from dembrick.kernels.dynamics.area_tiles import Faces
-from dembrick.kernels.dynamics.point_tiles import Corners
+from dembrick.kernels.dynamics.point_joints import Corners
 from dembrick.kernels.dynamics.record import write_resultants
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.tiles import FIXED, SEEN, WRENCHES, Links, W, rows_of_lanes
 from dembrick.kernels.joint.ties import Ties
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.memory_order import LoopOrder, memory_order
-from dembrick.simulation.dynamics.tiling import in_turn, ways, without_rounding
+from dembrick.simulation.dynamics.memory_order import LoopOrder, in_turn, memory_order, ways, without_rounding
 from dembrick.simulation.moving_ties import at_ends, moving_ties
 
 if TYPE_CHECKING:

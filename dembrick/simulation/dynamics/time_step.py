@@ -19,7 +19,7 @@ from dembrick.kernels.dynamics.contact_forces import Touching
 from dembrick.kernels.joint.ties import SHORTEST
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.state import MovingState, arms
-from dembrick.simulation.joint_stiffness import elastic_stiffness
+from dembrick.simulation.joint_laws import elastic_stiffness
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

@@ -13,8 +13,8 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.limit_analysis import bounds, solver
-from dembrick.simulation.limit_analysis.crushing_surface import first_planes
 from dembrick.simulation.limit_analysis.equilibrium import JointForces
+from dembrick.simulation.limit_analysis.friction_surface import first_planes
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
 from dembrick.simulation.limit_analysis.programme import (
     NO_CUTS,

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.simulation.limit_analysis.crushing_surface import PressedPolygons
-from dembrick.simulation.limit_analysis.friction_surface import FrictionSurfaces
+from dembrick.simulation.limit_analysis.friction_surface import FrictionSurfaces, PressedPolygons
 from dembrick.simulation.limit_analysis.programme import Structure, area_normals, area_shears
 from dembrick.simulation.limit_analysis.solver import Entries, Programme, Solution, SparseMatrix
 from dembrick.simulation.limit_analysis.support_function import gauges

@@ -13,9 +13,14 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.statics.area_joints import AreaBonds, Areas, reserves
-from dembrick.simulation.joint_stiffness import elastic_stiffness
-from dembrick.simulation.joint_strengths import bonded_at_start, sliding_strength, strengths_of
-from dembrick.simulation.pressed_parts import check_pressures, pressed_parts
+from dembrick.simulation.joint_laws import (
+    bonded_at_start,
+    check_pressures,
+    elastic_stiffness,
+    pressed_parts,
+    sliding_strength,
+    strengths_of,
+)
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

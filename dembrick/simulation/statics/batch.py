@@ -24,11 +24,10 @@ from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.geometry import polygons
 from dembrick.kernels.state import Actuators, Blocks, Joints, ScaledInertia
 from dembrick.kernels.statics.batch import FALLS, Answer, Loading, Room, Settings, replay_batch
-from dembrick.kernels.statics.certify import Basis
-from dembrick.kernels.statics.load_bounds import NEVER
+from dembrick.kernels.statics.load_bounds import NEVER, Basis
 from dembrick.kernels.statics.loop import CONVERGED
 from dembrick.scenario.model import JointLaw
-from dembrick.simulation.statics import certificate, dead_load, guards, joint_families, limit_load, load_system, state
+from dembrick.simulation.statics import dead_load, guards, joint_families, limit_load, load_system, state, yield_point
 from dembrick.simulation.statics.batch_cases import Cases, check, wrench
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.yield_point import OPEN
@@ -164,7 +163,7 @@ def _settings(tolerance: float, eta: float) -> Settings:
     """The choices of ``replay`` and ``equilibrium``."""
     return Settings(
         tolerance=tolerance,
-        caution=certificate.CAUTION,
+        caution=yield_point.CAUTION,
         unbalanced=dead_load.UNBALANCED,
         first_steps=dead_load.FIRST_STEPS,
         dead_load_steps=dead_load.MOST_STEPS,
@@ -181,7 +180,7 @@ def _settings(tolerance: float, eta: float) -> Settings:
         mean_weight=load_system.MEAN_WEIGHT,
         chunk=limit_load.CHUNK_OF_SEARCH,
         most_steps=limit_load.MOST_STEPS,
-        window=certificate.WINDOW,
+        window=yield_point.WINDOW,
         mask=guards.LOOK - 1,
         stretch=1 << 62,
     )
@@ -207,7 +206,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     rest = np.zeros(max(1, joint_families.contact_points(whole)))
     basis = Basis(np.zeros(3), np.zeros(3), np.zeros(2), rest, np.zeros(5), np.zeros(3), np.zeros(6))
     room = Room(
-        np.zeros(1, np.int64), np.ones(1, np.int64), np.zeros(1), np.zeros((certificate.WINDOW, 4)), np.zeros(6),
+        np.zeros(1, np.int64), np.ones(1, np.int64), np.zeros(1), np.zeros((yield_point.WINDOW, 4)), np.zeros(6),
         np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)), np.zeros(0, np.int64), np.zeros(0),
     )  # fmt: skip
     replay_batch(

@@ -17,13 +17,12 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import turned_by, unit_quaternion
 from dembrick.kernels.state import Inertia
-from dembrick.kernels.statics.divergence import Guard
-from dembrick.kernels.statics.loop import TURNING
+from dembrick.kernels.statics.loop import TURNING, Guard
 from dembrick.scenario.model import Output
 from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics import joint_families, ties
-from dembrick.simulation.statics.guards import came_down, new_guard, refuse_divergence
+from dembrick.simulation.statics.guards import came_down, longer, new_guard, refuse_divergence, refuse_unsound, steady
 from dembrick.simulation.statics.load_system import (
     MOST_STEPS_AT_RATE,
     LoadSystem,
@@ -33,7 +32,6 @@ from dembrick.simulation.statics.load_system import (
 )
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
-from dembrick.simulation.statics.steady_load import longer, refuse_unsound, steady
 from dembrick.simulation.statics.stepper import Loop, Stepper
 from dembrick.simulation.statics.yield_point import YieldPoint, at_the_end
 

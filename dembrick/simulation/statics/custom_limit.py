@@ -21,8 +21,8 @@ from dembrick.simulation.session import Session
 from dembrick.simulation.statics.elastic_factor import touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
 from dembrick.simulation.statics.limit_load import inertia_and_drive
-from dembrick.simulation.statics.limit_state import copy_of
 from dembrick.simulation.statics.load_system import Replay, Setup
+from dembrick.simulation.statics.paths.limit_state import copy_of
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
 from dembrick.simulation.statics.stepper import Loop, Stepper

@@ -3,6 +3,8 @@
 Relaxation by the elastic answer to what is out of balance finds most in a few steps. Where it does not, the blocks
 start again from where they were, by viscous motion (`viscous_rest`), which ends at rest or proves that they fall. Where
 it shows neither, the answer is undecided.
+
+`find_rest` asks whether a structure stands under its dead loads: one equilibrium, no actuator.
 """
 
 from __future__ import annotations
@@ -20,17 +22,22 @@ from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.loop import Relaxing, advance
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import arrays_of, flattened, restored_state
+from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.floating_point import not_nan
-from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
+from dembrick.simulation.session import DEAD_LOADS, Plan, Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
-from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself, whole_inertia
+from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself, whole_inertia
+from dembrick.simulation.statics.handover import starting_state
+from dembrick.simulation.statics.recorder import Ended, Recorder
 from dembrick.simulation.statics.sparse_equations import Factors
-from dembrick.simulation.statics.state import State, for_kernels
+from dembrick.simulation.statics.state import State, for_kernels, initial_state
+from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.simulation.statics.viscous_rest import ViscousMotion
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+
 
 UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
@@ -271,3 +278,41 @@ class _Relaxation:
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self._round, self._step = int(at), int(step)
         restored_state(self._state, snapshot)
+
+
+@dataclass
+class Standing(Ended):
+    """Result of a search for rest: `Rest`, the state in which it ended, and seconds of compiling and of relaxing."""
+
+    rest: Rest
+    state: State
+    settings: dict
+    compile_seconds: float
+    loop_seconds: float
+    energy = None
+    yield_point = None  # no load was increased
+    phases = None
+
+
+def find_rest(assembly: Assembly, session: Session) -> Standing:
+    """The equilibrium of an assembly under its dead loads, the blocks that fall, or neither; recorded in one row."""
+    state = starting_state(assembly, session.start, session.ties_before)
+    factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
+    found = rest(state, block_stiffness(state, shared=2.0), assembly.position, factor, session)
+    if session.observe is not None:
+        recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
+        recorder.write_equilibrium(state, 0, None, 0.0, np.zeros(2))
+        recorder.drain()
+    return Standing(found, state, {"steps": found.steps}, found.compile_seconds, found.loop_seconds)
+
+
+def plan(assembly: Assembly) -> Plan:
+    """The plan of it, without running any of it."""
+    n, j = len(assembly.names), len(assembly.joints)
+    points = sum(len(p.area) for p in assembly.contact_points if p is not None)
+    memory = 8 * (100 * n + 100 * j + 12 * points)
+    state = initial_state(assembly)
+    if not touches_itself(state):
+        return Plan(1.0, 1.0, 1, memory, relaxation_seconds(1, j))
+    memory += equations(state, assembly.position).bytes(factors=1)
+    return Plan(1.0, 1.0, STATICS_STEPS, memory, relaxation_seconds(STATICS_STEPS, j))

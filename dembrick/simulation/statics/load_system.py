@@ -17,17 +17,16 @@ from dembrick.simulation.channels import Sizes, bytes_of, recorded
 from dembrick.simulation.expected_cost import loop_seconds
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.certificate import certificate
 from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, dashpots
 from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.handover import starting_state
-from dembrick.simulation.statics.limit_state import carrying
-from dembrick.simulation.statics.reactions import Ended
+from dembrick.simulation.statics.paths.limit_state import carrying
+from dembrick.simulation.statics.recorder import Ended
 from dembrick.simulation.statics.state import State, load_vectors
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness
-from dembrick.simulation.statics.yield_point import YieldPoint, carried_by, in_equilibrium, read_off
+from dembrick.simulation.statics.yield_point import YieldPoint, carried_by, certificate, in_equilibrium, read_off
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

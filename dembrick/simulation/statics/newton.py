@@ -10,7 +10,7 @@ import numpy as np
 
 from dembrick.kernels.statics.newton import Trial, try_motion
 from dembrick.simulation.floating_point import not_nan
-from dembrick.simulation.statics import elements, joint_families, ties
+from dembrick.simulation.statics import elastic_factor, joint_families, ties
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State, for_kernels
 from dembrick.simulation.statics.stiffness import to_joint
@@ -55,7 +55,7 @@ def _new_trial(state: State, place: np.ndarray) -> Trial:
     row = np.full(len(state.blocks.displacement), -1)
     row[free] = place
     seen = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
-    seen_a, seen_b = elements.ends(state, *seen)
+    seen_a, seen_b = elastic_factor.ends(state, *seen)
     return Trial(
         seen_a=seen_a,
         seen_b=seen_b,
@@ -67,7 +67,7 @@ def _new_trial(state: State, place: np.ndarray) -> Trial:
         base=np.zeros((count, 6)),
         **joint_families.memory(state),
         force=np.zeros((7, 6)),
-        tangent=elements.stiffness(state),  # of joints, ties and guides
+        tangent=elastic_factor.stiffness(state),  # of joints, ties and guides
         residual=np.zeros(6 * len(free)),
     )
 

@@ -12,8 +12,7 @@ import numpy as np
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.kernels.statics.point_joints import Bonds, Points, reserves
-from dembrick.simulation.joint_stiffness import elastic_stiffness
-from dembrick.simulation.joint_strengths import bonded_at_start, repeated, sliding_strength, strengths_of
+from dembrick.simulation.joint_laws import bonded_at_start, elastic_stiffness, repeated, sliding_strength, strengths_of
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -36,10 +35,10 @@ def at_rest(assembly: Assembly) -> Points | None:
         bonds = Bonds(np.array(table.area, float), np.repeat(bonded_at_start(laws), counts), *np.zeros((3, total)))
     custom = None
     if assembly.custom_law is not None:
-        from dembrick.simulation import custom_law
+        from dembrick.simulation import joint_laws
 
         each = [law for law, count in zip(laws, counts.tolist(), strict=True) for _ in range(count)]
-        custom = custom_law.rows_of(assembly.custom_law, each, table.area)
+        custom = joint_laws.rows_of(assembly.custom_law, each, table.area)
     x_n, y_n = table.normal_arm.T.copy()
     shared = table.shear_arm is table.normal_arm
     x_s, y_s = (x_n, y_n) if shared else table.shear_arm.T.copy()

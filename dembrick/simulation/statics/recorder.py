@@ -1,4 +1,6 @@
-"""The record of a replay: buffers that the compiled loop fills, handed on after every chunk."""
+"""The record of a replay: buffers that the compiled loop fills, handed on after every chunk; and forces of
+supports and ties at the end of a search or constant-rate test.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,11 @@ from dembrick.kernels.statics.energy import (
     YIELDING,
     elastic_energy,
 )
-from dembrick.kernels.statics.record import Record, write_row
+from dembrick.kernels.statics.record import Record, write_guides, write_reactions, write_row
 from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families, ties
-from dembrick.simulation.statics.path_state import PathState
-from dembrick.simulation.statics.reactions import support_numbers
+from dembrick.simulation.statics.paths.path_state import PathState
 from dembrick.simulation.statics.state import State, for_kernels
 
 ENERGIES = energies(real_time=False)
@@ -146,3 +147,42 @@ class Recorder:
 def _capacity(wanted: int, shapes: Mapping[str, tuple[int, ...]]) -> int:
     """Entries of a buffer: as many as a chunk brings (and one at either end), if ``BUFFER_BYTES`` hold them."""
     return max(3, min(wanted + 2, BUFFER_BYTES // (8 * sum(math.prod(shape) for shape in shapes.values()))))
+
+
+def support_numbers(state: State) -> np.ndarray:
+    """The number (n,) of each block among those that are fixed, or held in some directions; -1 of the others."""
+    supporting = np.ones(len(state.blocks.displacement), bool)
+    supporting[state.blocks.free] = False
+    supporting[state.blocks.guided] = True
+    return np.where(supporting, np.cumsum(supporting) - 1, -1)
+
+
+def reactions(state: State) -> np.ndarray:
+    """Force (N) and moment (N m, about its centroid) of every fixed block on the structure, through its joints and
+    ties, and of the guides on every block that they hold (s, 6).
+
+    World axes: a block at rest on a floor is held up.
+    """
+    support = support_numbers(state)
+    out = np.zeros((int(support.max(initial=-1)) + 1, 6))
+    write_reactions(state.joints, support, out)
+    if state.ties is not None:
+        out += ties.on_supports(state, support)
+    write_guides(state.blocks, support, out)
+    return out
+
+
+class Ended:
+    """Reactions and ties in the last ``state`` of a finished search or test."""
+
+    state: State
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6), see `reactions`."""
+        return reactions(self.state)
+
+    @property
+    def ties(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
+        return self.state.ties.tension, self.state.ties.yielded

@@ -16,9 +16,8 @@ from dembrick._jit import ready
 from dembrick.errors import HistoryError
 from dembrick.kernels.joint.ties import Ties
 from dembrick.kernels.state import Energy, Inertia, ScaledInertia
-from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.load_bounds import Certificate
-from dembrick.kernels.statics.loop import FULL, RUNNING, Drive, advance
+from dembrick.kernels.statics.loop import FULL, RUNNING, Drive, Guard, advance
 from dembrick.kernels.statics.record import Record
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored, restored_state

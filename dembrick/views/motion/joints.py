@@ -21,7 +21,7 @@ from dembrick.geometry.friction_integrals import far_moments
 from dembrick.geometry.polygons import area, distance_outside
 from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by, turning
 from dembrick.kernels.joint.utilisation import Outlines, area_gauges, point_gauges
-from dembrick.simulation.pressed_parts import pressed_parts
+from dembrick.simulation.joint_laws import pressed_parts
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.motion.bonds import Bonds
 from dembrick.views.motion.frames import coming_down, nearest

@@ -1,4 +1,6 @@
-"""How a history is shown: camera, magnification of the motion, colours."""
+"""How a history is shown: camera, magnification of the motion, colours, the quantity that the blocks are
+coloured by, and the unit that suits its size.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,15 @@ from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from dembrick.errors import ScenarioError
+from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views.motion import blocks
-from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
-from dembrick.views.render.colors import COLORS
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, block_quantities
+from dembrick.views.motion.frames import MECHANISM
+from dembrick.views.motion.joints import CHANNELS, JointMotion
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
+
 
 VIEWS = {  # direction from the focus to the camera, and what is up in the picture
     "iso": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),
@@ -76,3 +80,69 @@ def automatic_magnification(history: History, frame: int) -> float:
     start = carried.magnified(poses, 0.0)[0]
     moved = float(np.linalg.norm(carried.moved(poses)[0], axis=1).max())
     return blocks.automatic_magnification(moved, blocks.largest_extent(start, starts, range(history.n_block)))
+
+
+COLORS = ("displacement", "utilisation", "slip", "energy", "none")
+_TITLES = {
+    "displacement": "displacement\nof each point",
+    "utilisation": "utilisation of the\nmost used joint",
+    "slip": "greatest slip\nof its joints",
+    "energy": "kinetic energy",
+}
+_UNITS = {  # unit in steps of a thousand
+    "displacement": ("m", "mm", "µm", "nm"),
+    "slip": ("m", "mm", "µm", "nm"),
+    "energy": ("J", "mJ", "µJ", "nJ"),
+    "utilisation": ("-",),
+}
+
+
+class Colouring:
+    """Values of ``color`` at the vertices ("displacement") or of the blocks (all others), frame by frame.
+
+    Raises HistoryError if the history does not hold what they need.
+    """
+
+    def __init__(self, history: History, color: str, carried: CarriedPoints, joints: JointMotion | None):
+        self._history, self.color, self._carried, self._joints = history, color, carried, joints
+        if color in ("utilisation", "slip") and not (history.n_joint and history.has_joints and history.n_row):
+            raise HistoryError(
+                f"{history.path}: {color} cannot be shown because the forces of joints were not recorded; run it again "
+                'with "joints" in output.channels'
+            )
+        if color == "energy" and (history.block_mass is None or history.n_frames < 2):
+            raise HistoryError(f"{history.path}: energy cannot be shown: the file holds no masses, or a single frame")
+
+    @property
+    def at_vertices(self) -> bool:
+        return self.color == "displacement"
+
+    def values(self, frame: int, poses: Poses) -> np.ndarray:
+        """(n_vertex,) or (n_block,), in SI units, of one frame whose poses are given."""
+        if self.color == "displacement":
+            return np.linalg.norm(self._carried.moved(poses)[0], axis=1)
+        if self.color == "energy":
+            return block_quantities(self._history, poses, frame, frame + 1)["kinetic_energy"][0]
+        now = self._joints.at([frame])
+        of_joint = now.utilisation[0] if self.color == "utilisation" else now.resultants[0, :, CHANNELS.index("slip")]
+        return self._joints.greatest_of_blocks(of_joint[None])[0]
+
+    def scale(self, largest: float) -> Scale:
+        """Unit and range for values up to ``largest``; velocities of a mechanism, which have no scale, over it."""
+        if self.color == "displacement" and self._history.status == MECHANISM:
+            return Scale("velocity over\nthe greatest [-]", 1.0 / max(largest, 1e-300), 1.0)
+        units = _UNITS[self.color]
+        step = 0
+        while step < len(units) - 1 and 0.0 < largest * 1e3**step < 0.1:
+            step += 1
+        top = 1.0 if self.color == "utilisation" else max(largest * 1e3**step, 1e-12)
+        return Scale(f"{_TITLES[self.color]} [{units[step]}]", 1e3**step, top)
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """``factor`` from SI to the unit of ``title``; the colours reach up to ``top``."""
+
+    title: str
+    factor: float
+    top: float

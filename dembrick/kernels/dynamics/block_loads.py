@@ -1,0 +1,226 @@
+"""What acts on blocks in real time beside joints, contacts and gravity: ties, guides, pressures on faces.
+
+Ties: their forces are put on the blocks as loads are. The law is `kernels.joint.ties`.
+
+Guides: forces and moments under which blocks do not move in the directions in which they are held.
+
+They act beside the loads of a step, so that the step of a block, its energy and its joints know nothing of them. A
+velocity that is zero takes a force against all others; a spin that is zero about an axis takes a moment that follows
+the spin about the other two (`kernels.math.held_turns`).
+
+Pressures follow the faces of blocks that move, and those of a fluid the present depth of each part. On a convex polygon
+with the outward normal n the pressure p = max(0, c0 + c1 z) is linear where it is positive. That part is a fan of
+triangles of vector area A n. On a triangle with pressures p_i at the corners r_i, counted from the centroid of the
+block, force and moment are, exactly,
+
+    F = -A n (p_1 + p_2 + p_3) / 3,    M = -(sum p_i sum r_i + sum p_i r_i) / 12 x A n.
+
+The vector areas of a closed surface cancel in the geometry that there is: what is under water all round feels no
+moment.
+"""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.dynamics.rigid_bodies import gathered, resisted, spin_of_step
+from dembrick.kernels.joint.ties import stretch
+from dembrick.kernels.math.held_turns import MOST_CORRECTIONS, held_momentum, turns_freely
+from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, cross, put_vector, rotate, rotate_back, rows_times
+
+
+@jit
+def clear_tied(ties, bodies):
+    """Take all loads off the blocks that ties hold: those of the step come next."""
+    for t in range(ties.stiffness.size):
+        for side in range(2):
+            for i in range(6):
+                bodies.applied[ties.block[t, side], i] = 0.0
+
+
+@jit
+def pull_ties(ties, bodies):
+    """Add the forces of all ties to the loads on their blocks."""
+    for t in range(ties.stiffness.size):
+        a = ties.block[t, 0]
+        b = ties.block[t, 1]
+        for side in range(2):
+            lever = ties.lever[t, side]
+            r1, r2, r3 = rotate(bodies.orientation, ties.block[t, side], lever[0], lever[1], lever[2])
+            put_vector(ties.arm[t, side], r1, r2, r3)
+        arm = ties.arm[t]
+        x = bodies.position
+        stretch(
+            ties,
+            t,
+            x[b, 0] - x[a, 0] + (arm[1, 0] - arm[0, 0]),
+            x[b, 1] - x[a, 1] + (arm[1, 1] - arm[0, 1]),
+            x[b, 2] - x[a, 2] + (arm[1, 2] - arm[0, 2]),
+        )
+        for side in range(2):
+            add_wrench(bodies.applied[ties.block[t, side]], 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, arm[side])
+
+
+@jit
+def clear_guided(bodies):
+    """Take all loads off the blocks that are guided: those of the step come next."""
+    for g in range(bodies.guided.size):
+        for i in range(6):
+            bodies.applied[bodies.guided[g], i] = 0.0
+
+
+@jit
+def unresisted(force, motion, damping):
+    """The force that `resisted` makes ``force`` of."""
+    against = force if motion > 0.0 else -force
+    if damping == 0.0 or motion == 0.0:
+        return force
+    return force / (1.0 - damping) if against > 0.0 else force / (1.0 + damping)
+
+
+@jit
+def spin_for(bodies, b, momentum, dt):
+    """Spin (world) of a step at the angular ``momentum`` (3)."""
+    w1, w2, w3 = spin_of_step(bodies, b, momentum, dt)
+    return rotate(bodies.orientation, b, w1, w2, w3)
+
+
+@jit
+def answer_to(bodies, b, l1, l2, l3):
+    """I^-1 times a vector, world axes."""
+    return rotate(
+        bodies.orientation, b, *rows_times(bodies.inverse[b], *rotate_back(bodies.orientation, b, l1, l2, l3))
+    )
+
+
+@jit
+def hold(bodies, wrenches, g1, g2, g3, dt, damping):
+    """Add to the loads of guided blocks what their guides exert, once all other forces of the step are there."""
+    for g in range(bodies.guided.size):
+        b = bodies.guided[g]
+        held = bodies.held[g]
+        guide = bodies.guide[g]
+        f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrenches, True, g1, g2, g3)
+        v = bodies.velocity[b]
+        for i, f in enumerate((f1, f2, f3)):
+            guide[i] = 0.0
+            if held[i]:
+                guide[i] = unresisted(-bodies.mass[b] * v[i] / dt, v[i], damping) - f
+        L = bodies.momentum[b]
+        l1 = L[0] + dt * resisted(t1, L[0], damping)
+        l2 = L[1] + dt * resisted(t2, L[1], damping)
+        l3 = L[2] + dt * resisted(t3, L[2], damping)
+        m1 = m2 = m3 = 0.0
+        if held[3] or held[4] or held[5]:
+            e1 = answer_to(bodies, b, 1.0, 0.0, 0.0)
+            e2 = answer_to(bodies, b, 0.0, 1.0, 0.0)
+            e3 = answer_to(bodies, b, 0.0, 0.0, 1.0)
+            for _ in range(MOST_CORRECTIONS):
+                w1, w2, w3 = spin_for(bodies, b, (l1 + m1, l2 + m2, l3 + m3), dt)
+                d1, d2, d3 = held_momentum(e1, e2, e3, held[3], held[4], held[5], w1, w2, w3)
+                m1 += d1
+                m2 += d2
+                m3 += d3
+                if turns_freely(held[3:], w1, w2, w3):
+                    break
+        for i, t in enumerate((t1, t2, t3)):
+            guide[i + 3] = 0.0
+            if held[i + 3]:
+                change = (m1, m2, m3)[i] / dt + resisted(t, L[i], damping)
+                guide[i + 3] = unresisted(change, L[i], damping) - t
+        for i in range(6):
+            bodies.applied[b, i] += guide[i]
+
+
+class PressedFaces(NamedTuple):
+    """q convex polygons with c corners in all, each of a face or, taken off, of what covers one."""
+
+    block: ndarray  # (q,) int64
+    first: ndarray  # (q + 1,) int64, number of the first corner of each
+    corner: ndarray  # (c, 3) m, from the centroid in body axes, counterclockwise seen from outside
+    sense: ndarray  # (q,) 1, or -1 for what is taken off
+    level: ndarray  # (q,) Pa, c0
+    slope: ndarray  # (q,) Pa/m, c1
+    driven: ndarray  # (q,) bool, whether the multiplier V acts on it
+    wrench: ndarray  # (q, 6) N, N m, force and moment about the centroid as `press` found them last
+
+
+@jit
+def clear_pressed(faces, bodies):
+    """Take all loads off the blocks that feel a pressure: those of the step come next."""
+    for q in range(faces.block.size):
+        for i in range(6):
+            bodies.applied[faces.block[q], i] = 0.0
+
+
+@jit
+def press(faces, bodies, multiplier, height):
+    """Add the pressures to the loads on their blocks; the height of a point x is ``height`` (4,): h x + h_0."""
+    for q in range(faces.block.size):
+        b = faces.block[q]
+        wrench = faces.wrench[q]
+        for i in range(6):
+            wrench[i] = 0.0
+        press_polygon(faces, q, bodies, height)
+        factor = faces.sense[q]
+        if faces.driven[q]:
+            factor *= multiplier
+        load = bodies.applied[b]
+        for i in range(6):
+            wrench[i] *= factor
+            load[i] += wrench[i]
+
+
+@jit
+def press_polygon(faces, q, bodies, height):
+    """Put force and moment of the pressure on one polygon into its wrench, which is zero: of the triangles between the
+    first corner of the part where the pressure is positive and its edges, as the outline is walked."""
+    b = faces.block[q]
+    first = faces.first[q]
+    last = faces.first[q + 1]
+    slope = faces.slope[q]
+    x = bodies.position[b]
+    at_centroid = faces.level[q] + slope * (height[0] * x[0] + height[1] * x[1] + height[2] * x[2] + height[3])
+    found = 0
+    a = before = (0.0, 0.0, 0.0, 0.0)  # the first corner of the part, and the corner before
+    k = last - 1
+    u1, u2, u3 = rotate(bodies.orientation, b, faces.corner[k, 0], faces.corner[k, 1], faces.corner[k, 2])
+    pu = at_centroid + slope * (height[0] * u1 + height[1] * u2 + height[2] * u3)
+    for k in range(first, last):
+        v1, v2, v3 = rotate(bodies.orientation, b, faces.corner[k, 0], faces.corner[k, 1], faces.corner[k, 2])
+        pv = at_centroid + slope * (height[0] * v1 + height[1] * v2 + height[2] * v3)
+        for at_corner in range(2):
+            if at_corner:
+                if pv < 0.0:
+                    continue
+                c = v1, v2, v3, pv
+            else:
+                if (pu >= 0.0) == (pv >= 0.0):
+                    continue
+                s = pu / (pu - pv)
+                c = u1 + s * (v1 - u1), u2 + s * (v2 - u2), u3 + s * (v3 - u3), 0.0
+            if found == 0:
+                a = c
+            if found >= 2:
+                press_triangle(faces.wrench[q], a, before, c)
+            before = c
+            found += 1
+        u1, u2, u3, pu = v1, v2, v3, pv
+
+
+@jit
+def press_triangle(wrench, a, b, c):
+    """Add force and moment of a linear pressure on a triangle, corners (place and pressure, 4) counterclockwise seen
+    from outside."""
+    a1, a2, a3, pa = a
+    b1, b2, b3, pb = b
+    c1, c2, c3, pc = c
+    n1, n2, n3 = cross(b1 - a1, b2 - a2, b3 - a3, c1 - a1, c2 - a2, c3 - a3)  # twice the vector area
+    total = pa + pb + pc
+    m1 = (total * (a1 + b1 + c1) + pa * a1 + pb * b1 + pc * c1) / 24.0
+    m2 = (total * (a2 + b2 + c2) + pa * a2 + pb * b2 + pc * c2) / 24.0
+    m3 = (total * (a3 + b3 + c3) + pa * a3 + pb * b3 + pc * c3) / 24.0
+    mean = total / 6.0
+    moment = cross(m1, m2, m3, n1, n2, n3)
+    add_wrench(wrench, -1.0, (mean * n1, mean * n2, mean * n3), moment, (0.0, 0.0, 0.0))

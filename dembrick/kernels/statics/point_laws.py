@@ -1,0 +1,137 @@
+"""Points of joints that are not dry, in searches and constant-rate tests: their forces, and what they lose. With
+strengths by `kernels.joint.point_law.bonded_law`, or by a law of the user's own, called by `kernels.joint.custom_law`.
+"""
+
+from dembrick._jit import jit
+from dembrick.kernels.joint.custom_law import custom_law, shear_power
+from dembrick.kernels.joint.dashpots import dashpot_work
+from dembrick.kernels.joint.point_law import Bond, bonded_law, bonded_losses, shear_loss, spring_of
+from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
+
+
+@jit
+def bonded_forces(strengths, bonds, points, p, motion, viscous, energy):
+    """`forces` of a joint of a scene where some have strengths; what they lose is summed point by point."""
+    mu = points.friction[p]
+    damped = 1.0 + viscous[1]
+    dashpots = viscous[0], damped, 1.0 / damped
+    g0, gx, gy = motion.depth
+    d0, dx, dy = motion.growth
+    p1, p2, pr = motion.slip
+    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
+    still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        x = points.x_n[i]
+        y = points.y_n[i]
+        xs = points.x_s[i]
+        ys = points.y_s[i]
+        k = points.k_s[i]
+        k_n = points.k_n[i]
+        area = bonds.area[i]
+        slip_here = p1 - pr * ys, p2 + pr * xs
+        b1 = points.elastic_1[i]
+        b2 = points.elastic_2[i]
+        bond = Bond((b1, b2), bonds.bonded[i], bonds.crushed[i], bonds.rise[i])
+        g = g0 + gy * y + gx * x
+        d = d0 + dy * y + dx * x
+        normal, spring, (t1, t2), slid, now = bonded_law(
+            g, d, slip_here, (k_n, k), mu, dashpots, strengths, p, area, bond
+        )
+        e1, e2 = now.elastic
+        points.normal[i] = normal
+        points.elastic_1[i] = e1
+        points.elastic_2[i] = e2
+        bonds.bonded[i] = now.bonded
+        bonds.crushed[i] = now.crushed
+        bonds.rise[i] = now.rise
+        bonds.spring[i] = spring
+        n += normal
+        m1 -= y * normal
+        m2 += x * normal
+        v1 += t1
+        v2 += t2
+        mt += xs * t2 - ys * t1
+        points.slip[i] += slid
+        slip += k * points.slip[i]
+        weight += k
+        if energy is not None:
+            still_n += spring
+            still_1 -= y * spring
+            still_2 += x * spring
+            c1 += t1 - e1
+            c2 += t2 - e2
+            cm += xs * (t2 - e2) - ys * (t1 - e1)
+            before = spring_of(strengths, p, k_n, g - d, area, bond)
+            opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
+            lost = bonded_losses(
+                strengths, p, area, mu, k_n, d, (before, spring, normal),
+                shear_loss(bond.elastic, now.elastic, slip_here, k), slid,
+                (now.bonded < bond.bonded, now.crushed - bond.crushed, now.rise - bond.rise, opened),
+            )  # fmt: skip
+            energy.work[SLIDING] += lost.friction
+            energy.work[BY_LAW] += lost.by_law
+            energy.work[LEAST] = min(energy.work[LEAST], lost.friction)
+            energy.work[CRUSHING] += lost.crushing
+            energy.work[FRACTURE] += lost.fracture
+            energy.work[DAMPING] += lost.released + lost.dash
+    if energy is not None:
+        energy.work[DAMPING] += 0.5 * dashpot_work(
+            energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion
+        )
+    return n, v1, v2, mt, m1, m2, slip / weight
+
+
+@jit
+def custom_forces(custom, points, p, motion, viscous, energy):
+    """`point_joints.forces` of a joint with a law of the user's own; all that it does not hold counts as friction."""
+    g0, gx, gy = motion.depth
+    d0, dx, dy = motion.growth
+    p1, p2, pr = motion.slip
+    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
+    still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        x = points.x_n[i]
+        y = points.y_n[i]
+        xs = points.x_s[i]
+        ys = points.y_s[i]
+        k = points.k_s[i]
+        g = g0 + gy * y + gx * x
+        d = d0 + dy * y + dx * x
+        normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
+            custom, i, g, d, p1 - pr * ys, p2 + pr * xs, viscous[0], viscous[1]
+        )
+        points.normal[i] = normal
+        points.elastic_1[i] = e1
+        points.elastic_2[i] = e2
+        n += normal
+        m1 -= y * normal
+        m2 += x * normal
+        v1 += t1
+        v2 += t2
+        mt += xs * t2 - ys * t1
+        points.slip[i] += slid
+        slip += k * points.slip[i]
+        weight += k
+        if energy is not None:
+            still_n += spring
+            still_1 -= y * spring
+            still_2 += x * spring
+            c1 += t1 - e1
+            c2 += t2 - e2
+            cm += xs * (t2 - e2) - ys * (t1 - e1)
+            energy.work[SLIDING] += lost
+            energy.work[BY_LAW] += lost
+    if energy is not None:
+        energy.work[DAMPING] += 0.5 * dashpot_work(
+            energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion
+        )
+    return n, v1, v2, mt, m1, m2, slip / weight
+
+
+@jit
+def power_taken(custom, points, p, q1, q2, qr):
+    """What the shear forces of point joint ``p`` take of a twist (N m for m, m, rad)."""
+    total = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        total += shear_power(custom, i, q1 - qr * points.y_s[i], q2 + qr * points.x_s[i])
+    return total

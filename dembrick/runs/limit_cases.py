@@ -1,0 +1,121 @@
+"""Questions to limit analysis: the scenario of a quasi-static load, its assembly and the names of blocks; and whether
+rigid blocks stand under their dead loads, stands(scenario) -> StandingResult.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from dembrick.assembly import build as assemblies
+from dembrick.errors import ScenarioError
+from dembrick.runs.logger import heard_by
+from dembrick.runs.outcomes.result import heading
+from dembrick.runs.reading import load
+from dembrick.scenario.checks import show
+from dembrick.scenario.controls import EVERY_BLOCK
+from dembrick.scenario.model import Scenario
+from dembrick.simulation.limit_analysis import analysis, solver
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.simulation.limit_analysis.mechanism import Mechanism
+
+
+def searched(scenario: Scenario) -> Scenario:
+    """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static one,
+    in the geometry of the start. ScenarioError if a stage before leaves another geometry."""
+    settled = next((k for k, stage in enumerate(scenario.stages, 1) if stage.in_deformed_geometry), None)
+    if settled is not None:
+        kind = show(scenario.stages[settled - 1].kind)
+        raise ScenarioError(
+            f"limit analysis knows the geometry of the start, and stage {settled} of kind {kind} leaves another one: "
+            "remove it, or take the search of dembrick run"
+        )
+    control: Any = scenario.control
+    if getattr(control, "large_displacements", False):
+        control = replace(control, large_displacements=False)
+        scenario = replace(scenario, control=control, text=None)
+    if control.drives != EVERY_BLOCK or not control.regime.real_time:
+        return scenario
+    without: dict[str, Any] = {} if control.push_direction is None else {"rate": None}
+    return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
+
+
+def assembled(
+    given: Scenario | str | os.PathLike, began: float, report: Callable[[str], None] | None
+) -> tuple[Scenario, Assembly, float]:
+    """A scenario as limit analysis looks at it, its assembly, and the seconds that took; `report` hears warnings."""
+    solver.require()
+    scenario = searched(given if isinstance(given, Scenario) else load(given))
+    assembly = assemblies.assemble(scenario)
+    report = heard_by(report)
+    if report:
+        for warning in assembly.warnings:
+            report(warning)
+    return scenario, assembly, time.perf_counter() - began
+
+
+def names_of(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
+    """Names of the blocks that move in a mechanism."""
+    return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
+
+
+SQUEEZE = "forces that balance the dead loads exist; blocks find none that need a squeeze which only pre-stress gives"
+
+
+@dataclass
+class StandingResult:
+    """Result of limit analysis of the dead loads of a ``scenario`` and its ``assembly`` alone. ``found``: with the
+    least out-of-balance and the mechanism; ``wall``: seconds."""
+
+    scenario: Scenario
+    assembly: Assembly
+    found: analysis.Standing
+    wall: dict
+
+    @property
+    def status(self) -> str:
+        """ "stands" or "falls"; both are answers."""
+        return "stands" if self.found.stands else "falls"
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick limit --json`` for ``kind = "statics"``."""
+        mechanism = self.found.mechanism
+        return {
+            **heading(self.scenario),
+            "status": self.status,
+            "statics": {
+                "stands": self.found.stands,
+                "unbalanced": self.found.unbalanced,
+                "mechanism": None if mechanism is None else mechanism.kind,
+                "blocks": names_of(self.assembly, mechanism),
+            },
+            "remarks": [SQUEEZE] if self.found.stands else [],
+            "wall": self.wall,
+        }
+
+    def text(self) -> str:
+        """Text of the command line."""
+        if self.found.stands:
+            answer = ["answer        stands under its dead loads (limit analysis)", f"remark        {SQUEEZE}"]
+        else:
+            answer = [f"answer        {analysis.falls(self.assembly, self.found)}"]
+        return "\n".join([self.scenario.title, *answer])
+
+
+def stands(scenario: Scenario | str | os.PathLike, *, report: Callable[[str], None] | None = None) -> StandingResult:
+    """Whether any joint forces within their strengths balance the dead loads of a scenario, whatever its control.
+
+    The static theorem: if none do, no rigid blocks stand; if some do, elastic joints may still not find them. Raises
+    ScenarioError for input that is no test, NotConvergedError if the solver fails, MissingDependency without the extra
+    ``limit``.
+    """
+    began = time.perf_counter()
+    given, assembly, built = assembled(scenario, began, report)
+    found = analysis.standing(analysis.prepared(assembly))
+    wall = {"build": built, "total": time.perf_counter() - began}
+    return StandingResult(given, assembly, found, wall)

@@ -1,0 +1,119 @@
+"""Cycles of a test that goes to and fro: the greatest force of each half, what is dissipated, what stays.
+
+A cycle is a full loop, from a turning point to the next but one; the first begins at the first turning point after the
+start. A rest of a loop is none: a record that ends about half way back or earlier after its last turning point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
+
+
+WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
+CLOSED = 1e-6  # of the range of displacements, by which a loop may miss its start
+DRIFTS, PLATEAU = 10, 1e-2  # part of a half cycle before its peak, in which the force of a plateau grows by less
+
+
+def cycles_of(scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequence[int]) -> list[dict] | None:
+    """The cycles of a run by its ``rows``, of which ``turns`` are those at the turning points; None if it does
+    not turn, or kept no record.
+
+    Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of them, ``dissipated`` (J):
+    the friction work, or where no energies are recorded the area of the loop until it is back at the displacement of
+    its start, None if it does not come back there; ``damping``: that over 2 pi V_a u_a, of half the ranges of force and
+    displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
+    """
+    control = scenario.control
+    if not control.cyclic or not len(rows.get("load", ())):
+        return None
+    in_equilibrium = control.in_deformed_geometry
+    V, u = np.asarray(rows["load"], float), np.asarray(rows["displacement"], float)
+    noise = np.asarray(rows["unbalanced"], float) * _greatest_force(rows, V)
+    energies: Mapping = rows.get("energy") or {}  # type: ignore[assignment]
+    friction = energies.get("friction")
+    found = []
+    for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
+        if last == len(u) - 1 and abs(u[last] - u[middle]) <= WAY_BACK * abs(u[first] - u[middle]):
+            break
+        loop = slice(first, last + 1)
+        dissipated = (
+            _area(V[loop], u[loop], middle - first) if friction is None else float(friction[last] - friction[first])
+        )
+        halves = [_peak(V, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
+        sizes = 0.25 * float(np.ptp(V[loop]) * np.ptp(u[loop]))
+        found.append(
+            {
+                "peak": [float(V[at]) for at, _ in halves],
+                "V_lower": [float(V[at]) - bar for at, bar in halves],
+                "V_upper": [float(V[at]) + bar for at, bar in halves],
+                "dissipated": dissipated,
+                "damping": _damping(dissipated, sizes),
+                "residual": _residual(V, u, halves[1][0]),
+            }
+        )
+    return found
+
+
+def _greatest_force(rows: Mapping[str, np.ndarray], V: np.ndarray) -> float:
+    """The force (N) that the out-of-balance of the rows is counted against: the greatest of a support, or of V."""
+    reaction = rows.get("reaction")
+    most = float(np.abs(V).max())
+    if reaction is None or not np.size(reaction):
+        return most
+    return max(most, float(np.linalg.norm(np.asarray(reaction)[..., :3], axis=-1).max()))
+
+
+def _peak(V: np.ndarray, noise: np.ndarray, first: int, last: int, equilibria: bool) -> tuple[int, float]:
+    """The row of a half cycle at which the force is furthest from that at its start, and the error bar of that force.
+
+    The bar is what is out of balance there, by how much the forces on either side, the calmer one, swing about their
+    trend, and what the force of a plateau still grows in the tenth of the half cycle before; between equilibria, what
+    the greatest force may have been beside the one that was found.
+    """
+    half = V[first : last + 1]
+    way = np.sign(half[-1] - half[0]) or 1.0
+    at = int(np.argmax(way * half))
+    if equilibria:
+        beside = [abs(half[at] - half[i]) for i in (at - 1, at + 1) if 0 < at < len(half) - 1]
+        return first + at, float(noise[first + at]) + min(beside, default=0.0)
+    sides = (half[max(at - 3, 0) : at + 1], half[at : at + 4])
+    swing = min((float(np.ptp(np.diff(side))) for side in sides if len(side) > 2), default=0.0)
+    drift = abs(float(half[at] - half[max(at - len(half) // DRIFTS, 0)]))
+    level = drift < PLATEAU * abs(half[at])  # else it is the turning point that ends a rise
+    return first + at, float(noise[first + at]) + swing + (drift if level else 0.0)
+
+
+def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
+    """The work (J) of V along a loop with its turning point at ``middle``, until it is back at its first displacement,
+    between two rows; None if it does not come back."""
+    way = 1.0 if u[0] > u[middle] else -1.0
+    back = middle + np.flatnonzero(way * (u[middle:] - u[0]) >= -CLOSED * np.ptp(u))
+    if not len(back):
+        return None
+    end = int(back[0])
+    area = float(np.trapezoid(V[:end], u[:end]))
+    part = min((u[0] - u[end - 1]) / (u[end] - u[end - 1]), 1.0)
+    return area + part * float(u[end] - u[end - 1]) * float(V[end - 1] + 0.5 * part * (V[end] - V[end - 1]))
+
+
+def _damping(dissipated: float | None, sizes: float) -> float | None:
+    if dissipated is None:
+        return None
+    return dissipated / (2.0 * math.pi * sizes) if sizes > 0.0 else 0.0
+
+
+def _residual(V: np.ndarray, u: np.ndarray, peak: int) -> float | None:
+    """Where V passes zero after a ``peak`` (m), between two rows."""
+    behind = np.flatnonzero(V[peak:-1] * V[peak + 1 :] <= 0.0)
+    if not len(behind):
+        return None
+    i = peak + int(behind[0])
+    step = V[i + 1] - V[i]
+    return float(u[i] if step == 0.0 else u[i] - V[i] * (u[i + 1] - u[i]) / step)

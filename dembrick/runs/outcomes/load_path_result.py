@@ -1,0 +1,297 @@
+"""Results of equilibria in the deformed geometry: a limit load with its bracket, or whether the blocks stand;
+and of a settlement, the reaction along the motion over the displacement, and the collapse.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dembrick.runs.collapse import collapse_lines
+from dembrick.runs.outcomes.motion_result import MotionResult
+from dembrick.runs.outcomes.result import listed, printed
+from dembrick.runs.outcomes.statics_result import RestResult
+from dembrick.scenario.checks import present
+from dembrick.scenario.regimes import ACTUATORS, COMPLETED
+from dembrick.simulation.statics.yield_point import YieldPoint
+from dembrick.views.summary import known, length, plain
+
+if TYPE_CHECKING:
+    from dembrick.simulation.dynamics.paths.load_path import LoadPathRun
+    from dembrick.simulation.dynamics.run import EquilibriaRun
+
+
+LONG_WAY = (
+    0.05  # of the least width of a block: as far as it moves where the limit is that of the geometry of the start
+)
+
+
+@dataclasses.dataclass(repr=False)
+class LoadPathResult(MotionResult):
+    """A limit load in the deformed geometry: V at the last equilibrium and V at which the blocks come down bracket it.
+
+    ``load_error``: of V, half the bracket and what refined runs add to it, if they were asked for.
+    """
+
+    run: LoadPathRun
+    load_error: float | None = None
+    theory = None
+
+    @property
+    def load(self) -> np.ndarray:
+        """V of every row (N, or the load factor)."""
+        return self.rows["load"]
+
+    @property
+    def unlimited(self) -> bool:
+        """Whether nothing came down up to the greatest load that is tried."""
+        return self.run.bracket[1] == math.inf
+
+    @property
+    def status(self) -> str:
+        """ "yield" for a limit load, "collapse" for that of all blocks, "completed" where nothing limits the load."""
+        return COMPLETED if self.unlimited else self.scenario.control.ends_with
+
+    @property
+    def plain_answer(self) -> str | None:
+        """Sentence on an unlimited load; None if there is a limit."""
+        if not self.unlimited:
+            return None
+        V, actuators = self.run.bracket[0], self.scenario.control.drives == ACTUATORS
+        load = f"V = {V:.3g} N" if actuators else f"a load factor of {V:.3g}"
+        return f"unlimited: no blocks came down up to {load}"
+
+    @property
+    def yield_point(self) -> YieldPoint:  # type: ignore[override]
+        """The limit load, its bracket, and what the joint that moves most carried at the last equilibrium."""
+        lower, upper = self.run.bracket
+        if self.unlimited:
+            return self._point(None, lower, None, "open")
+        return self._point(0.5 * (lower + upper), lower, upper, "indicator")
+
+    def _point(self, V: float | None, lower: float, upper: float | None, bracket: str) -> YieldPoint:
+        run, joints = self.run, self.assembly.joints
+        carried = dict.fromkeys(("N", "V_1", "V_2", "M_T"), 0.0)
+        if run.resultant is not None:
+            carried = dict(zip(carried, (run.resultant[:4] + 0.0).tolist(), strict=True))
+        pair = (joints.block_a[run.joint], joints.block_b[run.joint]) if len(joints) else ()
+        peak = run.path[np.argmax(run.path[:, 1])]
+        return YieldPoint(
+            V=V,
+            V_lower=lower,
+            V_upper=upper,
+            bracket=bracket,
+            V_peak=float(peak[1]),
+            displacement_at_peak=float(peak[0]),
+            actuator_load=float(run.path[-1, 1]),
+            **carried,
+            displacement=float(run.path[-1, 0]),
+            torsion_centre=None,
+            mechanism=run.mechanism,
+            joint=tuple(self.assembly.names[i] for i in pair),
+            unlimited=self.unlimited,
+        )
+
+    @property
+    def collapse(self) -> dict | None:
+        """The collapse under a load on every block; None of actuators."""
+        fallen, control, point = self.run.collapse, self.scenario.control, self.yield_point
+        if fallen is None or point.V is None or control.drives == ACTUATORS:
+            return None
+        return fallen | {
+            "angle": control.angle(point.V),
+            "load_factor": point.V,
+            "mechanism_load_factor": point.V,
+            "displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
+            "error_estimate": self.load_error,
+        }
+
+    @property
+    def uncertain(self) -> float:
+        """Number that an error estimate compares: the limit load, or what was reached without one."""
+        return sum(self.run.bracket) / 2.0 if not self.unlimited else self.run.bracket[0]
+
+    def take_error(self, estimate: float) -> None:
+        """Keep the error estimate of the limit load, with its bracket."""
+        lower, upper = self.run.bracket
+        self.load_error = estimate + (0.0 if self.unlimited else 0.5 * (upper - lower))
+
+    def as_dict(self) -> dict:
+        own = {"unlimited": self.unlimited, "answer": self.plain_answer, "yield_point": self.yield_point.as_dict()}
+        # nothing is proven of other paths in the deformed geometry
+        own |= {"path_dependent": True, "no_path_above": False, "associative": None}
+        return super().as_dict() | own | {"error_estimate": self.load_error, "simulated_time": None}
+
+    def text(self) -> str:
+        point, run = self.yield_point, self.run
+        unit = " N" if self.curve.unit == "N" else ""
+        lines = self.heading_lines
+        if self.unlimited:
+            return "\n".join([*lines, f"answer        {self.plain_answer}", f"history       {self.history}"])
+        fallen, V = present(run.collapse), present(point.V)
+        bar = self.load_error if self.load_error is not None else point.half_width
+        between = f"stands at {point.V_lower:.6g}, falls at {point.V_upper:.6g}"
+        angle = None if self.collapse is None else self.collapse["angle"]
+        name, told = "V" if self.collapse is None else "load factor", "" if angle is None else f", {angle:.5g} deg"
+        lines.append(f"{name:13} {known(V, bar)}{unit} +- {bar:.2g}{unit}{told} ({between}; this path)")
+        lines += [f"blocks        {listed(fallen['blocks'])}", f"hinges        {listed(fallen['hinges'])}"]
+        return "\n".join(lines + [self._moved_line] + self._closing_lines())
+
+    @property
+    def _moved_line(self) -> str:
+        """Line on how far the blocks have moved up to the limit, which may be long after the one of the start."""
+        away = np.linalg.norm(self.displacement, axis=1)
+        furthest = int(np.argmax(away))
+        size = float(np.ptp(self.assembly.shapes[furthest].vertices, axis=0).min())
+        line = f"moved         {self.assembly.names[furthest]} by {_told(float(away[furthest]))} up to there"
+        if away[furthest] > LONG_WAY * size:
+            line += "; large_displacements = false gives the limit before they move"
+        return line
+
+    def _closing_lines(self) -> list[str]:
+        """Lines on the joint that moves most, on reactions, and on the cost of the run."""
+        point, run = self.yield_point, self.run
+        carried = (point.N, point.V_1, point.V_2, point.M_T)
+        N, V_1, V_2, M_T = printed(carried, max(map(abs, carried)))
+        return [
+            f"joint         {' / '.join(point.joint)}: N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m",
+            f"mechanism     {point.mechanism}",
+            *self.force_lines,
+            f"equilibria    {len(run.path)} in the deformed geometry, by {run.motion.steps} steps of relaxation, loop "
+            f"{run.loop_seconds:.3g} s",
+            f"history       {self.history}",
+        ]
+
+
+def _told(metres: float) -> str:
+    return plain(length(metres))
+
+
+@dataclasses.dataclass(repr=False)
+class DrivenPathResult(LoadPathResult):
+    """A constant-rate test in the deformed geometry: V at the end of the travel, and the largest on the way to it."""
+
+    unlimited = False
+
+    @property
+    def status(self) -> str:
+        """ "completed", or "collapse" if blocks come down before the end of the travel."""
+        return self.run.status
+
+    @property
+    def yield_point(self) -> YieldPoint:  # type: ignore[override]
+        """V at the end, in equilibrium there and without an upper bound; ``V_peak`` is the largest on the way."""
+        V = float(self.run.path[-1, 1])
+        return self._point(V, V, None, "open")
+
+    @property
+    def uncertain(self) -> float:
+        """Number that an error estimate compares: the largest V."""
+        return self.yield_point.V_peak
+
+    def take_error(self, estimate: float) -> None:
+        """Keep the error estimate of the largest V."""
+        self.load_error = estimate
+
+    def text(self) -> str:
+        point, unit = self.yield_point, " N" if self.curve.unit == "N" else ""
+        lines = self.heading_lines
+        bar = "no error bar: --refine gives one" if self.load_error is None else f"+- {self.load_error:.2g}{unit}"
+        lines.append(f"V_peak        {point.V_peak:.6g}{unit} ({bar}) at {_told(point.displacement_at_peak)}")
+        lines.append(f"V             {point.V:.6g}{unit} at the end, {_told(point.displacement)}")
+        if self.run.collapse is not None:
+            lines.append(f"blocks        {listed(self.run.collapse['blocks'])} come down there")
+        return "\n".join(lines + self._closing_lines())
+
+
+@dataclasses.dataclass(repr=False)
+class DeformedRestResult(RestResult, MotionResult):
+    """Whether the blocks stand under their dead loads in the deformed geometry."""
+
+    run: LoadPathRun
+
+    @property
+    def statics(self) -> dict[str, Any]:
+        """The object ``statics`` of the JSON output."""
+        fallen = self.run.collapse or {"mechanism": None, "blocks": []}
+        found = {"stands": self.run.stands, "unbalanced": self.run.unbalanced}
+        return found | {"mechanism": fallen["mechanism"], "blocks": fallen["blocks"]}
+
+    @property
+    def plain_answer(self) -> str:
+        """The answer in a sentence."""
+        if self.run.stands:
+            return "stands under its dead loads in the deformed geometry"
+        found = self.statics
+        return f"does not stand under its dead loads: {listed(found['blocks'])} come down by {found['mechanism']}"
+
+    def as_dict(self) -> dict:
+        return super().as_dict() | {"answer": self.plain_answer, "statics": self.statics, "simulated_time": None}
+
+
+@dataclasses.dataclass(repr=False)
+class SettlementResult(MotionResult):
+    """Result of a quasi-static settlement: equilibria in the deformed geometry, up to the end or to the last before the
+    structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs."""
+
+    run: EquilibriaRun
+    reaction_error: float | None = None
+
+    @property
+    def settlement(self) -> dict:
+        """The object ``settlement`` of the JSON output: displacement (m) and reaction along the motion (N) at the last
+        equilibrium, before the supports moved (``at_rest``), and where it was least and greatest since."""
+        path = self.run.path
+        moved = path[1:] if len(path) > 1 else path
+        least, greatest = moved[np.argmin(moved[:, 1])], moved[np.argmax(moved[:, 1])]
+        return {
+            "displacement": float(path[-1, 0]),
+            "reaction": float(path[-1, 1]),
+            "reaction_error": self.reaction_error,
+            "at_rest": float(path[0, 1]),
+            "least": {"reaction": float(least[1]), "displacement": float(least[0])},
+            "greatest": {"reaction": float(greatest[1]), "displacement": float(greatest[0])},
+            "equilibria": len(path),
+        }
+
+    @property
+    def uncertain(self) -> float:
+        """Number that an error estimate compares: the settlement at the collapse (m), else the reaction at the end
+        (N)."""
+        return self.settlement["reaction"] if self.collapse is None else self.collapse["settlement"]
+
+    def take_error(self, estimate: float) -> None:
+        """Keep the error estimate of what is uncertain; that of a collapse counts its range too."""
+        if self.collapse is None:
+            self.reaction_error = estimate
+        else:
+            low, high = self.collapse["settlement_range"]
+            self.collapse["error_estimate"] = estimate + 0.5 * (high - low)
+
+    def as_dict(self) -> dict:
+        return super().as_dict() | {"settlement": self.settlement, "simulated_time": None}
+
+    def text(self) -> str:
+        found, motion = self.settlement, self.run.motion
+        lines = self.heading_lines
+        if self.collapse is not None:
+            lines += collapse_lines(self.collapse)
+        bar = "no error bar: --refine gives one" if self.reaction_error is None else f"+- {self.reaction_error:.2g} N"
+        lines.append(
+            f"reaction      {found['reaction']:.6g} N along the motion ({bar}) at {found['displacement']:.6g} m"
+        )
+        for key in ("least", "greatest"):
+            at = found[key]
+            lines.append(f"  {key:8}    {at['reaction']:.6g} N at {at['displacement']:.4g} m")
+        lines.append(f"  at rest     {found['at_rest']:.6g} N")
+        lines += self.force_lines
+        lines.append(f"out of balance {self.run.unbalanced:.2g} of the joint forces, at the most")
+        lines.append(
+            f"equilibria    {found['equilibria']}, by {motion.steps} steps of relaxation, loop "
+            f"{self.run.loop_seconds:.3g} s"
+        )
+        lines.append(f"history       {self.history}")
+        return "\n".join(lines)

@@ -1,0 +1,204 @@
+"""Result of a run in real time: the twin of ``result`` for tilting, pushing, shaking and free motion.
+Of a shaken structure also: whether it stood or fell, its drift, the displacement that remains.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dembrick.runs import left_out
+from dembrick.runs.collapse import collapse_lines
+from dembrick.runs.outcomes.result import RunResult, listed
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.runs.left_out import LeftOut
+    from dembrick.simulation.dynamics.run import MotionRun
+
+
+@dataclasses.dataclass(repr=False)
+class MotionResult(RunResult):
+    """Result of a run in real time: the state it ended in, and the collapse if there was one.
+
+    ``displacement`` of the rows is that of the block that has moved furthest; of a push the driven one. Energies are of
+    the last forces, a step before the row. Everything is seen from the supports. ``displacement_error``: error estimate
+    of how far blocks have moved (m), None if it was not asked for.
+    """
+
+    run: MotionRun
+    displacement_error: float | None = None
+    yield_point = None  # a dynamic run looks for none
+
+    @property
+    def status(self) -> str:
+        """ "collapse" where the run ended with one, else "completed"."""
+        return self.run.status
+
+    @property
+    def collapse(self) -> dict | None:
+        """Angle (deg), load factor, time (s), displacement (m), mechanism and blocks."""
+        return self.run.collapse
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """How far every centroid has moved since the dead-load equilibrium (n, 3), in the frame of the supports (m)."""
+        return self.run.motion.displacement
+
+    @property
+    def greatest_displacement(self) -> dict[str, float]:
+        """Of the centroid of every free block, as seen at the rows (m)."""
+        free = self.run.motion.state.bodies.free.tolist()
+        return {self.assembly.names[i]: float(self.run.furthest[i]) for i in free}
+
+    @property
+    def fallen(self) -> list[str]:
+        """Blocks that have come down by more than half of their least dimension, or turned over, at the end."""
+        return [self.assembly.names[i] for i in np.flatnonzero(self.run.fallen)]
+
+    @property
+    def not_standing(self) -> list[str]:
+        """Blocks that find no equilibrium under the dead loads, and so fall from the start."""
+        return [self.assembly.names[i] for i in np.flatnonzero(self.run.motion.falling)]
+
+    @property
+    def control_points(self) -> dict[str, list[float]]:
+        """Displacement (3) of every control point from the start (m), at the end."""
+        watched, state = self.assembly.control_points, self.run.motion.state
+        moved = state.bodies.position + state.middle - self.assembly.position
+        return dict(zip(watched.names, watched.displacement(moved, state.bodies.rotation).tolist(), strict=True))
+
+    @cached_property
+    def left_out(self) -> list[LeftOut]:
+        """Remarks on impacts that the joint laws soften; empty if nothing rocked on such joints."""
+        if getattr(self.scenario.control, "restitution", None) is None:
+            return []
+        return left_out.rolled_over(self.assembly, self.run.turned)
+
+    @property
+    def uncertain(self) -> np.ndarray | float:
+        """Numbers that an error estimate compares: load factor or settlement of a collapse, else the displacements (n,
+        3), m."""
+        if self.collapse is None:
+            return self.displacement
+        return self.collapse["settlement"] if "settlement" in self.collapse else self.collapse["load_factor"]
+
+    def take_error(self, estimate: float) -> None:
+        """Keep the error estimate of what is uncertain."""
+        if self.collapse is None:
+            self.displacement_error = estimate
+        else:
+            self.collapse["error_estimate"] = estimate
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick run --json``."""
+        motion = self.run.motion
+        return self._dict(
+            status=self.status,
+            collapse=self.collapse,
+            yield_point=None,
+            theory=None,
+            steps=motion.steps,
+            time_step=motion.time_step,
+            critical_time_step=motion.critical_time_step,
+            simulated_time=motion.time,
+            displacement=float(np.linalg.norm(self.displacement, axis=1).max()),
+            displacement_error=self.displacement_error,
+            unbalanced=self.run.unbalanced,
+            greatest_displacement=self.greatest_displacement,
+            not_standing=self.not_standing,
+            fallen=self.fallen,
+            control_points=self.control_points,
+            **({"left_out": [one.as_dict() for one in self.left_out]} if self.left_out else {}),
+            **self._shaken(),
+        )
+
+    def _shaken(self) -> dict:
+        """Key numbers of a structure whose supports shake; empty for any other."""
+        if not self.scenario.control.shakes:
+            return {}
+        found = drift(self.assembly, self.run.furthest)
+        return {
+            "outcome": outcome(self.fallen, self.not_standing),
+            "drift": None if found is None else found._asdict(),
+            "residual_displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
+        }
+
+    def _shaken_lines(self) -> list[str]:
+        told = self._shaken()
+        if not told:
+            return []
+        lines = [f"outcome       {told['outcome']}"]
+        if told["drift"] is not None:
+            value, block = told["drift"].values()
+            lines.append(f"drift         {100.0 * value:.3g} % at the most: displacement over height of {block}")
+        return lines
+
+    def _tied(self) -> list[dict]:
+        """The ties with their peaks (N), as seen at the rows."""
+        peaks = self.run.peak_tension.tolist()
+        return [tie | {"peak": peak} for tie, peak in zip(super()._tied(), peaks, strict=True)]
+
+    def text(self) -> str:
+        """Text of the command line."""
+        motion = self.run.motion
+        lines = self.heading_lines
+        if self.collapse is not None:
+            lines += collapse_lines(self.collapse)
+        lines += self._shaken_lines()
+        bar = "" if self.displacement_error is None else f" +- {self.displacement_error:.2g}"
+        away = np.linalg.norm(self.displacement, axis=1)
+        for when, ways, error in (("at the most", self.run.furthest, ""), ("at the end", away, bar)):
+            most = int(np.argmax(ways))
+            which = f"of the centroid of {self.assembly.names[most]}"
+            name = "residual     " if when == "at the end" and self.scenario.control.shakes else "displacement "
+            lines.append(f"{name} {ways[most]:.5g}{error} m {when}, {which}")
+        lines.append(f"fallen        {listed(self.fallen) or 'none'}")
+        if self.not_standing:
+            lines.append(f"not standing  {listed(self.not_standing)}: no equilibrium under the dead loads")
+        lines += [f"left out      {one.text}" for one in self.left_out]
+        lines += self.force_lines
+        lines.append(f"simulated     {motion.time:.6g} s")
+        lines.append(
+            f"time step     {motion.time_step:.3g} s (critical {motion.critical_time_step:.3g} s), "
+            f"{motion.steps} steps, loop {self.run.loop_seconds:.3g} s"
+        )
+        if self.energy is not None:
+            lines.append(f"energy        balance off by {self.energy.relative_residual:.1e} of what was put in")
+        lines.append(f"history       {self.history}")
+        return "\n".join(lines)
+
+
+STOOD, FELL = "stood", "fell"
+
+
+class Drift(NamedTuple):
+    """The greatest displacement of a centroid at any row over its height above the foot of the free blocks, and of
+    which ``block`` it is."""
+
+    value: float
+    block: str
+
+
+def outcome(fallen: list[str], not_standing: list[str]) -> str:
+    """In one word: it fell if any block has fallen at the end, or found no equilibrium under the dead loads."""
+    return FELL if fallen or not_standing else STOOD
+
+
+def drift(assembly: Assembly, furthest: np.ndarray) -> Drift | None:
+    """The drift of a structure whose centroids went as far as ``furthest`` (n,) m; None without gravity, which alone
+    says what is up."""
+    weight = float(np.linalg.norm(assembly.gravity))
+    free = np.flatnonzero(~np.asarray(assembly.fixed))
+    if not (weight > 0.0 and len(free)):
+        return None
+    up = -np.asarray(assembly.gravity, float) / weight
+    height = assembly.position[free] @ up
+    corners = [(assembly.shapes[i].vertices @ assembly.rotation[i].T @ up).min() for i in free]
+    foot = float((height + np.array(corners)).min())
+    found = furthest[free] / (height - foot)
+    most = int(np.argmax(found))
+    return Drift(float(found[most]), assembly.names[free[most]])

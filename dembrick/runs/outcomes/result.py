@@ -1,0 +1,396 @@
+"""Results of a search or a constant-rate test: the yield point, the record, and theory beside them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.assembly.actuators import recorded_curve
+from dembrick.assembly.build import Assembly
+from dembrick.assembly.contact_points import widest_rim
+from dembrick.errors import UndecidedError
+from dembrick.runs import theory_check
+from dembrick.runs.outcomes.cycles import cycles_of
+from dembrick.scenario.joint_laws import described
+from dembrick.scenario.model import Scenario
+from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
+from dembrick.simulation.energy_audit import EnergyAudit
+from dembrick.simulation.statics.load_system import Replay
+from dembrick.simulation.statics.state import rotations
+from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
+from dembrick.views.summary import cycle_numbers, limit_text, plain
+
+if TYPE_CHECKING:
+    import pandas
+    import pyvista
+    import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from dembrick.runs.path_dependence import OtherPaths
+    from dembrick.simulation.dynamics.run import MotionRun
+    from dembrick.simulation.statics.dead_load import Standing
+
+
+ROUNDING = 1e-7  # of the largest: a force or a moment that is none
+NAMED = 5  # blocks that a line names
+SHOWN = 8  # supports whose reactions, and ties whose tensions, the command line prints
+BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
+
+
+def fell(answer: Mapping) -> bool:
+    """Whether a run fell, by the JSON object of its result: its status is "collapse" or "falls", or a block has fallen
+    at its end. UndecidedError if that is not known."""
+    if answer["status"] == UndecidedError.status:
+        raise UndecidedError(str(answer.get("answer") or answer.get("error")))
+    return answer["status"] in ("collapse", "falls") or bool(answer.get("fallen"))
+
+
+@dataclasses.dataclass(repr=False)
+class RunResult:
+    """Result of any run: the ``scenario`` that was run and its geometry (``assembly``), the finished ``run`` with its
+    state, the record, the ``energy`` audit (None if nothing was recorded), and how long it took (``wall``, s).
+
+    ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
+    reaction (T, s, 6: F_x, F_y, F_z, M_x, M_y, M_z of every support), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2,
+    slip), energy (name: (T,)). ``frames``: time (F,), displacement (F, n, 3), orientation (F, n, 4), velocity and spin
+    (F, n, 3), contact_force (F, c, 3). Only the channels of the scenario's output are there. ``history``: the file of
+    it. ``stages``: the JSON objects of the stages before it. SI units.
+    """
+
+    scenario: Scenario
+    assembly: Assembly
+    run: Replay | MotionRun | Standing
+    rows: Mapping[str, np.ndarray]
+    frames: Mapping[str, np.ndarray]
+    wall: dict
+    history: str | None = None
+    energy: EnergyAudit | None = None
+    stages: list[dict] = dataclasses.field(default_factory=list)
+
+    def _dict(self, **own) -> dict:
+        """The JSON object of any run; ``own`` is what this kind of run adds."""
+        return {
+            **heading(self.scenario),
+            **own,
+            "reactions": self.reactions,
+            "energy": None if self.energy is None else self.energy.as_dict(),
+            "wall": self.wall,
+            "history": self.history,
+            **({"ties": self._tied()} if self._tied() else {}),
+            **({} if self.cycles is None else {"cycles": self.cycles}),
+            **({"stages": self.stages} if self.scenario.stages else {}),
+            **({} if (law := self.assembly.custom_law) is None else {"custom_law": law.as_dict()}),
+        }
+
+    def _tied(self) -> list[dict]:
+        if not len(self.assembly.ties):
+            return []
+        tension, yielded = self.run.ties
+        return tied(self.assembly, tension=tension, yielded=yielded)
+
+    @cached_property
+    def cycles(self) -> list[dict] | None:
+        """Peaks with their bars (N), dissipated energy (J), damping and residual displacement (m) of every cycle of a
+        protocol, see `cycles.cycles_of`; None without one, or without a record."""
+        return cycles_of(self.scenario, self.rows, getattr(self.run, "turns", None) or ())
+
+    @property
+    def cycle_lines(self) -> list[str]:
+        """Lines that the command line prints of the cycles of a protocol."""
+        numbers = cycle_numbers(self.cycles, self.curve.unit)
+        return [plain(f"{number.name:13} {number.value}; {number.remark}") for number in numbers]
+
+    @property
+    def reactions(self) -> dict[str, list[float]] | None:
+        """[Fx, Fy, Fz, Mx, My, Mz] of every support on the structure at the end, and of the guides on every block that
+        they hold, about its centroid (N, N m; world axes); None if blocks fall that would be at rest."""
+        names = (name for name, own in zip(self.assembly.names, self.assembly.supporting, strict=True) if own)
+        return dict(zip(names, (self.run.reactions + 0.0).tolist(), strict=True))
+
+    @property
+    def force_lines(self) -> list[str]:
+        """Lines of the command line on the reactions of supports and on the ties."""
+        return self.cycle_lines + reaction_lines(self.reactions) + tie_lines(self._tied())
+
+    @property
+    def heading_lines(self) -> list[str]:
+        """First lines of the command line: the title, the formulation, and the stages before."""
+        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
+        if self.assembly.custom_law is not None:
+            lines.append(f"joint law     {described(self.assembly.custom_law.as_dict())}")
+        for stage in self.stages:
+            point = stage.get("yield_point") or {}
+            load = "" if point.get("V") is None else f", V = {plain(str(limit_text(point, stage.get('path'), '')))}"
+            lines.append(f"stage {stage['stage']:<8}{stage['kind']}: {stage['status']}{load}")
+        return lines
+
+    def agrees(self) -> bool:
+        """Whether theory, where one holds, agrees."""
+        return True
+
+    @property
+    def curve(self) -> Curve:
+        """Curve of the record: names of load and displacement, and the unit of the load."""
+        return recorded_curve(self.scenario.control, self.assembly.actuators)
+
+    if TYPE_CHECKING:
+
+        @property
+        def status(self) -> str: ...
+
+        def as_dict(self) -> dict: ...  # of every kind of result
+
+    @property
+    def results(self) -> dict:
+        """The object of ``run --json``, under the name that a history has it by."""
+        return self.as_dict()
+
+    def plot(self, ax: Axes | None = None) -> Figure:
+        """Load over displacement, or displacement over time, as a matplotlib figure; drawn into ``ax`` if given."""
+        from dembrick.views import plot
+
+        return plot.force_displacement([self], ax=ax)
+
+    def meshes(
+        self, frame: int | str | None = None, *, time: float | None = None, magnification: float = 1.0
+    ) -> pyvista.MultiBlock:
+        """The blocks in a ``frame`` ("peak", "last" or a number; None: the peak of a search, else the last), or at a
+        ``time`` (s), as a ``pyvista.MultiBlock`` of their names; the motion times
+        ``magnification``."""
+        from dembrick.runs import in_memory
+        from dembrick.views import render
+
+        with in_memory.recording(self) as found:
+            return render.meshes(found, frame, magnification, time)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The series as a ``pandas.DataFrame`` by time, units in the headings; MissingDependency without pandas,
+        HistoryError if the run kept no record."""
+        from dembrick.runs import in_memory
+
+        with in_memory.recording(self) as found:
+            return found.to_pandas()
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Series and frames as an ``xarray.Dataset`` with named dimensions and units; MissingDependency without xarray,
+        HistoryError if the run kept no record."""
+        from dembrick.runs import in_memory
+
+        with in_memory.recording(self) as found:
+            return found.to_xarray()
+
+    def __repr__(self) -> str:
+        """The title and the first key number with its error bar."""
+        from dembrick.views import summary
+
+        first = [f"{number.name} {number.value}" for number in summary.key_numbers(self.as_dict(), self.curve.unit)[:1]]
+        return f"<{type(self).__name__} {self.scenario.title!r}: {', '.join([self.status, *first])}>"
+
+    def _repr_html_(self) -> str:
+        """HTML for a notebook: the title, the key numbers with their error bars, the curve."""
+        from dembrick.views import page
+
+        return page.fragment(self)
+
+
+def printed(values: Iterable[float], largest: float) -> list[str]:
+    """Numbers by six digits; what is only rounding beside the ``largest`` of their kind is 0."""
+    return [f"{value:.6g}" if abs(value) > ROUNDING * largest else "0" for value in values]
+
+
+def listed(names: list[str]) -> str:
+    """Names in a line, the first few of many; "none" of none."""
+    more = len(names) - NAMED
+    return f"{', '.join(names[:NAMED]) or 'none'}{f' and {more} more' if more > 0 else ''}"
+
+
+def heading(scenario: Scenario) -> dict:
+    """First entries in the JSON object of any run or limit analysis."""
+    return {"scenario": scenario.path or "", "title": scenario.title, "formulation": scenario.joint.formulation}
+
+
+def tied(assembly: Assembly, **values: np.ndarray) -> list[dict]:
+    """The blocks of every tie and its ``values`` by name: tension (N), the elongation (m) that it keeps."""
+    ties, names = assembly.ties, assembly.names
+    numbers = zip(ties.block_a, ties.block_b, *(own.tolist() for own in values.values()), strict=True)
+    return [{"between": [names[a], names[b]]} | dict(zip(values, own, strict=True)) for a, b, *own in numbers]
+
+
+def tie_lines(ties: Sequence[Mapping]) -> list[str]:
+    """Lines of the command line on ties, as results have them."""
+    lines = []
+    for tie in ties[:SHOWN]:
+        kept = f", yielded by {tie['yielded']:.4g} m" if tie.get("yielded") else ""
+        peak = f", {tie['peak']:.6g} N at the most" if "peak" in tie else ""
+        lines.append(f"tie           {' - '.join(tie['between'])}: {tie['tension']:.6g} N{peak}{kept}")
+    if len(ties) > SHOWN:
+        lines.append(f"  ... and {len(ties) - SHOWN} more ties (--json lists all)")
+    return lines
+
+
+def reaction_lines(found: Mapping[str, list[float]] | None) -> list[str]:
+    """Lines of the command line on the reactions of supports."""
+    lines = []
+    largest = max((abs(value) for reaction in (found or {}).values() for value in reaction), default=0.0)
+    for name, reaction in list((found or {}).items())[:SHOWN]:
+        numbers = printed(reaction, largest)
+        force, moment = ", ".join(numbers[:3]), ", ".join(numbers[3:])
+        lines.append(f"reaction      {name}: {force} N; {moment} N m about its centroid")
+    if found is not None and len(found) > SHOWN:
+        lines.append(f"  ... and {len(found) - SHOWN} more supports (--json lists all)")
+    return lines
+
+
+class SearchResult(RunResult):
+    """Result of a search in the geometry of the start."""
+
+    run: Replay | Standing
+
+    @property
+    def control_points(self) -> dict[str, list[float]]:
+        """Displacement (3) of every control point from the start (m), at the end."""
+        watched, state = self.assembly.control_points, self.run.state
+        if not watched.names:
+            return {}
+        way = watched.displacement(state.blocks.displacement, rotations(state))
+        return dict(zip(watched.names, way.tolist(), strict=True))
+
+
+@dataclasses.dataclass(repr=False)
+class Result(SearchResult):
+    """Result of a search or a constant-rate test: the yield point with its bracket, and theory beside it.
+
+    ``theory`` is None where none holds. ``fallen``: what a load on every block brought down; ``path``: what stands
+    beside the limit load of an assembly, its associative bound and the range of other paths; ``others``: what is proven
+    of these (see `path_dependence`).
+    """
+
+    run: Replay
+    theory: theory_check.Theory | None = None
+    fallen: dict | None = None
+    path: dict | None = None
+    others: OtherPaths | None = None
+
+    @property
+    def collapse(self) -> dict | None:
+        """The collapse under a load on every block, with what stands beside its load factor; None of actuators."""
+        return None if self.fallen is None else self.fallen | (self.path or {})
+
+    @property
+    def after(self) -> dict | None:
+        """Motion beyond the limit of the path, where other blocks move at its end: their names (``blocks``), by which
+        ``mechanism``, how far the furthest has moved (``displacement``, m), and the ``load`` then; else None."""
+        found = self.run.after
+        if found is None:
+            return None
+        return found._asdict() | {"blocks": [self.assembly.names[i] for i in found.blocks]}
+
+    @property
+    def yield_point(self) -> YieldPoint:
+        """Limit load, bracket, torsion centre."""
+        return self.run.yield_point
+
+    @property
+    def blocks(self) -> list[str]:
+        """Names of the blocks that move at the limit."""
+        if self.collapse is not None:
+            return self.collapse["blocks"]
+        return [self.assembly.names[i] for i in moving_blocks(self.run.state)]
+
+    @property
+    def load(self) -> np.ndarray:
+        """V of every row (N)."""
+        return self.rows["load"]
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Driven displacement of every row (m)."""
+        return self.rows["displacement"]
+
+    @property
+    def status(self) -> str:
+        """ "yield" for a limit load, "collapse" for that of all blocks, "completed" for a constant-rate test and where
+        nothing limits the load."""
+        return COMPLETED if self.unlimited else self.scenario.control.ends_with
+
+    @property
+    def unlimited(self) -> bool:
+        """Whether no mechanism was found up to the load that the search followed (`YieldPoint.V_lower`)."""
+        return self.yield_point.unlimited
+
+    @property
+    def plain_answer(self) -> str | None:
+        """Sentence on what an unlimited load means for the control; None if there is a limit."""
+        if not self.unlimited:
+            return None
+        control, V = self.scenario.control, self.yield_point.V_lower
+        if control.tilt_axis is not None:
+            return f"stands at any tilt up to {STEEPEST:g} deg (followed to a load factor of {V:.3g})"
+        load = f"V = {V:.3g} N" if control.drives == ACTUATORS else f"a load factor of {V:.3g}"
+        if not self.run.settings.get("gave_way", True):
+            return f"unlimited: this load can never move the blocks; no joint slid or opened up to {load}"
+        return f"unlimited: the blocks jam, and no mechanism was found up to {load}"
+
+    @property
+    def counts_equilibria(self) -> bool:
+        """Whether the times of rows and frames are the numbers of equilibria."""
+        return "equilibria" in self.run.settings
+
+    @property
+    def points_miss(self) -> float | None:
+        """The relative gap between the points of ``distributed`` joints that the program chose and the continuum, where
+        it is beyond the tolerance (as where a joint overturns, whose last edge no points reach); else None."""
+        control = self.scenario.control
+        if self.theory is None:
+            mechanism = self.yield_point.mechanism if self.collapse is None else self.collapse["mechanism"]
+            table = self.assembly.joints, self.assembly.contact_points
+            gap = -widest_rim(*table, chosen=True)[0] if mechanism == "rocking" else 0.0
+        else:
+            found = self.theory.discretisation_error
+            if found is None or control.ends_with != YIELD or self.scenario.joint.points is not None:
+                return None
+            gap = found
+        return gap if abs(gap) > getattr(control, "tolerance", math.inf) else None
+
+    def agrees(self) -> bool:
+        """Whether theory lies in the bracket and, for a limit load, V is within the tolerance of it."""
+        if self.points_miss is not None:
+            return False
+        if self.theory is None or self.unlimited:
+            return True
+        V, point = self.theory.V, self.yield_point
+        slack = BRACKET_SLACK * abs(V)
+        inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)
+        if self.scenario.control.ends_with != YIELD:
+            return inside or point.bracket != "certified"
+        asked = getattr(self.scenario.control, "tolerance", 0.0)
+        close = self.theory.error is not None and abs(self.theory.error) <= asked
+        return close and (inside or point.bracket != "certified")
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick run --json``."""
+        run = self.run
+        return self._dict(
+            status=self.status,
+            unlimited=self.unlimited,
+            answer=self.plain_answer,
+            collapse=self.collapse,
+            path=self.path,
+            after=self.after,
+            **({} if self.others is None else self.others.as_dict()),
+            blocks=self.blocks,
+            yield_point=self.yield_point.as_dict(),
+            theory=None if self.theory is None else dataclasses.asdict(self.theory),
+            steps=run.steps,
+            time_step=run.time_step,
+            critical_time_step=run.critical_time_step,
+            simulated_time=run.simulated_time,
+            unbalanced=run.unbalanced,
+            control_points=self.control_points,
+        )

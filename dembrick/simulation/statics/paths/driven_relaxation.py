@@ -1,0 +1,161 @@
+"""Driven relaxation: blocks are pushed on with the elastic stiffness of the whole assembly for their inertia.
+
+Where many blocks slide and snap at once, equilibria lie so close to each other that Newton's method takes thousands of
+steps from one to the next, or finds none. With an inertia M = K, the elastic stiffness, all modes of the closed
+structure have the frequency 1, those of the structure that gives way lower ones, and explicit steps of about that size
+are stable whatever opens, slides or closes (dynamic relaxation: Underwood, in Computational Methods for Transient
+Analysis, 1983, 245). K is factorised once; a step costs one substitution and the joint forces.
+
+The head moves on at a steady rate and then slows down by halves, so that what inertia and dashpots add to V dies out.
+How far it goes is told in elastic displacements at the load of now.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick.errors import DivergedError
+from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, HEAD, SLIDING, Energy, ScaledInertia
+from dembrick.kernels.statics.load_bounds import NEVER
+from dembrick.kernels.statics.loop import Drive, advance
+from dembrick.kernels.statics.newton import remember
+from dembrick.kernels.statics.state import State as KernelState
+from dembrick.simulation.statics.critical_step import critical_time_step
+from dembrick.simulation.statics.elastic_factor import rounded_inertia
+from dembrick.simulation.statics.load_system import VISCOUS, steady_drive
+from dembrick.simulation.statics.newton import Equilibria
+from dembrick.simulation.statics.paths.path_state import PathState
+from dembrick.simulation.statics.sparse_equations import Factors
+from dembrick.simulation.statics.state import State, for_kernels, new_energy
+
+STEP_FACTOR = 0.9  # of the critical time step
+STEADY, HALVINGS, HALVING = 256, 8, 96  # steps at a steady rate; then it is halved so often, each over so many steps
+LATE = 4 * HALVING  # last steps, over which V is watched
+FAR, FARTHEST = 64.0, 256.0  # elastic displacements of the load of now, that a push goes at least and at most
+NEAR = 0.02  # out-of-balance over joint forces from which Newton's method has a chance
+CHUNK = 32  # steps between two looks at signals
+STEPS = STEADY + HALVINGS * HALVING
+GREATEST, LEAST = slice(3, 5), 5  # V so far, and where, in `Actuators.drive`
+
+
+class Pushed(NamedTuple):
+    """Outcome of a push: V at its end, the least and the greatest in its last part (N), the driven displacement (m),
+    how the free blocks (6 f,) and the joints (j, 6) moved in that part, and energies (J): what the actuators did, what
+    friction and what dashpots took."""
+
+    V: float
+    least: float
+    greatest: float
+    driven: float
+    motion: np.ndarray
+    slip: np.ndarray
+    external: float
+    friction: float
+    lost: float
+
+
+class DrivenRelaxation:
+    """Pushes ``state`` on by its actuators; ``factor`` of its elastic stiffness, ``slope`` (N/m) of V against the
+    driven displacement while everything is elastic. ``pushed``: what the last push came to; ``seconds`` that all took,
+    and those of compiling."""
+
+    pushed: Pushed
+
+    def __init__(self, state: State, factor: Factors, slope: float):
+        self.state, self.slope, self._factor = state, slope, factor
+        self.seconds = self.compile_seconds = 0.0
+        # with the actuator no mode is faster than sqrt(2): its stiffness is that of the structure against the load
+        self.dt = STEP_FACTOR * critical_time_step(math.sqrt(2.0), VISCOUS)
+
+    @cached_property
+    def inertia(self) -> ScaledInertia:
+        """That of the elastic structure."""
+        none = np.zeros((0, 6, 6))
+        return ScaledInertia(none, none, rounded_inertia(self._factor))
+
+    def push(self, search: Equilibria, way: PathState) -> float:
+        """V after a push from the last equilibrium of ``way``, by about as much as the blocks have given way.
+
+        What it came to is the equilibrium near there, if there is one; else what is out of balance there counts against
+        the lower bound. Raises DivergedError.
+        """
+        state = self.state
+        search.attempt(way.motion, way.V)
+        elastic = max(way.V / self.slope, way.elastic)
+        far = min(max(FAR * elastic, way.seen[-1][0]), FARTHEST * elastic)
+        pushed = self.pushed = self.drive(far, search.motion, search.pause)
+        remember(search.trial, state.joints, state.points, state.areas)
+        way.pushes, way.step = way.pushes + 1, pushed.driven - way.driven
+        way.friction, way.lost = way.friction + pushed.friction, way.lost + pushed.lost
+        weights = float(np.abs(state.actuators.weight).sum())
+        way.external += pushed.external - 0.5 * (way.V + pushed.V) * way.step * weights
+        motion, V, found = search.motion(), pushed.V, None
+        search.attempt(motion, V)
+        if search.out_of_balance() <= NEAR:
+            found, way.tried = search.find(motion, V)
+            way.iterations = search.iterations
+        if found is None:
+            search.attempt(motion, V)
+        return V if found is None else found
+
+    def _advance(self, step: int, steps: int, state: KernelState, drive: Drive, energy: Energy) -> None:
+        """Do so many steps more, whatever the blocks do."""
+        advance(step, steps, self.dt, state, self.inertia, None, drive, None, None, None, energy, None)
+
+    def show_what_moves(self, rows: np.ndarray) -> None:
+        """Let the state hold the motion of the last part of the push, which is that of the mechanism; ``rows`` (f, 6)
+        of the free blocks in the equations."""
+        blocks, joints, moved = self.state.blocks, self.state.joints, self.pushed.motion[rows]
+        joints.step[:], joints.tilt[:] = self.pushed.slip[:, [0, 1, 5]], self.pushed.slip[:, 3:5]
+        blocks.velocity[blocks.free], blocks.spin[blocks.free] = moved[:, :3], moved[:, 3:]
+
+    def drive(self, distance: float, motion: Callable[[], np.ndarray], pause: Callable[[], None]) -> Pushed:
+        """Drive the actuators on by about ``distance`` (m) from the equilibrium of now.
+
+        ``motion`` tells where the free blocks are; ``pause`` is called now and then. Raises DivergedError.
+        """
+        state, dt = self.state, self.dt
+        blocks, head = state.blocks, state.actuators.drive
+        blocks.velocity[:] = blocks.spin[:] = 0.0
+        began, V = float(head[1]), float(head[2])
+        head[0] = began + V / self.slope
+        slowing = 0.5 ** (1.0 / HALVING)
+        rate = distance / (STEADY + 1.0 / (1.0 - slowing)) / dt
+        drive = steady_drive(rate, dt, self.slope)._replace(steady=STEADY, slowing=slowing)
+        energy = new_energy(state)
+        whole, peak = for_kernels(state), head[GREATEST].copy()
+        started = time.perf_counter()
+        self._advance(1, 0, whole, drive, energy)  # no step: compiles, or loads the cache
+        ready = time.perf_counter()
+        before, seen = motion(), state.joints.relative.copy()
+        for step in range(0, STEPS, CHUNK):
+            if step == STEPS - LATE:
+                head[GREATEST], head[LEAST] = (-NEVER, 0.0), NEVER
+                before, seen = motion(), state.joints.relative.copy()
+            self._advance(step, CHUNK, whole, drive, energy)
+            if not (math.isfinite(head[2]) and np.isfinite(blocks.velocity).all()):
+                raise DivergedError("driven relaxation diverged; please report this scenario")
+            pause()
+        greatest, least = float(head[GREATEST][0]), float(head[LEAST])
+        head[GREATEST] = peak
+        self.compile_seconds += ready - started
+        self.seconds += time.perf_counter() - ready
+        work, weights = energy.work, float(np.abs(state.actuators.weight).sum())
+        spring = 0.5 * weights / self.slope * (head[2] ** 2 - V**2)
+        return Pushed(
+            V=float(head[2]),
+            least=least,
+            greatest=greatest,
+            driven=float(head[1]),
+            motion=motion() - before,
+            slip=state.joints.relative - seen,
+            external=float(work[HEAD] - work[ACTUATOR_DAMPING] - spring),
+            friction=float(work[SLIDING]),
+            lost=float(work[DAMPING]),
+        )
