@@ -6,6 +6,7 @@ k actuators, l loads, r recorded rows. "start" is the scenario's geometry. These
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray
 
 from dembrick.kernels.math.multifrontal import Fronts, Rounded
@@ -92,18 +93,32 @@ class Actuators(NamedTuple):
     drive: ndarray  # (6,) head (m), driven displacement (m), V (N); greatest V so far (N), where (m); least so far (N)
 
 
-# Entries of `Energy.work` (J). Work of the actuators' head and of the dead torques; lost in friction, in dashpots of
-# contacts and in the damping of fluctuations, and in the dashpot of the head; mu N |slip|; the smallest friction work
-# of an increment; in the dead-load equilibrium, the elastic energy of the joints and the work of the dead forces; lost
-# by crushing, by bonds that broke, and by ties that yield.
-HEAD, TORQUES, SLIDING, DAMPING, ACTUATOR_DAMPING, BY_LAW, LEAST = range(7)
-ELASTIC_AT_START, DEAD_LOAD_WORK, CRUSHING, FRACTURE, YIELDING = range(7, 12)
+# What a run took and lost, J
+WORK = np.dtype(
+    (
+        np.record,
+        [
+            ("head", float),  # work of the actuators' head
+            ("torques", float),  # and of the dead torques
+            ("sliding", float),  # lost in friction
+            ("damping", float),  # in dashpots of contacts and in the damping of fluctuations
+            ("actuator_damping", float),  # in the dashpot of the head
+            ("by_law", float),  # mu N |slip|
+            ("least", float),  # the smallest friction work of an increment
+            ("elastic_at_start", float),  # in the dead-load equilibrium: elastic energy of the joints,
+            ("dead_loads", float),  # work of the dead forces
+            ("crushing", float),  # lost by crushing
+            ("fracture", float),  # by bonds that broke
+            ("yielding", float),  # by ties that yield
+        ],
+    )
+)
 
 
 class Energy(NamedTuple):
     """The energy terms of a run: work summed step by step, and what the last step left behind for the next."""
 
-    work: ndarray  # (12,) J, one entry for each name above
+    work: ndarray  # (1,) record `WORK`
     turned: ndarray  # (t,) int64, free blocks with a dead torque
     dash: ndarray  # (j + 1, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of each joint's dashpots, last step; V of the head's
     normal: ndarray  # (p, 7) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint; m, its reach

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from dembrick.errors import EnergyAuditError
-from dembrick.kernels.state import BY_LAW, LEAST, SLIDING, Energy
+from dembrick.kernels.state import Energy
 
 LIMIT = 1e-3  # of the external work: beyond it the integration is not to be trusted
 MOTION = 1e-2  # of what was put in, in a run in real time: where blocks tumble, joints turn within a step
@@ -88,7 +88,7 @@ class Auditor:
         """The audit; EnergyAuditError if the energy terms do not balance, or if joints that follow a ``custom`` law
         gave back more than they took, which no law of the program does."""
         residual, scale = (float(value) for value in self.worst[:2])
-        friction = float(energy.friction if isinstance(energy, Sums) else energy.work[SLIDING])
+        friction = float(energy.friction if isinstance(energy, Sums) else energy.work[0].sliding)
         if custom and friction < -GIVEN * scale:
             raise EnergyAuditError(
                 f"the joints gave back {-friction:.2g} J more than they took: the energy that a joint law of one's own "
@@ -97,8 +97,8 @@ class Auditor:
         if isinstance(energy, Sums):
             return _of_motion(residual, max(scale, energy.floor, energy.rounding / MOTION), energy)
         relative = residual / scale if scale else 0.0
-        by_law = float(energy.work[BY_LAW])
-        result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(energy.work[LEAST]))
+        by_law = float(energy.work[0].by_law)
+        result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(energy.work[0].least))
         if not relative <= LIMIT:
             raise EnergyAuditError(
                 f"the energy balance is off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step "

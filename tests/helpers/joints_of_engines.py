@@ -6,10 +6,10 @@ from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics import area_joints as moving_areas
 from dembrick.kernels.dynamics import area_tiles, point_laws, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
-from dembrick.kernels.dynamics.energy_terms import KINDS, LEDGER, PRESSURE, Counted, EnergyTerms
+from dembrick.kernels.dynamics.energy_terms import LEDGER, LOST, PRESSURE, TOTAL, Counted, EnergyTerms
 from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.joint.point_law import Strengths
-from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
+from dembrick.kernels.state import WORK, Energy
 from dembrick.kernels.statics import area_joints, point_joints
 from dembrick.simulation.joint_laws import pressed_parts
 
@@ -50,7 +50,12 @@ def energy_of(points):
     if points is not None:
         k, x, y = points.k_n, points.x_n, points.y_n
         normal = np.array([[*((k * f).sum() for f in (1.0, x, y, x * x, y * y, x * y)), np.hypot(x, y).max()]])
-    return Energy(np.zeros(11), np.zeros(0, np.int64), np.zeros((2, 6)), normal)
+    return Energy(np.zeros(1, WORK), np.zeros(0, np.int64), np.zeros((2, 6)), normal)
+
+
+def taken(energy):
+    """By friction, by its law, by dashpots with what springs let go, by crushing, by bonds that broke (J)."""
+    return np.array([energy.work[name][0] for name in ("sliding", "by_law", "damping", "crushing", "fracture")])
 
 
 class StaticPoints:
@@ -89,7 +94,7 @@ class StaticPoints:
     def dissipated(self):
         """By friction, by the law of friction, by dashpots with what springs let go, by crushing and by bonds that
         broke (J)."""
-        return self.energy.work[[SLIDING, BY_LAW, DAMPING, CRUSHING, FRACTURE]]
+        return taken(self.energy)
 
 
 class MovingPoints:
@@ -215,7 +220,7 @@ class StaticArea:
 
     @property
     def dissipated(self):
-        return self.energy.work[[SLIDING, BY_LAW, DAMPING, CRUSHING, FRACTURE]]
+        return taken(self.energy)
 
     @property
     def bonds(self):
@@ -248,9 +253,9 @@ class MovingArea:
         )  # fmt: skip
         self.energy = EnergyTerms(
             dashpots=np.zeros(1, CARRIED), ledger=np.zeros(1, LEDGER), springs=np.zeros(1, PRESSURE),
-            partly=np.ones(1, np.int64), damped=np.zeros(1), lost=np.zeros((1, KINDS)), least=np.zeros(1),
+            partly=np.ones(1, np.int64), damped=np.zeros(1), lost=np.zeros(1, LOST), least=np.zeros(1),
             share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0), load=np.zeros((0, 6)), support=np.zeros((0, 6)),
-            push=np.zeros((0, 6)), total=np.zeros(3), gravity=np.zeros(3), begun=np.zeros(1),
+            push=np.zeros((0, 6)), total=np.zeros(1, TOTAL), gravity=np.zeros(3), begun=np.zeros(1),
         )  # fmt: skip
 
     def step(self, motion, change, twist):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dembrick.kernels.dynamics import tiles
-from dembrick.kernels.state import BY_LAW, DAMPING, SLIDING
 from dembrick.scenario.joint_laws import JointLaw
 from dembrick.simulation.joint_laws import rows_of
 from tests.helpers import joints_of_engines as engines
@@ -73,10 +72,10 @@ def test_what_the_law_does_not_hold_is_lost():
             work += 0.5 * float(((before + force) * arm * moved)[:4].sum())
             work += 0.5 * float((before + force)[4:] @ np.array(change)[1:])
             before = force
-        lost = joint.energy.work
+        lost = joint.energy.work[0]
         held = joint.joint.custom.memory[:, 3].sum()
-        assert lost[SLIDING] == lost[BY_LAW]
-        assert work == pytest.approx(held + lost[SLIDING] + lost[DAMPING], rel=1e-9, abs=1e-15)
+        assert lost.sliding == lost.by_law
+        assert work == pytest.approx(held + lost.sliding + lost.damping, rel=1e-9, abs=1e-15)
 
 
 def test_dashpots_act_where_the_law_answers_elastically():

@@ -9,7 +9,7 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.errors import EnergyAuditError
-from dembrick.kernels.state import BY_LAW, DAMPING, HEAD, LEAST, SLIDING, TORQUES, Energy
+from dembrick.kernels.state import WORK, Energy
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.kernels.statics.point_joints import forces as point_forces
 from dembrick.runs import lab
@@ -69,10 +69,10 @@ def test_the_work_of_dead_torques_is_in_the_energy_balance(formulation):
     scenario = lab.lab_scenario("set4a_mid", formulation)
     beside = dataclasses.replace(scenario.loads[0], point=(0.005, -0.01, 0.05))
     energies, balance, run = searched(dataclasses.replace(scenario, loads=(beside,)))
-    work = run.energy.work
+    work = run.energy.work[0]
     assert balance.relative_residual < 1e-9
-    assert abs(work[TORQUES]) > 1e-6 * work[HEAD]
-    assert energies["external"][-1] != pytest.approx(work[HEAD], rel=1e-6)
+    assert abs(work.torques) > 1e-6 * work.head
+    assert energies["external"][-1] != pytest.approx(work.head, rel=1e-6)
 
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
@@ -156,11 +156,11 @@ def test_an_energy_balance_that_does_not_close_fails_the_run(monkeypatch):
     with pytest.raises(EnergyAuditError, match="off by 0.009"):
         energy_audit.Auditor().add(wrong).result(run.energy)
     giving = run.energy._replace(work=run.energy.work.copy())
-    giving.work[LEAST] = -1e-6
+    giving.work[0].least = -1e-6
     with pytest.raises(EnergyAuditError, match="friction gave back"):
         energy_audit.Auditor().add(energies).result(giving)
     slipping = run.energy._replace(work=run.energy.work.copy())
-    slipping.work[BY_LAW] *= 1.2
+    slipping.work[0].by_law *= 1.2
     with pytest.raises(EnergyAuditError, match="friction work is off by -0.1"):
         energy_audit.Auditor().add(energies).result(slipping)
     monkeypatch.setattr(energy_audit, "LIMIT", 1e-20)
@@ -221,7 +221,7 @@ def test_the_energy_terms_of_a_point_joint_against_points_one_by_one():
         dash, normal, before = zero((2, 6)), zero((1, 7)), zero(7)
         x, y = arms[:2]
         normal[0] = [*((k[0] * f).sum() for f in (1.0, x, y, x**2, y**2, x * y)), np.hypot(x, y).max()]
-        energy = Energy(zero(11), np.zeros(0, np.int64), dash, normal)
+        energy = Energy(zero(1, WORK), np.zeros(0, np.int64), dash, normal)
         motion = np.array([-1e-6, 0.0, 0.0])
         motions = []
         for _ in range(40):
@@ -232,6 +232,8 @@ def test_the_energy_terms_of_a_point_joint_against_points_one_by_one():
             seen = motion_of(one[:3], one[3:6], one[6:])
             before[:] = point_forces(points, 0, before.copy(), seen, (0.7, 0.7), energy)
         expected = naive_books(points, motions, 0.7)
-        np.testing.assert_allclose(energy.work[[SLIDING, DAMPING, BY_LAW]], expected, rtol=1e-11)
+        np.testing.assert_allclose(
+            [energy.work[0][name] for name in ("sliding", "damping", "by_law")], expected, rtol=1e-11
+        )
         opened += bool((points.normal == 0.0).any()) and bool((points.normal > 0.0).any())
     assert opened > 3

@@ -9,7 +9,7 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.errors import DivergedError, NotConvergedError
-from dembrick.kernels.state import DEAD_LOAD_WORK, ELASTIC_AT_START, HEAD, TORQUES, Inertia
+from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics import loop as kernel
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY, RUNNING
 from dembrick.runs.lab import lab_scenario
@@ -56,15 +56,15 @@ def test_the_energy_put_in_is_that_of_the_balance(built, monkeypatch):
     rows = []
     run = constant_rate.push_at_constant_rate(built, Protocol.one_way(2.5e-5, 1e-3), 0.9, lambda r, f: rows.append(r))
     guard, blocks, dt = seen["guard"], run.state.blocks, run.time_step
-    assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[HEAD], rel=4e-3)
+    assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[0].head, rel=4e-3)
     # the dead forces work on the way that the blocks went after the dead-load equilibrium
     dead, at_rest = (float((blocks.dead_force * way).sum()) for way in (run.moved, blocks.displacement - run.moved))
-    tiny = 1e-9 * run.energy.work[HEAD]
-    assert kernel.dead_force_work(blocks) - run.energy.work[DEAD_LOAD_WORK] == pytest.approx(dead, rel=1e-6, abs=tiny)
-    assert run.energy.work[DEAD_LOAD_WORK] == pytest.approx(at_rest, rel=1e-12)
-    assert guard.start[1] == guard.start[0] - run.energy.work[DEAD_LOAD_WORK]
-    assert guard.work[1] == run.energy.work[TORQUES] == 0.0  # no dead torque here
-    assert guard.start[0] == run.energy.work[ELASTIC_AT_START]
+    tiny = 1e-9 * run.energy.work[0].head
+    assert kernel.dead_force_work(blocks) - run.energy.work[0].dead_loads == pytest.approx(dead, rel=1e-6, abs=tiny)
+    assert run.energy.work[0].dead_loads == pytest.approx(at_rest, rel=1e-12)
+    assert guard.start[1] == guard.start[0] - run.energy.work[0].dead_loads
+    assert guard.work[1] == run.energy.work[0].torques == 0.0  # no dead torque here
+    assert guard.start[0] == run.energy.work[0].elastic_at_start
     load = np.concatenate([r["load"] for r in rows])
     assert guard.load[:, 1].sum() / guard.load[:, 0].sum() == pytest.approx(load.mean(), rel=0.02)
     assert guard.load[:, 0].sum() + guard.sums[0] == run.steps

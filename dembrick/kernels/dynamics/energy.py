@@ -11,19 +11,6 @@ it has its own term.
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics import joint_families as families
-from dembrick.kernels.dynamics.energy_terms import (
-    BY_LAW,
-    CONTACTS,
-    CRUSHING,
-    FRACTURE,
-    FRICTION,
-    HANDED,
-    LOADS,
-    RELEASED,
-    STEPPING,
-    TIES_STEPPED,
-    TIES_YIELDED,
-)
 from dembrick.kernels.dynamics.rigid_bodies import gathered
 from dembrick.kernels.dynamics.tiles import W
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
@@ -40,12 +27,12 @@ def settle(energy_terms, links, j):
     energy_terms.damped[j] += share * ledger.dashpots[lane]
     energy_terms.least[j] = min(energy_terms.least[j], share * ledger.smallest[lane])
     lost = energy_terms.lost[j]
-    lost[FRICTION] += share * ledger.friction[lane]
-    lost[RELEASED] += share * ledger.released[lane]
-    lost[STEPPING] += share * ledger.stepping[lane]
-    lost[BY_LAW] += share * ledger.by_law[lane]
-    lost[CRUSHING] += share * ledger.crushing[lane]
-    lost[FRACTURE] += share * ledger.fracture[lane]
+    lost.friction += share * ledger.friction[lane]
+    lost.released += share * ledger.released[lane]
+    lost.stepping += share * ledger.stepping[lane]
+    lost.by_law += share * ledger.by_law[lane]
+    lost.crushing += share * ledger.crushing[lane]
+    lost.fracture += share * ledger.fracture[lane]
     ledger.dashpots[lane] = ledger.smallest[lane] = ledger.friction[lane] = ledger.released[lane] = 0.0
     ledger.stepping[lane] = ledger.by_law[lane] = ledger.crushing[lane] = ledger.fracture[lane] = 0.0
 
@@ -112,7 +99,7 @@ def add_load_work(energy_terms, bodies, loads, step, dt):
         for i in range(6):
             last[i] = faces.wrench[q, i]
         total += power(bodies, faces.block[q], last)
-    energy_terms.total[LOADS] += 0.5 * dt * total
+    energy_terms.total[0].loads += 0.5 * dt * total
 
 
 @jit
@@ -125,7 +112,7 @@ def add_support_work(energy_terms, bodies, links, loads, dt):
         total += power(bodies, b, last)
         last[0], last[1], last[2], last[3], last[4], last[5] = gathered(bodies, b, links.wrenches, True, 0.0, 0.0, 0.0)
         total += power(bodies, b, last)
-    energy_terms.total[LOADS] -= 0.5 * dt * total
+    energy_terms.total[0].loads -= 0.5 * dt * total
 
 
 @jit
@@ -149,7 +136,7 @@ def add_contact_work(energy_terms, bodies, touching, dt):
             add_wrench(push[b], sense, f, m, (c[0] - x[0], c[1] - x[1], c[2] - x[2]))
     for b in range(push.shape[0]):
         total += power(bodies, b, push[b])
-    energy_terms.total[CONTACTS] += 0.5 * dt * total
+    energy_terms.total[0].contacts += 0.5 * dt * total
 
 
 @jit
@@ -163,7 +150,7 @@ def add_handover_work(energy_terms, links, corners, faces, touching):
                 settle(energy_terms, links, j)
                 family, index = families.family_of(energy_terms.place[j])
                 energy = families.spring_energy(links, corners, faces, family, index, None)
-                energy_terms.total[HANDED] += (energy_terms.share[j] - share) * energy
+                energy_terms.total[0].handed += (energy_terms.share[j] - share) * energy
                 energy_terms.share[j] = share
 
 
@@ -178,8 +165,8 @@ def add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step,
     add_load_work(energy_terms, bodies, loads, step, dt)
     add_support_work(energy_terms, bodies, links, loads, dt)
     yielded, stepped = tie_losses(ties)
-    energy_terms.total[TIES_YIELDED] += yielded
-    energy_terms.total[TIES_STEPPED] += stepped
+    energy_terms.total[0].ties_yielded += yielded
+    energy_terms.total[0].ties_stepped += stepped
     if meeting:
         add_contact_work(energy_terms, bodies, touching, dt)
         add_handover_work(energy_terms, links, corners, faces, touching)
@@ -190,17 +177,17 @@ def add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step,
         energy_terms.begun[0] = 1.0
         half = 0.0
         settle_all(energy_terms, links)
-        energy_terms.total[LOADS] = 0.0
-        energy_terms.total[TIES_YIELDED] = 0.0
-        energy_terms.total[TIES_STEPPED] = 0.0
-        energy_terms.total[HANDED] = 0.0  # but what hits as the run begins has pushed since then
+        energy_terms.total[0].loads = 0.0
+        energy_terms.total[0].ties_yielded = 0.0
+        energy_terms.total[0].ties_stepped = 0.0
+        energy_terms.total[0].handed = 0.0  # but what hits as the run begins has pushed since then
         for b in range(energy_terms.fallen.size):
             energy_terms.fallen[b] = 0.0
         for j in range(energy_terms.damped.size):
             energy_terms.damped[j] = 0.0
             energy_terms.least[j] = 0.0
-            for i in range(energy_terms.lost.shape[1]):
-                energy_terms.lost[j, i] = 0.0
+            lost = energy_terms.lost[j]
+            lost.friction = lost.released = lost.stepping = lost.by_law = lost.crushing = lost.fracture = 0.0
     m1 = half * (g[0] + last[0])
     m2 = half * (g[1] + last[1])
     m3 = half * (g[2] + last[2])

@@ -9,9 +9,16 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.tiles import put_three, record, three
 
-FRICTION, RELEASED, STEPPING, BY_LAW, CRUSHING, FRACTURE = range(6)  # columns of `EnergyTerms.lost`
-KINDS = 6
-LOADS, CONTACTS, HANDED, TIES_YIELDED, TIES_STEPPED = range(5)
+# What a joint lost, J: friction; springs let go; opening and closing within a step; friction by its law; crushing;
+# bonds that broke
+LOST = np.dtype((np.record, [(name, float) for name in (
+    "friction", "released", "stepping", "by_law", "crushing", "fracture",
+)]))  # fmt: skip
+# J: work of loads and of supports that are moved, of new contacts, and what springs of joints held that were handed
+# over; what yielding took from ties, and what those took that became tight or slack within a step
+TOTAL = np.dtype((np.record, [(name, float) for name in (
+    "loads", "contacts", "handed", "ties_yielded", "ties_stepped",
+)]))  # fmt: skip
 
 # What dashpots carried last: N and its x and y moments of those along the normal (N, N m), V_1, V_2 and M_T of those in
 # shear and torsion, in the axes of the joint's elastic forces. Single precision: they are most of what the energy
@@ -47,8 +54,7 @@ class EnergyTerms(NamedTuple):
     springs: ndarray  # (u,) records `PRESSURE`, of those of the convex joints, in their tiles;
     partly: ndarray  # (u,) int64, they are there where this is 1: if one was neither wholly closed nor wholly open
     damped: ndarray  # (j,) what dashpots took until then
-    lost: ndarray  # (j, 6) friction; springs let go; opening and closing within a step; friction by its law; crushing;
-    # bonds that broke
+    lost: ndarray  # (j,) records `LOST`
     least: ndarray  # (j,) the smallest friction work of a step
     share: ndarray  # (j,) what new contacts leave to the joint
     place: ndarray  # (j,) int64, its number among the point joints; of a convex joint -1 less its number
@@ -56,9 +62,7 @@ class EnergyTerms(NamedTuple):
     load: ndarray  # (k + q, 6) N, N m, the loads and the pressures
     support: ndarray  # (k, 6) N, N m, of joints and contacts on the supports that are moved
     push: ndarray  # (n, 6) N, N m, of all new contacts on each block
-    # (5,) work of loads and of supports that are moved, of new contacts, and what springs of joints held that were
-    # handed over; what yielding took from ties, and what those took that became tight or slack within a step
-    total: ndarray
+    total: ndarray  # (1,) record `TOTAL`
     gravity: ndarray  # (3,) m/s2
     begun: ndarray  # (1,) 1 from the first forces on, which are where the energy terms begin
 

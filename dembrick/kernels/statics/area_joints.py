@@ -28,7 +28,6 @@ from dembrick.kernels.joint.no_tension import extremes
 from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import Pressed
 from dembrick.kernels.math.vectors import put_vector, three_of
-from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 
 SAME = 1e-9  # of the normal force and its moment: a pressure that moves no more than that is at rest
 NEVER_OVER = 1e300  # N, of a block that no load of this direction turns over
@@ -161,19 +160,19 @@ def bonded_forces(strengths, bonds, areas, a, motion, viscous, energy):
         across *= 0.5 * k_n
         crushing = strengths.crushing[a] * (beyond - crushed) if beyond > crushed else 0.0
         shear = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (br + er) * qr)
-        energy.work[CRUSHING] += crushing
+        energy.work[0].crushing += crushing
         if bonded < bond:
-            energy.work[FRACTURE] += shear + across - crushing
+            energy.work[0].fracture += shear + across - crushing
         elif n > 0.0:
             dash = (n - k_n * still) * (risen - rise)  # lengthens with what lifts
             lifted = across - dash if risen > rise else 0.0
-            energy.work[DAMPING] += dash
-            energy.work[SLIDING] += shear + lifted
-            energy.work[BY_LAW] += v1 * q1 + v2 * q2 + mt * qr - n * (risen - rise)
-            energy.work[LEAST] = min(energy.work[LEAST], shear + lifted)
+            energy.work[0].damping += dash
+            energy.work[0].sliding += shear + lifted
+            energy.work[0].by_law += v1 * q1 + v2 * q2 + mt * qr - n * (risen - rise)
+            energy.work[0].least = min(energy.work[0].least, shear + lifted)
         else:
-            energy.work[DAMPING] += shear
-        energy.work[DAMPING] += 0.5 * dashpot_work(
+            energy.work[0].damping += shear
+        energy.work[0].damping += 0.5 * dashpot_work(
             energy.dash[areas.joint[a]], (v1 - e1, v2 - e2, mt - er),
             (n - k_n * still, k_n * still_y - ny, nx - k_n * still_x), motion,
         )  # fmt: skip
@@ -212,14 +211,14 @@ def dry_forces(areas, a, motion, viscous, energy):
         q1, q2, qr = slipped
         loss = 0.5 * ((old[0] + new[0]) * q1 + (old[1] + new[1]) * q2 + (old[2] + new[2]) * qr)
         if n > 0.0:
-            energy.work[SLIDING] += loss
-            energy.work[BY_LAW] += v1 * q1 + v2 * q2 + mt * qr
+            energy.work[0].sliding += loss
+            energy.work[0].by_law += v1 * q1 + v2 * q2 + mt * qr
             if loss < 0.0:
-                energy.work[LEAST] = min(energy.work[LEAST], loss)
+                energy.work[0].least = min(energy.work[0].least, loss)
         else:  # an open joint lets go of what its springs held
-            energy.work[DAMPING] += loss
+            energy.work[0].damping += loss
         still, still_x, still_y = spring_pressure(polygon, *motion.depth)
-        energy.work[DAMPING] += 0.5 * dashpot_work(
+        energy.work[0].damping += 0.5 * dashpot_work(
             energy.dash[areas.joint[a]], (v1 - new[0], v2 - new[1], mt - new[2]),
             (n - k_n * still, m1 + k_n * still_y, m2 - k_n * still_x), motion,
         )  # fmt: skip

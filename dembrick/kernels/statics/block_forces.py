@@ -10,7 +10,6 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import stretch
 from dembrick.kernels.math.vectors import NO_MOMENT, columns_times, cross, put_vector, rotate
-from dembrick.kernels.state import ACTUATOR_DAMPING, HEAD
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
 from dembrick.kernels.statics.small_displacement import small_actuator, small_relative
@@ -145,8 +144,8 @@ def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
     if energy is not None:
         head = rate * dt * total
         last = energy.dash[energy.dash.shape[0] - 1]
-        energy.work[HEAD] += 0.5 * (state[2] + v) * head
-        energy.work[ACTUATOR_DAMPING] += 0.5 * (last[0] + dash) * (head - (driven - state[1]) * total)
+        energy.work[0].head += 0.5 * (state[2] + v) * head
+        energy.work[0].actuator_damping += 0.5 * (last[0] + dash) * (head - (driven - state[1]) * total)
         last[0] = dash
     moved = (driven - state[1]) * total
     state[1] = driven

@@ -8,13 +8,7 @@ or closes within a step, and, in finite motion, the turning of the geometry with
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import tie_energy, tie_losses
-from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, DEAD_LOAD_WORK, ELASTIC_AT_START, HEAD, SLIDING, TORQUES
-from dembrick.kernels.state import CRUSHING as CRUSHED
-from dembrick.kernels.state import FRACTURE as BROKEN
-from dembrick.kernels.state import YIELDING as YIELDED
 from dembrick.kernels.statics import joint_families as families
-
-KINETIC, ELASTIC, ACTUATOR_SPRING, EXTERNAL, FRICTION, DASHPOTS, CRUSHING, FRACTURE, YIELDING = range(9)
 
 
 @jit
@@ -29,29 +23,31 @@ def dead_force_work(blocks):
 
 
 @jit
-def add_dead_torque_work(work, turned, blocks, dt):
-    """Add to ``work[TORQUES]`` that (J) of the dead torques on the blocks ``turned`` over the last step: it depends on
-    the way they turn."""
+def dead_torque_work(turned, blocks, dt):
+    """Work (J) of the dead torques on the blocks ``turned`` over the last step: it depends on the way they turn."""
+    total = 0.0
     for t in range(turned.size):
         b = turned[t]
         for i in range(3):
-            work[TORQUES] += dt * blocks.dead_torque[b, i] * blocks.spin[b, i]
+            total += dt * blocks.dead_torque[b, i] * blocks.spin[b, i]
+    return total
 
 
 @jit
-def add_yielding(work, ties):
-    """Add to ``work[YIELDED]`` what ties lost by yielding in the last step; ``ties`` may be None."""
+def yielded_in_step(ties):
+    """What ties lost by yielding in the last step (J); ``ties`` may be None."""
     if ties is not None:
         yielded, _ = tie_losses(ties)
-        work[YIELDED] += yielded
+        return yielded
+    return 0.0
 
 
 @jit
 def begin_energy(energy, state):
     """Note what there is at the start; blocks at rest."""
     if energy is not None:
-        energy.work[ELASTIC_AT_START] = elastic_energy(state, None) + held_by_ties(state.ties)
-        energy.work[DEAD_LOAD_WORK] = dead_force_work(state.blocks)
+        energy.work[0].elastic_at_start = elastic_energy(state, None) + held_by_ties(state.ties)
+        energy.work[0].dead_loads = dead_force_work(state.blocks)
 
 
 @jit
@@ -114,8 +110,8 @@ def kinetic_energy(blocks, scaled, inertia, dt):
 
 
 @jit
-def balance(energy, state, drive, scaled, inertia, dt, out):
-    """Write the nine energies of this instant (J): kinetic, elastic, actuator spring, external, friction, dashpots,
+def balance(energy, state, drive, scaled, inertia, dt):
+    """The nine energies of this instant (J): kinetic, elastic, actuator spring, external, friction, dashpots,
     crushing, fracture, yielding."""
     blocks = state.blocks
     actuators = state.actuators
@@ -123,12 +119,15 @@ def balance(energy, state, drive, scaled, inertia, dt, out):
     for i in range(actuators.weight.size):
         weights += abs(actuators.weight[i])
     spring = actuators.drive[0] - actuators.drive[1]
-    out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
-    out[ELASTIC] = elastic_energy(state, energy.dash) - energy.work[ELASTIC_AT_START] + held_by_ties(state.ties)
-    out[ACTUATOR_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
-    out[EXTERNAL] = energy.work[HEAD] + energy.work[TORQUES] + (dead_force_work(blocks) - energy.work[DEAD_LOAD_WORK])
-    out[FRICTION] = energy.work[SLIDING]
-    out[DASHPOTS] = energy.work[DAMPING] + energy.work[ACTUATOR_DAMPING]
-    out[CRUSHING] = energy.work[CRUSHED]
-    out[FRACTURE] = energy.work[BROKEN]
-    out[YIELDING] = energy.work[YIELDED]
+    work = energy.work[0]
+    return (
+        kinetic_energy(blocks, scaled, inertia, dt),
+        elastic_energy(state, energy.dash) - work.elastic_at_start + held_by_ties(state.ties),
+        0.5 * drive.stiffness * spring * spring * weights,
+        work.head + work.torques + (dead_force_work(blocks) - work.dead_loads),
+        work.sliding,
+        work.damping + work.actuator_damping,
+        work.crushing,
+        work.fracture,
+        work.yielding,
+    )

@@ -24,14 +24,14 @@ from dembrick.kernels.statics.block_forces import (
     unbalanced_ratio,
 )
 from dembrick.kernels.statics.energy import (
-    add_dead_torque_work,
-    add_yielding,
     balance,
     begin_energy,
     dead_force_work,
+    dead_torque_work,
     elastic_energy,
     held_by_ties,
     kinetic_energy,
+    yielded_in_step,
 )
 from dembrick.kernels.statics.finite_rotation import finite_step
 from dembrick.kernels.statics.load_bounds import carried_load, instant_bounds, judge, strict_bounds
@@ -173,8 +173,8 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certifi
             mean_weight = drive.mean_weight
         hold(blocks)
         if energy is not None:
-            add_dead_torque_work(energy.work, energy.turned, blocks, dt)
-            add_yielding(energy.work, state.ties)
+            energy.work[0].torques += dead_torque_work(energy.turned, blocks, dt)
+            energy.work[0].yielding += yielded_in_step(state.ties)
         if at_rest(relaxing, state, step):
             return CONVERGED, step
         done = False
@@ -188,7 +188,9 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certifi
             if record is not None:
                 if step % record.every[0] == 0 or done:
                     if energy is not None and record.count[0] < record.row.shape[0]:
-                        balance(energy, state, drive, scaled, inertia, dt, record.energy[record.count[0]])
+                        now = balance(energy, state, drive, scaled, inertia, dt)
+                        for i in range(record.energy.shape[1]):
+                            record.energy[record.count[0], i] = now[i]
                     bounds = certificate.bracket[0], certificate.bracket[1]
                     if not write_row(record, step, step * dt, state, load, viscous[1], bounds, done):
                         return FULL, step
@@ -237,7 +239,7 @@ def watch(guard, step, v, rate, blocks, scaled, inertia, dt):
     """Add up what is put in at this step; False if the blocks have far more of it than there can be."""
     if guard is not None:
         guard.work[0] += v * rate
-        add_dead_torque_work(guard.work, guard.turned, blocks, dt)
+        guard.work[1] += dead_torque_work(guard.turned, blocks, dt)
         guard.sums[0] += 1.0
         guard.sums[1] += v
         guard.sums[2] += v * v

@@ -17,7 +17,6 @@ from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, point_la
 from dembrick.kernels.joint.utilisation import FrictionPoints, point_gauge
 from dembrick.kernels.math.geometric_median import median_distance
 from dembrick.kernels.math.vectors import columns_times, put_vector
-from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
 from dembrick.kernels.statics.point_laws import bonded_forces, custom_forces, power_taken
 
 
@@ -156,10 +155,10 @@ def dry_forces(points, p, before, motion, viscous, energy):
                 c2 += b2
                 cm += xs * b2 - ys * b1
     if energy is not None:
-        energy.work[SLIDING] += friction
-        energy.work[BY_LAW] += by_law
+        energy.work[0].sliding += friction
+        energy.work[0].by_law += by_law
         if least < 0.0:
-            energy.work[LEAST] = min(energy.work[LEAST], least)
+            energy.work[0].least = min(energy.work[0].least, least)
         # The dashpots carry what the springs do not. All points move with one rigid motion, so the work of their
         # resultant is the sum of theirs. At every closed point t = e + d with d = viscous (e - old), so that
         # d = viscous (t - t_old + d_old) / (1 + viscous), and with it the resultants; a point that has opened has no d.
@@ -172,7 +171,7 @@ def dry_forces(points, p, before, motion, viscous, energy):
             rest * (mt - before[3] + dash[2] + cm),
         )
         pressure = n - still_n, m1 - still_1, m2 - still_2
-        energy.work[DAMPING] += released + 0.5 * dashpot_work(dash, shear, pressure, motion)
+        energy.work[0].damping += released + 0.5 * dashpot_work(dash, shear, pressure, motion)
     return n, v1, v2, mt, m1, m2, slip / weight
 
 

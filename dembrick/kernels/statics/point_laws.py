@@ -6,7 +6,6 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.custom_law import custom_law, shear_power
 from dembrick.kernels.joint.dashpots import dashpot_work
 from dembrick.kernels.joint.point_law import Bond, bonded_law, bonded_losses, shear_loss, spring_of
-from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 
 
 @jit
@@ -68,14 +67,14 @@ def bonded_forces(strengths, bonds, points, p, motion, viscous, energy):
                 shear_loss(bond.elastic, now.elastic, slip_here, k), slid,
                 (now.bonded < bond.bonded, now.crushed - bond.crushed, now.rise - bond.rise, opened),
             )  # fmt: skip
-            energy.work[SLIDING] += lost.friction
-            energy.work[BY_LAW] += lost.by_law
-            energy.work[LEAST] = min(energy.work[LEAST], lost.friction)
-            energy.work[CRUSHING] += lost.crushing
-            energy.work[FRACTURE] += lost.fracture
-            energy.work[DAMPING] += lost.released + lost.dash
+            energy.work[0].sliding += lost.friction
+            energy.work[0].by_law += lost.by_law
+            energy.work[0].least = min(energy.work[0].least, lost.friction)
+            energy.work[0].crushing += lost.crushing
+            energy.work[0].fracture += lost.fracture
+            energy.work[0].damping += lost.released + lost.dash
     if energy is not None:
-        energy.work[DAMPING] += 0.5 * dashpot_work(
+        energy.work[0].damping += 0.5 * dashpot_work(
             energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion
         )
     return n, v1, v2, mt, m1, m2, slip / weight
@@ -119,10 +118,10 @@ def custom_forces(custom, points, p, motion, viscous, energy):
             c1 += t1 - e1
             c2 += t2 - e2
             cm += xs * (t2 - e2) - ys * (t1 - e1)
-            energy.work[SLIDING] += lost
-            energy.work[BY_LAW] += lost
+            energy.work[0].sliding += lost
+            energy.work[0].by_law += lost
     if energy is not None:
-        energy.work[DAMPING] += 0.5 * dashpot_work(
+        energy.work[0].damping += 0.5 * dashpot_work(
             energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion
         )
     return n, v1, v2, mt, m1, m2, slip / weight

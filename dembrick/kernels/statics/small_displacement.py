@@ -8,7 +8,6 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.math.multifrontal import solve_in_place, solve_rounded_in_place
 from dembrick.kernels.math.vectors import cross, put_vector, rows_times
-from dembrick.kernels.state import DAMPING
 
 
 @jit
@@ -152,7 +151,7 @@ def small_step(blocks, inertia, dt, damping, mean_weight, energy):
         b = blocks.free[f]
         if damping > 0.0:
             if energy is not None:
-                energy.work[DAMPING] += damping_loss(blocks, b, inertia.matrix[b], dt, damping)
+                energy.work[0].damping += damping_loss(blocks, b, inertia.matrix[b], dt, damping)
             for i in range(3):
                 blocks.velocity[b, i] -= damping * (blocks.velocity[b, i] - mean[b, i])
                 blocks.spin[b, i] -= damping * (blocks.spin[b, i] - mean[b, i + 3])

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.kernels.dynamics.energy_terms import LOADS
 from dembrick.simulation.checkpoint_arrays import flattened, restored
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion
@@ -133,4 +132,4 @@ class Past:
             table.load[row] = old[before] if before >= 0 else 0.0
         for row, block in goes_on.gone:
             power = old[row, :3] @ bodies.velocity[block] + old[row, 3:] @ bodies.spin[block]
-            table.total[LOADS] += 0.5 * self.moving.time_step * power
+            table.total["loads"] += 0.5 * self.moving.time_step * power

@@ -10,24 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.kernels.dynamics.energy import kinetic_energy, settle_all, take_stock
-from dembrick.kernels.dynamics.energy_terms import (
-    BY_LAW,
-    CARRIED,
-    CONTACTS,
-    CRUSHING,
-    FRACTURE,
-    FRICTION,
-    HANDED,
-    KINDS,
-    LEDGER,
-    LOADS,
-    PRESSURE,
-    RELEASED,
-    STEPPING,
-    TIES_STEPPED,
-    TIES_YIELDED,
-    EnergyTerms,
-)
+from dembrick.kernels.dynamics.energy_terms import CARRIED, LEDGER, LOST, PRESSURE, TOTAL, EnergyTerms
 from dembrick.kernels.dynamics.tiles import put_in_lanes, rows_of_lanes
 from dembrick.kernels.joint.ties import tie_energy
 from dembrick.simulation.channels import energies
@@ -102,7 +85,7 @@ class MotionEnergy:
         after, energy = self._springs(polygons.state)
         worked -= _work_ahead(polygons.state, after, stale, table.place)
         self._put_springs(polygons.state, after)
-        table.lost[stale, RELEASED] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
+        table.lost["released"][stale] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
 
     def _put_springs(self, state: MovingState, held: np.ndarray) -> None:
         """Write N and its moments (a, 3) of the springs of the convex joints, all of them: the loop takes them from
@@ -127,23 +110,23 @@ class MotionEnergy:
             return dict.fromkeys(ENERGIES, 0.0) | {"kinetic": float(self.start[0])}
         table, known = self.table, self._known
         known.call(state, settle_all, table, state.links)
-        lost = table.lost.sum(axis=0).tolist()
+        lost = _sums_of(table.lost)
         kinetic = known.call(
             state, kinetic_energy, state.bodies, state.links.wrenches, *table.gravity.tolist(), float(dt)
         )
-        total = table.total.tolist()
+        total = table.total[0]
         return {
             "kinetic": kinetic,
             "elastic": float((table.share * self._springs(state)[1]).sum()) + _of_ties(state) - float(self.start[1]),
-            "external": float(table.fallen.sum()) + total[LOADS],
-            "friction": lost[FRICTION],
+            "external": float(table.fallen.sum()) + float(total.loads),
+            "friction": lost["friction"],
             "dashpots": float(table.damped.sum()),
-            "released": lost[RELEASED] + total[HANDED],
-            "stepping": lost[STEPPING] + total[TIES_STEPPED],
-            "new_contacts": -total[CONTACTS],
-            "crushing": lost[CRUSHING],
-            "fracture": lost[FRACTURE],
-            "yielding": total[TIES_YIELDED],
+            "released": lost["released"] + float(total.handed),
+            "stepping": lost["stepping"] + float(total.ties_stepped),
+            "new_contacts": -float(total.contacts),
+            "crushing": lost["crushing"],
+            "fracture": lost["fracture"],
+            "yielding": float(total.ties_yielded),
         }
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
@@ -152,16 +135,20 @@ class MotionEnergy:
             return None
         table = self.table
         settle_all(table, state.links)
-        lost, least = table.lost.sum(axis=0), float(table.least.min(initial=0.0))
-        friction, by_law, stepping = (float(lost[kind]) for kind in (FRICTION, BY_LAW, STEPPING))
-        stepping += float(table.total[TIES_STEPPED])
-        return Sums(friction, by_law, least, stepping, FLOOR * self.start[1], rounding)
+        lost, least = _sums_of(table.lost), float(table.least.min(initial=0.0))
+        stepping = lost["stepping"] + float(table.total[0].ties_stepped)
+        return Sums(lost["friction"], lost["by_law"], least, stepping, FLOOR * self.start[1], rounding)
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
         table = {} if self.table is None else self.table._asdict()
         return {f"energy.{name}": plain(array) for name, array in table.items()} | {"energy.start": self.start}
+
+
+def _sums_of(lost: np.ndarray) -> dict[str, float]:
+    """What all joints lost, by its name (J)."""
+    return {name: float(lost[name].sum()) for name in LOST.names or ()}
 
 
 def _of_ties(state: MovingState) -> float:
@@ -179,7 +166,7 @@ def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
         springs=rows_of_lanes(convex, PRESSURE),
         partly=np.zeros(convex, np.int64),
         damped=np.zeros(j),
-        lost=np.zeros((j, KINDS)),
+        lost=np.zeros(j, LOST),
         least=np.zeros(j),
         share=np.ones(j),
         place=joint_families.places(state),
@@ -187,7 +174,7 @@ def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
         load=np.zeros((loads, 6)),
         support=np.zeros((supports, 6)),
         push=np.zeros((n, 6)),
-        total=np.zeros(5),
+        total=np.zeros(1, TOTAL),
         gravity=np.zeros(3),
         begun=np.zeros(1),
     )

@@ -10,16 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
-from dembrick.kernels.statics.energy import (
-    CRUSHING,
-    DASHPOTS,
-    ELASTIC,
-    EXTERNAL,
-    FRACTURE,
-    FRICTION,
-    YIELDING,
-    elastic_energy,
-)
+from dembrick.kernels.statics.energy import elastic_energy
 from dembrick.kernels.statics.record import Record, write_guides, write_reactions, write_row
 from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
@@ -109,12 +100,11 @@ class Recorder:
         loads is worth a frame, and one where blocks were pushed on. Returns whether it has one."""
         record = self.record
         frames = int(record.count[1])
-        energy = record.energy[record.count[0]]
-        energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(for_kernels(state), None) - before
+        terms = {"elastic": elastic_energy(for_kernels(state), None) - before}
         if way is not None and number:
-            energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = way.external, way.friction, way.lost
-            energy[CRUSHING], energy[FRACTURE], energy[YIELDING] = way.crushing, way.fracture, way.yielding
+            terms |= {"external": way.external, "friction": way.friction, "dashpots": way.lost}
+            terms |= {"crushing": way.crushing, "fracture": way.fracture, "yielding": way.yielding}
+        record.energy[record.count[0]] = [terms.get(name, 0.0) for name in ENERGIES]
         bounds, last = (float(bracket[0]), float(bracket[1])), way is None or way.pushes > 0
         load = float(state.actuators.drive[2])
         write_row(record, number, float(number), for_kernels(state), load, 0.0, bounds, last)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dembrick.assembly.joints import JointTable
 from dembrick.geometry.rotations import rotation_matrix, turned_by
-from dembrick.kernels.state import Actuators, Blocks, Energy, Joints
+from dembrick.kernels.state import WORK, Actuators, Blocks, Energy, Joints
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.kernels.statics.state import State as KernelState
@@ -146,7 +146,7 @@ def turned_blocks(state: State) -> np.ndarray:
 def new_energy(state: State) -> Energy:
     """Energy terms, all zero, of a run that starts from ``state``."""
     return Energy(
-        work=np.zeros(12),
+        work=np.zeros(1, WORK),
         turned=turned_blocks(state),
         dash=np.zeros((len(state.joints.block_a) + 1, 6)),
         normal=joint_families.normal_sums(state),

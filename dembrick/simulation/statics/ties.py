@@ -13,7 +13,7 @@ import numpy as np
 
 from dembrick.kernels.joint.ties import LENGTH, TENSION, YIELDED
 from dembrick.kernels.joint.ties import Ties as MovingTies
-from dembrick.kernels.statics.energy import ELASTIC
+from dembrick.simulation.channels import energies
 from dembrick.simulation.moving_ties import at_ends, moving_ties
 from dembrick.simulation.statics.stiffness import to_joint
 
@@ -185,7 +185,7 @@ def write(state: State, record: Record) -> None:
     if state.ties is None:
         return
     row = record.count[0] - 1
-    record.energy[row, ELASTIC] += energy(state)
+    record.energy[row, energies(real_time=False).index("elastic")] += energy(state)
     record.reaction[row] += on_supports(state, record.support)
     record.tension[row], record.yielded[row] = state.ties.tension, state.ties.yielded
 

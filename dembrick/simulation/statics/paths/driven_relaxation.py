@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.errors import DivergedError
-from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, HEAD, SLIDING, Energy, ScaledInertia
+from dembrick.kernels.state import Energy, ScaledInertia
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import Drive, advance
 from dembrick.kernels.statics.newton import remember
@@ -146,7 +146,7 @@ class DrivenRelaxation:
         head[GREATEST] = peak
         self.compile_seconds += ready - started
         self.seconds += time.perf_counter() - ready
-        work, weights = energy.work, float(np.abs(state.actuators.weight).sum())
+        work, weights = energy.work[0], float(np.abs(state.actuators.weight).sum())
         spring = 0.5 * weights / self.slope * (head[2] ** 2 - V**2)
         return Pushed(
             V=float(head[2]),
@@ -155,7 +155,7 @@ class DrivenRelaxation:
             driven=float(head[1]),
             motion=motion() - before,
             slip=state.joints.relative - seen,
-            external=float(work[HEAD] - work[ACTUATOR_DAMPING] - spring),
-            friction=float(work[SLIDING]),
-            lost=float(work[DAMPING]),
+            external=float(work.head - work.actuator_damping - spring),
+            friction=float(work.sliding),
+            lost=float(work.damping),
         )
