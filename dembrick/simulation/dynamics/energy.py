@@ -147,7 +147,7 @@ class MotionEnergy:
 
 
 def _sums_of(lost: np.ndarray) -> dict[str, float]:
-    """What all joints lost, by its name (J)."""
+    """Losses (J) of all joints together, by name."""
     return {name: float(lost[name].sum()) for name in LOST.names or ()}
 
 
