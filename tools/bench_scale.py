@@ -34,7 +34,7 @@ def with_pushes(assembly, step_factor: float) -> None:
 
     patience = path_following.WASTED, path_following.LEAST_WASTED
     path_following.WASTED, path_following.LEAST_WASTED = -1e12, -1
-    limit_load.find_limit_load(assembly, 0.1, step_factor)
+    limit_load.find_limit_load(assembly, 0.1)
     path_following.WASTED, path_following.LEAST_WASTED = patience
 
 
@@ -53,14 +53,14 @@ def case(stem: str, changes: list[str]) -> dict[str, object]:
 
     small = [c for c in changes if "formulation" in c]
     assembly, scenario = scene([*small, *TILT])
-    limit_load.find_limit_load(assembly, 0.1, scenario.solver.step_factor)  # compiles, or loads the cache
+    limit_load.find_limit_load(assembly, 0.1)  # compiles, or loads the cache
     with_pushes(assembly, scenario.solver.step_factor)
     began = time.process_time()
     assembly, scenario = scene([*changes, *TILT])
     built = time.process_time()
     found = {"blocks": len(assembly.names), "joints": len(assembly.joints), "build": built - began}
     try:
-        replay = limit_load.find_limit_load(assembly, scenario.control.tolerance, scenario.solver.step_factor)
+        replay = limit_load.find_limit_load(assembly, scenario.control.tolerance)
         found |= {"V": replay.yield_point.V, "iterations": replay.steps, "phases": replay.phases}
     except DembrickError as error:
         found["failed"] = str(error).split(".")[0]

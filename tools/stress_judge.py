@@ -150,7 +150,7 @@ def push_to_limit(scenario: Scenario, expected: float | Callable, step_factor: f
     tolerance = scenario.control.tolerance
     value = expected(built) if callable(expected) else expected
     return judge_limit(
-        lambda observe: limit_load.find_limit_load(built, tolerance, step_factor, observe), value, tolerance
+        lambda observe: limit_load.find_limit_load(built, tolerance, observe), value, tolerance
     )
 
 

@@ -145,9 +145,8 @@ def measure_loops(cases: list[Case], repeats: int) -> list[Case]:
             burst = 1 if case.loops and case.loops[0] > LONG else min(BURST, repeats - done)
             for _ in range(0 if i in failed else burst):
                 try:
-                    how = case.setting.tolerance, case.setting.step_factor
-                    placed, seconds = limit_load.place_points(case.assembly, *how)
-                    run = limit_load.find_limit_load(placed, *how)
+                    placed, seconds = limit_load.place_points(case.assembly, case.setting.tolerance)
+                    run = limit_load.find_limit_load(placed, case.setting.tolerance)
                 except NotConvergedError as error:
                     print(f"not converged: set {case.set_name}, {case.setting}: {error}")
                     failed.add(i)

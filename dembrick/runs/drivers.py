@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dembrick.assembly import build
 from dembrick.assembly.build import Assembly
@@ -93,16 +93,15 @@ def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, flo
     if assembly.custom_law is not None:
         return assembly, 0.0
     try:
-        return limit_load.place_points(assembly, _tolerance(scenario), scenario.solver.step_factor)
+        return limit_load.place_points(assembly, _tolerance(scenario))
     except Interrupted as error:
         raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
 
 
 def _limit_load(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
-    factor = scenario.solver.step_factor
     if assembly.custom_law is not None:
-        return custom_limit.find_peak(assembly, _tolerance(scenario), factor, session)
-    return limit_load.find_limit_load(assembly, _tolerance(scenario), factor, session, steps=steps)
+        return custom_limit.find_peak(assembly, _tolerance(scenario), scenario.solver.step_factor, session)
+    return limit_load.find_limit_load(assembly, _tolerance(scenario), session, steps=steps)
 
 
 def _constant_rate(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
@@ -120,17 +119,11 @@ def _plan_rate(scenario: Scenario, assembly: Assembly) -> Plan:
     return constant_rate.plan(assembly, control, protocol_of(scenario), scenario.solver.step_factor, scenario.output)
 
 
-def _plan_of(module) -> Callable[[Scenario, Assembly], Plan]:
-    return lambda scenario, assembly: module.plan(
-        assembly, scenario.control, scenario.solver.step_factor, scenario.output
-    )
-
-
 def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
     """The plan of a search, by the joints that slide in the mechanism of limit analysis if that takes seconds."""
     from dembrick.runs import limit
 
-    plan = _plan_of(limit_load)(scenario, assembly)
+    plan = limit_load.plan(assembly, cast(YieldControl, scenario.control), scenario.output)
     if not has_paths(assembly):
         return plan
     plan = replace(plan, within=WITHIN)
@@ -196,12 +189,11 @@ def _plan_path(scenario: Scenario, assembly: Assembly) -> Plan:
 
 def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
     control: Any = scenario.control  # of any kind that follows a path: with a tolerance and a displacement
-    factor = scenario.solver.step_factor
     _refuse_stresses(scenario, assembly)
     if session is not None:
         expected = newton_steps(_has_convex(assembly))
         session.warn_if_long(newton_seconds(expected, len(assembly.joints)), "take fewer blocks")
-    return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
+    return limit_load.find_limit_load(assembly, control.tolerance, session, control.displacement or 0.0, steps)
 
 
 def _other_path(follow: Callable[..., Replay]) -> Callable[..., float]:

@@ -29,12 +29,13 @@ RELAXATION_SECONDS = 1.5e-6  # s a joint and step of a dead-load equilibrium
 LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s a joint and step of a constant-rate test, and a contact point more
 MOTION_SECONDS, MOTION_JOINT_SECONDS = 9e-6, 5e-8  # s a step in real time, and a joint more, contacts sought as well
 HEAP_BLOCK_SECONDS = 1.2e-5  # s a step and block, where blocks fall and meet anywhere
-SEARCH_FIRST, SEARCH_PER_DIGIT = 20, 8  # steps of the search of a lone joint to 1e-2, and of every digit more
-BENT_FIRST, BENT_PER_DIGIT = 45, 35  # of a lone convex joint that the load bends: its pressed strip shrinks on and on
+SEARCH_FIRST, SEARCH_PER_DIGIT = 10, 1.2  # Newton steps of a search of a lone joint to 1e-2, and of every digit more
+BENT_FIRST, BENT_PER_DIGIT = 18, 3  # of one whose friction follows the load
+LONE_SECONDS, LONE_POINT_SECONDS = 2.5e-6, 6e-8  # s of a Newton step of it, and a contact point more
 
 
 def search_steps(tolerance: float, bent: bool = False) -> int:
-    """Steps of the search for the limit load of a lone joint; ``bent``: a convex one that the load bends."""
+    """Newton steps of the search for the limit load of a lone joint; ``bent``: one whose friction follows the load."""
     first, per_digit = (BENT_FIRST, BENT_PER_DIGIT) if bent else (SEARCH_FIRST, SEARCH_PER_DIGIT)
     return first + round(per_digit * max(0.0, -math.log10(tolerance) - 2.0))
 
@@ -57,13 +58,18 @@ def longest_search(blocks: int, joints: int) -> tuple[int, float]:
     return steps, newton_seconds(steps, joints) + PUSHED_SECONDS * joints
 
 
+def lone_seconds(steps: int, points: int) -> float:
+    """Of a search of a lone joint with so many contact points."""
+    return steps * (LONE_SECONDS + LONE_POINT_SECONDS * points)
+
+
 def relaxation_seconds(steps: int, joints: int) -> float:
     """Of a dead-load equilibrium."""
     return RELAXATION_SECONDS * steps * joints
 
 
 def loop_seconds(steps: int, joints: int, points: int) -> float:
-    """Of the loop of a constant-rate test, or of the search of a lone joint."""
+    """Of the loop of a constant-rate test."""
     return steps * (LOOP_SECONDS * joints + POINT_SECONDS * points)
 
 

@@ -43,7 +43,7 @@ def energies_of(scenario) -> tuple[limit_load.Replay, dict[str, np.ndarray]]:
     parts: list[dict] = []
     session = Session.of(lambda rows, _frames: parts.append(rows["energy"]))
     control = scenario.control
-    run = limit_load.find_limit_load(build.assemble(scenario), control.tolerance, 0.9, session)
+    run = limit_load.find_limit_load(build.assemble(scenario), control.tolerance, session)
     return run, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 

@@ -14,25 +14,11 @@ from dembrick.kernels.statics.point_joints import Points
 from dembrick.kernels.statics.point_joints import forces as point_forces
 from dembrick.runs import lab
 from dembrick.runs.simulate import simulate
-from dembrick.scenario import model
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.scenario.protocols import Protocol
 from dembrick.simulation import energy_audit
-from dembrick.simulation.session import Session
-from dembrick.simulation.statics import constant_rate, limit_load, load_system
+from dembrick.simulation.statics import constant_rate
 from helpers.joints_of_engines import motion_of
-
-
-def searched(scenario):
-    """Energies (T,) by name of a search with artificial inertia, whether or not its bracket is certified; its audit and
-    the replay."""
-    parts: list[dict] = []
-    session = Session.of(lambda rows, _frames: parts.append(rows["energy"]))
-    setup = load_system.Setup(build.assemble(scenario), scenario.control.tolerance, session)
-    run = limit_load._by_inertia(setup, scenario.solver.step_factor, session)
-    assert run.converged
-    energies = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    return energies, energy_audit.Auditor().add(energies).result(run.energy), run
 
 
 def balance(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
@@ -45,68 +31,39 @@ def balance(name: str, formulation: str, step_factor: float = 0.9, rate: float |
         parts.append(rows["energy"])
 
     control = scenario.control
-    if control.kind == "yield":
-        run = limit_load.find_limit_load(built, 1e-4, step_factor, observe)
-    else:
-        run = constant_rate.push_at_constant_rate(
-            built, Protocol.one_way(control.travel, rate or control.rate), step_factor, observe
-        )
+    protocol = Protocol.one_way(control.travel, rate or control.rate)
+    run = constant_rate.push_at_constant_rate(built, protocol, step_factor, observe)
     energies = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     return energies, energy_audit.Auditor().add(energies).result(run.energy), run
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("name", ["set2a", "set4a", "set4a_curve"])
-def test_the_energy_balance_closes(name, formulation):
-    _, result, _ = balance(name, formulation)
+def test_the_energy_balance_closes(formulation):
+    _, result, _ = balance("set4a_curve", formulation)
     assert result.relative_residual < 1e-9
     assert result.least_friction_increment >= 0.0
 
 
-@pytest.mark.parametrize("formulation", ["concave", "convex"])
-def test_the_work_of_dead_torques_is_in_the_energy_balance(formulation):
-    """A dead load beside the centroid turns with the block: without its work the energy balance would not close."""
-    scenario = lab.lab_scenario("set4a_mid", formulation)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_friction_takes_what_the_loads_give_along_a_search(formulation):
+    """Dead torques included: by the trapezoidal rule along its last step, which is much longer than the elastic ones."""
+    scenario = lab.lab_scenario("set4a", formulation, 1e-5)
     beside = dataclasses.replace(scenario.loads[0], point=(0.005, -0.01, 0.05))
-    energies, balance, run = searched(dataclasses.replace(scenario, loads=(beside,)))
-    work = run.energy.work[0]
-    assert balance.relative_residual < 1e-9
-    assert abs(work.torques) > 1e-6 * work.head
-    assert energies["external"][-1] != pytest.approx(work.head, rel=1e-6)
+    energies = simulate(dataclasses.replace(scenario, loads=(beside,))).rows["energy"]
+    given, friction, elastic = (np.diff(energies[name])[-1] for name in ("external", "friction", "elastic"))
+    assert friction + elastic == pytest.approx(given, rel=2e-2 if formulation == "convex" else 1e-4)
+    assert given > 0.0 and friction > 0.9 * given
 
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
-def test_what_damping_takes_from_a_rocking_block_is_in_the_energy_balance(formulation):
-    """Pushed near its top, the block overturns: V = N (b / 2) / h. The search stills its swing."""
+def test_a_block_pushed_near_its_top_overturns(formulation):
+    """V = N (b / 2) / h."""
     scenario = lab.lab_scenario("set4a", formulation)
     jack = dataclasses.replace(scenario.actuators[0], point=(0.0, 0.0, 0.09))
     law = dataclasses.replace(scenario.joint, friction=9.0)
-    _, balance, run = searched(dataclasses.replace(scenario, joint=law, actuators=(jack,)))
-    assert run.yield_point.mechanism == "rocking"
-    assert run.yield_point.V == pytest.approx(467.0 * 0.1 / 0.09, rel=1e-3)
-    assert balance.relative_residual < 1e-3
-
-
-@pytest.mark.parametrize("formulation", ["convex", "distributed", "concave"])
-def test_a_rough_block_pushed_above_its_joint_slides_without_rocking(formulation):
-    """A fast head would set it rocking for thousands of steps, whose energy balance does not close."""
-    blocks = (
-        model.Block("base", "stone", (1.0, 1.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
-        model.Block("block", "stone", (0.27, 0.31, 0.12), (0.0, 0.0, 0.06)),
-    )
-    scenario = model.Scenario(
-        "pushed above its joint",
-        (0.0, 0.0, -9.81),
-        model.JointLaw(formulation, 1.0, 1e10, 4e9),
-        {"stone": model.Material(2000.0)},
-        blocks,
-        model.YieldControl(1e-3),
-        loads=(model.Load("block", (0.0, 0.0, -500.0)),),
-        actuators=(model.Actuator("jack", "block", (0.09, -0.08, 0.086), (0.84, 0.54, 0.0)),),
-    )
-    _, balance, run = searched(scenario)
-    assert balance.relative_residual < 1e-4
-    assert run.steps < 500
+    point = simulate(dataclasses.replace(scenario, joint=law, actuators=(jack,)), record=False).yield_point
+    assert point.mechanism == "rocking"
+    assert point.V == pytest.approx(467.0 * 0.1 / 0.09, rel=1e-3)
 
 
 def test_points_that_miss_the_continuum_are_not_passed_over():
@@ -151,7 +108,7 @@ def test_friction_work_meets_the_law_to_first_order_in_the_step():
 
 
 def test_an_energy_balance_that_does_not_close_fails_the_run(monkeypatch):
-    energies, _, run = balance("set4a", "concave")
+    energies, _, run = balance("set4a_curve", "concave")
     wrong = dict(energies, friction=1.01 * energies["friction"])
     with pytest.raises(EnergyAuditError, match="off by 0.009"):
         energy_audit.Auditor().add(wrong).result(run.energy)
@@ -165,11 +122,11 @@ def test_an_energy_balance_that_does_not_close_fails_the_run(monkeypatch):
         energy_audit.Auditor().add(energies).result(slipping)
     monkeypatch.setattr(energy_audit, "LIMIT", 1e-20)
     with pytest.raises(EnergyAuditError):
-        simulate(lab.lab_scenario("set4a", "concave"))
+        simulate(lab.lab_scenario("set4a_curve", "concave"))
 
 
 def test_the_json_carries_the_audit():
-    result = simulate(lab.lab_scenario("set4a", "convex"))
+    result = simulate(lab.lab_scenario("set4a_curve", "convex"))
     shown = result.as_dict()["energy"]
     assert shown == dataclasses.asdict(result.energy)
     assert 0.0 <= shown["relative_residual"] < 1e-9

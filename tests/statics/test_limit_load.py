@@ -2,6 +2,9 @@
 """Limit loads by replay against theory: the lab tests, random joints, and what must not change an answer."""
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -9,18 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dembrick import theory
-from dembrick.assembly import build
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.geometry import friction_integrals
-from dembrick.kernels.joint import area_law, limit_surface
-from dembrick.kernels.statics import area_joints, block_forces, joint_families, load_bounds, loop
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import (
     FORMULATIONS,
 )
 from dembrick.simulation.statics import joint_families as families_of_a_state
-from dembrick.simulation.statics import limit_load, load_system, stepper, stiffness
 from helpers.one_joint import MU, A, B, N, scene, single
 
 SETS = ("2a", "2b", "4a", "4b")
@@ -183,35 +182,21 @@ NUMERICAL = [
     {"density": 1e5},
     {"step_factor": 0.1},
     {"step_factor": 0.99},
-    {"VISCOUS": 0.25},
-    {"VISCOUS": 1.0},
-    {"ACTUATOR_STIFFNESS": 0.5},
-    {"ACTUATOR_STIFFNESS": 2.0},
-    {"SLIP_PER_STEP": 0.5},
-    {"SLIP_PER_STEP": 2.0},
-    {"RAMP": 30},
-    {"HALVING": 60},
 ]
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_numerical_choices_do_not_count(formulation, monkeypatch):
-    """Stiffness, density, step, damping, jack and rate change no limit load beyond the tolerance."""
+def test_numerical_choices_do_not_count(formulation):
+    """Stiffness, density and time step change no limit load beyond the tolerance."""
     tolerance, jacks = 1e-4, single((0.25 * A, 0.03))
     base = run(formulation, jacks=jacks, tolerance=tolerance)
     expected = theory.limit_load(formulation_of(base).law(N), (0, 1, 0.25 * A)).V
     for choice in NUMERICAL:
-        with monkeypatch.context() as patch:
-            options = {k: v for k, v in choice.items() if k.islower()}
-            for key, value in choice.items():
-                for module in (limit_load, load_system):
-                    if hasattr(module, key):
-                        patch.setattr(module, key, value)
-            result = run(formulation, jacks=jacks, tolerance=tolerance, **options)
-            # each run places the points of ``distributed`` itself: their own limit load hardly moves
-            own = theory.limit_load(formulation_of(result).law(N), (0, 1, 0.25 * A)).V
-            assert own == pytest.approx(expected, rel=0.5 * tolerance)
-            check(result, own, tolerance)
+        result = run(formulation, jacks=jacks, tolerance=tolerance, **choice)
+        # each run places the points of ``distributed`` itself: their own limit load hardly moves
+        own = theory.limit_load(formulation_of(result).law(N), (0, 1, 0.25 * A)).V
+        assert own == pytest.approx(expected, rel=0.5 * tolerance)
+        check(result, own, tolerance)
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
@@ -219,8 +204,8 @@ def test_stiffness_of_the_joint_itself_does_not_count(formulation, monkeypatch):
     """Four corners are three times stiffer in rotation than the area they stand for: no yield point depends on it."""
     jacks = single((0.25 * A, 0.0))
     base = run(formulation, jacks=jacks, tolerance=1e-5).yield_point
-    exact = stiffness.block_stiffness
-    monkeypatch.setattr(load_system, "block_stiffness", lambda state, shared: 3.0 * exact(state, shared))
+    exact = families_of_a_state.stiffness
+    monkeypatch.setattr(families_of_a_state, "stiffness", lambda state: 3.0 * exact(state))
     other = run(formulation, jacks=jacks, tolerance=1e-5).yield_point
     assert other.V == pytest.approx(base.V, rel=2e-5)
 
@@ -349,72 +334,51 @@ def test_friction_one_percent_off_is_caught(name, formulation, factor, monkeypat
     assert caught(lambda: simulate(scenario, record=False), expected)
 
 
+ELLIPSE = """
+import sys
+
+import numpy as np
+
+from dembrick.kernels.joint import limit_surface
+
+
 def ellipse_surface(limit, v1, v2, w):
-    """D of the ellipse (V/V_0)^2 + (M_T/M_T0)^2 = 1 with the right end points, and its derivatives."""
-    c = theory.equations.torsion_parameter(A, B)
-    q, scale = np.array([v1, v2, w]), np.array([1.0, 1.0, c * c])
-    d = math.sqrt(float(q @ (scale * q)))
+    # D of the ellipse (V/V_0)^2 + (M_T/M_T0)^2 = 1 with the right end points, and its derivatives
+    q, scale = np.array([v1, v2, w]), np.array([1.0, 1.0, float(sys.argv[2]) ** 2])
+    d = float(np.sqrt(q @ (scale * q)))
     g = scale * q / d
     h = (np.diag(scale) - np.outer(g, g)) / d
     return (d, *g, h[0, 0], h[0, 1], h[1, 1], h[0, 2], h[1, 2], h[2, 2])
 
 
+if sys.argv[3] == "ellipse":
+    limit_surface.surface = ellipse_surface  # before any other kernel takes it from there
+
+from dembrick.runs.lab import lab_scenario
+from dembrick.runs.simulate import simulate
+
+point = simulate(lab_scenario(sys.argv[1], "convex", 1e-3), record=False).yield_point
+print(point.V, point.V_lower, point.V_upper)
+"""
+
+
 @pytest.mark.parametrize("name", ["4a", "4b"])
-def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
+def test_an_ellipse_for_the_exact_surface_is_caught(name):
     """The common choice of robotics is unsafe by 9 and 8 % here: theory lies outside the bracket it gives."""
     expected = theory.limit_load(theory.formulation_law("convex", A, B, MU, N), lab_load(name)).V
-    plain = lambda function: getattr(function, "py_func", function)  # noqa: E731
-    built = build.assemble(lab_scenario(f"set{name}", "convex", 1e-3))
-    owners = (limit_surface, area_law, block_forces, load_bounds, loop)
+    radius = theory.equations.torsion_parameter(A, B)
 
-    def answer():
-        # every kernel between the loop and the surface as plain Python, so that they look their parts up again
-        with monkeypatch.context() as patch:
-            if wrong:
-                patch.setattr(limit_surface, "surface", ellipse_surface)
-                patch.setattr(area_joints, "surface", ellipse_surface)
-            for module, names in {
-                limit_surface: ("gauge", "proximal_map"),
-                area_law: ("area_friction", "proximal_map"),
-                area_joints: (
-                    "forces",
-                    "forces_by",
-                    "dry_forces",
-                    "dissipation",
-                    "area_friction",
-                    "limit_of",
-                    "limit_under",
-                ),
-                block_forces: ("joint_forces",),
-                load_bounds: ("upper_bound", "best_bound", "strict_bounds"),
-                loop: ("advance", "bounds_now", "joint_forces", "strict_bounds"),
-                stepper: ("advance",),
-            }.items():
-                for part in names:
-                    owner = module if part in _own(module) else next(m for m in owners if part in _own(m))
-                    patch.setattr(module, part, plain(_own(owner)[part]))
-            for part in ("forces", "dissipation"):  # of the families, which has convex joints only here
-                own = getattr(area_joints, part)
-                patch.setattr(joint_families, part, lambda _, areas, family, i, *more, own=own: own(areas, i, *more))
-            return limit_load.find_limit_load(built, 1e-3, 0.9)
+    def answer(surface):
+        command = [sys.executable, "-c", ELLIPSE, f"set{name}", str(radius), surface]
+        done = subprocess.run(command, env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return [float(number) for number in done.stdout.split()]
 
-    wrong = False
-    assert not caught(answer, expected)
-    V = answer().yield_point.V
-    assert V == pytest.approx(expected, rel=1e-3)
-    wrong = True
-    assert caught(answer, expected)
-    V = answer().yield_point.V
+    V, lower, upper = answer("exact")
+    assert lower - SLACK * expected <= expected <= upper + SLACK * expected
+    V, lower, upper = answer("ellipse")
+    assert not lower - SLACK * expected <= expected <= upper + SLACK * expected
     assert V == pytest.approx(expected * {"4a": 1.094, "4b": 1.076}[name], rel=3e-3)
-
-
-def _own(module):
-    """Functions that a kernel module defines itself."""
-    return {
-        name: value
-        for name, value in vars(module).items()
-        if callable(value) and getattr(value, "__module__", None) == module.__name__
-    }
 
 
 def test_the_radius_of_the_set_is_exact():

@@ -137,7 +137,7 @@ def test_a_mechanism_is_followed_without_newton_steps():
     """Once V stays the same the next equilibrium lies on the tangent: ever longer steps need no iteration."""
     wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=12, blocks=12, base=0.1)
     assembly = build.assemble(scene(tilt(), friction=0.64, walls=(wall,)))
-    begun, gone = (limit_load.find_limit_load(assembly, 1e-4, 0.5, goal=goal) for goal in (None, 1e-2))
+    begun, gone = (limit_load.find_limit_load(assembly, 1e-4, goal=goal) for goal in (None, 1e-2))
     assert gone.settings["equilibria"] >= begun.settings["equilibria"] + 8
     assert gone.steps <= begun.steps + 4
     assert gone.yield_point.V == pytest.approx(0.2 / 1.2, rel=1e-5)
@@ -165,7 +165,7 @@ def test_walls_in_plane(name, blocks, joints):
     wall = Wall("wall", "stone", (0.4, 0.2, 0.175), courses=courses, pattern=pattern, base=0.2)
     built = build.assemble(scene(PushoverControl((1.0, 0.0, 0.0)), friction=0.65, walls=(wall,)))
     assert (len(built.names) - 1, len(built.joints)) == (blocks, joints)
-    point = limit_load.find_limit_load(built, 1e-3, 0.9).yield_point
+    point = limit_load.find_limit_load(built, 1e-3).yield_point
     assert 0.85 * associative < point.V <= associative
 
 
@@ -229,7 +229,7 @@ def test_any_arch_agrees_with_linear_programming(seed):
     voussoirs, share = int(rng.integers(7, 51)), 10 ** rng.uniform(-2.0, -0.3)
     scenario = scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(0.1075 * (1.0 + share), voussoirs),))
     expected = rigid_multiplier(0.1075 * (1.0 + share), voussoirs, 0.7)
-    point = limit_load.find_limit_load(build.assemble(scenario), 1e-3, 0.9).yield_point
+    point = limit_load.find_limit_load(build.assemble(scenario), 1e-3).yield_point
     assert point.V == pytest.approx(expected, rel=1e-3)
     assert point.half_width <= 1e-3 * point.V
 
@@ -357,9 +357,9 @@ def test_the_plan_tells_the_memory_of_a_search(blocks):
     wall = Wall("wall", "stone", (0.3, 0.2, 0.1), blocks, blocks, base=0.1)
     given = scene(PushoverControl((0.0, 1.0, 0.0)), walls=(wall,))
     built = build.assemble(given)
-    limit_load.find_limit_load(built, 0.1, 0.5)  # compiles, or loads the cache
+    limit_load.find_limit_load(built, 0.1)  # compiles, or loads the cache
     tracemalloc.start()
-    limit_load.find_limit_load(built, 1e-3, 0.5)
+    limit_load.find_limit_load(built, 1e-3)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert limit_load.plan(built, given.control, 0.5, given.output).memory == pytest.approx(peak, rel=0.15)

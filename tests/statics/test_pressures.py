@@ -251,13 +251,13 @@ def test_full_pressure_stays_out_of_it(monkeypatch):
     base = lab_scenario("set4b_mid", "convex", 1e-5)
     built = build.assemble(base)
     assert state.initial_state(built).areas.pressed is None
-    alone = limit_load.find_limit_load(built, 1e-5, 0.9).yield_point
+    alone = limit_load.find_limit_load(built, 1e-5).yield_point
     monkeypatch.setattr(
         area_joints,
         "pressed_parts",
         lambda pressures, corners: pressed_parts(["linear"], corners)._replace(kind=np.zeros(1, np.int64)),
     )
     assert state.initial_state(built).areas.pressed is not None
-    beside = limit_load.find_limit_load(built, 5e-6, 0.9).yield_point
+    beside = limit_load.find_limit_load(built, 5e-6).yield_point
     assert beside.V == pytest.approx(alone.V, rel=1e-5)
     assert beside.V == pytest.approx(161.9025, rel=1e-5)

@@ -33,7 +33,7 @@ def tower(count: int, formulation: str, pushed: int, e=0.075, top=400.0, frictio
         actuators=(Actuator("jack", f"b{pushed}", (e, 0.0, pushed * H + up), (0.0, 1.0, 0.0)),),
         control=YieldControl(tolerance),
     )
-    return limit_load.find_limit_load(build.assemble(scenario), tolerance, 0.9).yield_point
+    return limit_load.find_limit_load(build.assemble(scenario), tolerance).yield_point
 
 
 def of_joint(formulation: str, normal: float, e: float = 0.075) -> float:

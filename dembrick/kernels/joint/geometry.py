@@ -4,6 +4,10 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
+from dembrick._jit import jit
+
+CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
+
 
 class Polygon(NamedTuple):
     """A convex polygon about its centroid O, counter-clockwise."""
@@ -24,3 +28,20 @@ class Motion(NamedTuple):
     depth: tuple[float, float, float]  # m, rad, rad: penetration g0 + gx x + gy y at the point (x, y)
     growth: tuple[float, float, float]  # what it grew by in the step
     slip: tuple[float, float, float]  # m, m, rad, of the step
+
+
+@jit
+def gap_closes(x, y, first, last, gap, base, u):
+    """Whether a joint that is open at any of its points or corners ``first`` to ``last`` - 1 comes nearer there, on the
+    way from the motion ``base`` to ``u`` = (d1, d2, dn, r1, r2, rn); ``gap`` (m): of the faces at the start."""
+    dn = u[2] - base[2]
+    r1 = u[3] - base[3]
+    r2 = u[4] - base[4]
+    fastest = max(abs(u[0] - base[0]), abs(u[1] - base[1]))
+    for i in range(first, last):
+        fastest = max(fastest, abs(dn + r1 * y[i] - r2 * x[i]))
+    for i in range(first, last):
+        opening = u[2] + gap + u[3] * y[i] - u[4] * x[i]
+        if opening > CLOSED * fastest and dn + r1 * y[i] - r2 * x[i] < -CLOSED * fastest:
+            return True
+    return False

@@ -22,7 +22,7 @@ from dembrick.kernels.joint.area_law import (
     springs_hold,
 )
 from dembrick.kernels.joint.dashpots import dashpot_work
-from dembrick.kernels.joint.geometry import Polygon
+from dembrick.kernels.joint.geometry import Polygon, gap_closes
 from dembrick.kernels.joint.limit_surface import LimitSurface, gauge, surface
 from dembrick.kernels.joint.no_tension import extremes
 from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, shear_strength
@@ -66,31 +66,6 @@ class Areas(NamedTuple):
     pressed: Pressed | None  # None if all pressures are full
     strengths: Strengths | None = None  # beside friction; None if no joint has any
     bonds: AreaBonds | None = None  # None if ``strengths`` is
-
-
-@jit
-def pressed_of(pressed, i):
-    """The pressed part of scene ``i`` of a batch, whose corners are numbered as in the batch; None without any. One
-    type, as `joint_families.points_of_scene`."""
-    s = slice(i, i + 1)
-    if pressed is not None:
-        return Pressed(
-            pressed.kind[s], pressed.pieces[s], pressed.start[s], pressed.count[s], pressed.x, pressed.y,
-            pressed.spare_x, pressed.spare_y, pressed.centre[s], pressed.density[s], pressed.reach[s],
-            pressed.radius[s],
-        )  # fmt: skip
-    return pressed
-
-
-@jit
-def of_scene(areas, lone, i):
-    """The convex joint of scene ``i`` of a batch, whose corners are numbered as in the batch."""
-    s = slice(i, i + 1)
-    return Areas(
-        lone.zero, areas.start[i : i + 2], areas.friction[s], areas.x, areas.y, areas.area[s], areas.second[s],
-        areas.reach[s], areas.radius[s], areas.far[s], areas.k_n[s], areas.k_s[s], areas.elastic[s], areas.twist[s],
-        areas.slip[s], areas.evaluations[s], pressed_of(areas.pressed, i), None, None,
-    )  # fmt: skip
 
 
 @jit
@@ -372,6 +347,12 @@ def overturning_load(areas, a, resultant, normal, unit):
         xa = areas.x[i]
         ya = areas.y[i]
     return least
+
+
+@jit
+def closes_gap(areas, a, gap, base, u):
+    """Whether a gap of convex joint ``a`` closes on the way from the motion ``base`` (6) to ``u`` (6)."""
+    return gap_closes(areas.x, areas.y, areas.start[a], areas.start[a + 1], gap, base, u)
 
 
 @jit

@@ -7,33 +7,13 @@ or None if the scene has none of them, and numba then leaves its code out. ``fam
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import AREAS, POINTS, by_family
-from dembrick.kernels.statics import area_joints, area_tangent, point_joints
+from dembrick.kernels.statics import area_joints, area_tangent, point_joints, point_tangent
 
 
 @jit
 def only_family(points, areas):
     """The family of the one joint of a scene."""
     return POINTS if areas is None else AREAS
-
-
-@jit
-def points_of_scene(points, lone, i):
-    """The point joint of scene ``i`` of a batch; None if it has none.
-
-    Both ways out are of one type, so that what is compiled for the scenes of a batch serves a scene of its own; after
-    ``return None`` it would be a type of something or nothing.
-    """
-    if points is not None:
-        return point_joints.of_scene(points, lone, i)
-    return points
-
-
-@jit
-def areas_of_scene(areas, lone, i):
-    """The convex joint of scene ``i`` of a batch; None if it has none. One type, as `points_of_scene`."""
-    if areas is not None:
-        return area_joints.of_scene(areas, lone, i)
-    return areas
 
 
 @jit
@@ -65,8 +45,16 @@ bound_twist = by_family(point_joints.bound_twist, area_joints.bound_twist, (0.0,
 at_rest = by_family(point_joints.at_rest, area_joints.at_rest, (0.0, False))
 # V at which a joint overturns, if friction does not follow the pressure
 overturning_load = by_family(point_joints.overturning_load, area_joints.overturning_load, 0.0)
+# Whether a gap of a joint closes on the way from one motion u (6) to another
+closes_gap = by_family(point_joints.closes_gap, area_joints.closes_gap, False)
 # Upper bound of the gauge of the dead load (6,) in the limit set
 dead_gauge = by_family(point_joints.dead_gauge, area_joints.dead_gauge, 0.0)
+
+
+@jit
+def rocks(points, areas, family):
+    """Whether a family's joints press a strip that shrinks as they rock."""
+    return areas is not None and family == AREAS
 
 
 @jit
@@ -84,6 +72,21 @@ def tangent(points, areas, area_memory, family, index, normal, dn, r1, r2, out):
     if areas is not None:
         if family == AREAS:
             area_tangent.tangent(areas, area_memory, index, normal, dn, r1, r2, out)
+
+
+@jit
+def exact_tangent(points, areas, point_memory, area_memory, family, index, normal, opening, out):
+    """Put dt/du (6, 6) of a joint into ``out``, for what `forces` found from the memory; False if its family does not
+    know it. ``normal``: N; ``opening``: (dn, r1, r2)."""
+    if points is not None:
+        if family == POINTS:
+            return point_tangent.exact_tangent(points.strengths, points.custom, points, point_memory, index, out)
+    if areas is not None:
+        if family == AREAS:
+            if area_tangent.knows_tangent(areas.strengths, areas.pressed, index):
+                area_tangent.tangent(areas, area_memory, index, normal, opening[0], opening[1], opening[2], out)
+                return True
+    return False
 
 
 @jit

@@ -20,6 +20,7 @@ from dembrick.kernels.statics.block_forces import unbalanced_ratio
 
 MISSING = 3.0  # times the growth over a doubling of the motion: what a load that grows as 1 - c/sqrt(u) still lacks
 STILL = 0.05  # of the elastic stiffness: a load that grows no faster than that against its motion is at its limit
+MOST_DECAY = 0.95  # of what V grows over a doubling of the motion, over the same before
 NEVER = 1e300  # an upper bound that does not bind
 
 
@@ -168,6 +169,17 @@ def instant_bounds(state, v, moved, dt):
 
 
 @jit
+def still_to_come(growth, before):
+    """What V has yet to grow, or to fall (N), where it grew by ``growth`` while the motion doubled last, and by
+    ``before`` while it doubled before that: all growths to come, each less than the last as the last was than the one
+    before."""
+    decay = 0.0
+    if growth * before > 0.0:
+        decay = min(MOST_DECAY, growth / before)
+    return max(MISSING, decay / (1.0 - decay)) * growth
+
+
+@jit
 def judge(certificate, step, lower, upper, v, driven):
     """Fold the bounds of this instant into the bracket; True when it and the actuators' V are within tolerance.
 
@@ -239,21 +251,22 @@ def at_joint(joints, j, w, out):
 
 
 @entry
-def certify(joints, points, areas, unit, dead, basis):
-    """Fill ``basis`` for joint 0, the only one of its scene, from the dead-load equilibrium.
+def certify(joints, points, areas, place, unit, dead, basis):
+    """Fill ``basis`` for the joint at a ``place`` (family, index, number), which is one between a free block and a
+    fixed one, from the dead-load equilibrium.
 
     ``unit`` and ``dead`` (6,) are the wrenches of the unit load and of the dead load on b about O (`at_joint`). Strict
     where the friction of the joint does not depend on the load: where it follows the pressure, while the load neither
     presses nor tilts; under the full pressure of a convex joint while it does not press, and slides before it could
     overturn. A load ``tilts`` that moves the pressure, whatever friction makes of it.
     """
-    resultant = joints.resultant[0]
+    family, index, j = place
+    resultant = joints.resultant[j]
     normal = resultant[0]
     basis.centre[0] = 0.0
     basis.centre[1] = 0.0
-    family = families.only_family(points, areas)
-    mu = families.friction_of(points, areas, family, 0)
-    reach, follows = families.at_rest(points, areas, family, 0, basis)
+    mu = families.friction_of(points, areas, family, index)
+    reach, follows = families.at_rest(points, areas, family, index, basis)
     size = max(max(abs(unit[0]), abs(unit[1])), abs(unit[5]) / reach)
     strict = abs(unit[2]) <= NONE * size
     tilts = not strict
@@ -265,7 +278,7 @@ def certify(joints, points, areas, unit, dead, basis):
             # translation bounds what friction can carry: strict if the block cannot overturn before that
             most = mu * normal + sqrt(dead[0] * dead[0] + dead[1] * dead[1])
             shear = sqrt(unit[0] * unit[0] + unit[1] * unit[1])
-            overturning = families.overturning_load(points, areas, family, 0, resultant, normal, unit)
+            overturning = families.overturning_load(points, areas, family, index, resultant, normal, unit)
             strict = strict and most <= shear * overturning
     # rounding of the geometry must not tilt the load
     basis.unit[0] = unit[0] if abs(unit[0]) > NONE * size else 0.0
@@ -274,7 +287,7 @@ def certify(joints, points, areas, unit, dead, basis):
     put_vector(basis.dead, dead[0], dead[1], dead[5])
     taken = 0.0
     if mu > 0.0 and (dead[0] != 0.0 or dead[1] != 0.0 or dead[5] != 0.0):
-        taken = families.dead_gauge(points, areas, family, 0, normal, dead, basis)
+        taken = families.dead_gauge(points, areas, family, index, normal, dead, basis)
     basis.scalars[0] = 1.0 if strict else 0.0
     basis.scalars[1] = taken
     basis.scalars[3] = normal

@@ -52,9 +52,9 @@ def remember(trial, joints, points, areas):
 
 
 @jit
-def answer(trial, points, areas, family, index, gap, base, u):
+def answer(points, areas, point_memory, area_memory, family, index, gap, base, u):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint for the motion u (6), from the memory."""
-    families.recall(points, areas, trial.points, trial.areas, family, index)
+    families.recall(points, areas, point_memory, area_memory, family, index)
     slip = u[0] - base[0], u[1] - base[1], u[5] - base[5]
     motion = Motion((-(u[2] + gap), u[4], -u[3]), NOT_GROWN, slip)
     return families.forces(points, areas, family, index, None, motion, UNDAMPED, None)
@@ -97,10 +97,12 @@ def try_joint(trial, state, family, index, j, with_tangent):
     if by_differences:
         for i in range(6):
             h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
-            n, v1, v2, mt, m1, m2, _ = answer(trial, points, areas, family, index, gap, base, moved(u, i, h))
+            n, v1, v2, mt, m1, m2, _ = answer(
+                points, areas, trial.points, trial.areas, family, index, gap, base, moved(u, i, h)
+            )
             put_vector(t[i], v1, v2, -n)
             put_vector(t[i, 3:], m1, m2, mt)
-    n, v1, v2, mt, m1, m2, slip = answer(trial, points, areas, family, index, gap, base, u)
+    n, v1, v2, mt, m1, m2, slip = answer(points, areas, trial.points, trial.areas, family, index, gap, base, u)
     if known:
         families.tangent(points, areas, trial.areas, family, index, n, u[2] + gap, u[3], u[4], trial.tangent[j])
     if by_differences:

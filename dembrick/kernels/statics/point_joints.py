@@ -13,6 +13,7 @@ from dembrick._jit import entry, jit, jit_sum
 from dembrick.kernels.joint import custom_law
 from dembrick.kernels.joint.custom_law import Custom
 from dembrick.kernels.joint.dashpots import dashpot_work
+from dembrick.kernels.joint.geometry import gap_closes
 from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, point_law, shear_loss, shear_strength
 from dembrick.kernels.joint.utilisation import FrictionPoints, point_gauge
 from dembrick.kernels.math.geometric_median import median_distance
@@ -52,16 +53,6 @@ class Points(NamedTuple):
     strengths: Strengths | None = None  # beside friction; None if no joint has any
     bonds: Bonds | None = None  # None if ``strengths`` is
     custom: Custom | None = None  # what a law of the user's own works on; None if they have none
-
-
-@jit
-def of_scene(points, lone, i):
-    """The contact points of scene ``i`` of a batch: their numbers are those of the batch."""
-    return Points(
-        lone.zero, points.start[i : i + 2], points.friction[i : i + 1], points.x_n, points.y_n, points.x_s,
-        points.y_s, points.k_n, points.k_s, points.normal, points.elastic_1, points.elastic_2, points.slip, None, None,
-        None,
-    )  # fmt: skip
 
 
 @jit
@@ -345,6 +336,12 @@ def at_rest(points, p, basis):
 def overturning_load(points, p, resultant, normal, unit):
     """V at which the joint overturns before it slides: not asked for where friction follows the pressure."""
     return 0.0
+
+
+@jit
+def closes_gap(points, p, gap, base, u):
+    """Whether a gap of point joint ``p`` closes on the way from the motion ``base`` (6) to ``u`` (6)."""
+    return gap_closes(points.x_n, points.y_n, points.start[p], points.start[p + 1], gap, base, u)
 
 
 @jit

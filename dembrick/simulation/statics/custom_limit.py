@@ -8,6 +8,7 @@ halving changed is the bar.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -15,13 +16,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.kernels.statics.loop import CONVERGED, RUNNING
+from dembrick.kernels.state import ScaledInertia
+from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive
 from dembrick.scenario.checks import present
 from dembrick.simulation.session import Session
+from dembrick.simulation.statics.critical_step import critical_time_step
+from dembrick.simulation.statics.dead_load import inverse_inertia
 from dembrick.simulation.statics.elastic_factor import touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
-from dembrick.simulation.statics.limit_load import inertia_and_drive
-from dembrick.simulation.statics.load_system import Replay, Setup
+from dembrick.simulation.statics.load_system import (
+    ACTUATOR_STIFFNESS,
+    VISCOUS,
+    Replay,
+    Setup,
+    rough_strength,
+    steady_drive,
+)
 from dembrick.simulation.statics.paths.limit_state import copy_of
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
@@ -38,6 +48,9 @@ BAR = 2.0  # times what the last halving of the pace changed
 BEHIND = 4.0  # tolerances below a peak, a steady load is another one than that of the peak
 ROUNDED = 1e-9  # of V: no bar is narrower
 RECORDED = 4096  # steps of a chunk of the push that is recorded
+SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
+GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
+FLUCTUATION_DAMPING = 0.2  # the part of a velocity's fluctuation that a step takes away, where the load tilts a block
 
 
 @dataclass
@@ -91,10 +104,27 @@ def _loop(assembly: Assembly, tolerance: float, step_factor: float, pace: float)
             "a search of a limit load with a joint law of one's own is for blocks that each stand on fixed ones alone, "
             'without ties and guides: use kind = "displacement" with a rate'
         )
-    dt, inertia, drive = inertia_and_drive(setup, step_factor)
+    dt, inertia, drive = _inertia_and_drive(setup, step_factor)
     drive = drive._replace(rate=pace * drive.rate)
     loop = Loop(dt, setup.state, inertia, None, drive, setup.certificate, None, new_guard(assembly, setup.state))
     return setup, loop, setup.dashpots().critical_time_step
+
+
+def _eta(step_factor: float) -> float:
+    """Frequencies of the scaled blocks times the time step; actuator and dashpots bring the critical one below 2."""
+    return float(step_factor * critical_time_step(math.sqrt(1.0 + ACTUATOR_STIFFNESS), VISCOUS))
+
+
+def _inertia_and_drive(setup: Setup, step_factor: float) -> tuple[float, ScaledInertia, Drive]:
+    """The time step of a search with artificial inertia (s), that inertia, and the actuators at their pace."""
+    dt = step_factor * setup.dashpots().critical_time_step
+    inertia = inverse_inertia(setup.state, setup.stiffness * (dt / _eta(step_factor)) ** 2)
+    scale = rough_strength(setup.state, setup.certificate, setup.load) * setup.compliance / setup.weight
+    rate = float(SLIP_PER_STEP * scale / dt)
+    drive = steady_drive(rate, dt, setup.actuator_stiffness)
+    if setup.certificate.tilts:
+        drive = drive._replace(rate=rate * GENTLY, damping=FLUCTUATION_DAMPING)
+    return dt, inertia, drive
 
 
 class _Carried:

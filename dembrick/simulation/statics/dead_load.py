@@ -301,7 +301,7 @@ def find_rest(assembly: Assembly, session: Session) -> Standing:
     found = rest(state, block_stiffness(state, shared=2.0), assembly.position, factor, session)
     if session.observe is not None:
         recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
-        recorder.write_equilibrium(state, 0, None, 0.0, np.zeros(2))
+        recorder.write_equilibrium(state, 0, 0.0, np.zeros(2), framed=True)
         recorder.drain()
     return Standing(found, state, {"steps": found.steps}, found.compile_seconds, found.loop_seconds)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dembrick.kernels.joint.families import AREAS, POINTS
+from dembrick.kernels.joint.geometry import CLOSED
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.simulation.checkpoint_arrays import arrays_of, flattened
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 FAMILIES: dict[str, ModuleType] = {"points": point_joints, "areas": area_joints}  # fields of a state
-CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
 
 
 def at_rest(assembly: Assembly) -> tuple[Points | None, Areas | None]:

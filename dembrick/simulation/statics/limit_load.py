@@ -1,13 +1,9 @@
-"""Search for a limit load (`find_limit_load`): bounds on V at every step, until their bracket is narrow enough.
+"""Search for a limit load (`find_limit_load`): equilibria, and bounds of V at each, until they are narrow enough.
 
-No physical inertia. If free blocks touch one another, or normal forces follow the load, equilibrium is followed
-directly (`path_following`). Else, and then the bracket is certified, every block gets an artificial inertia
-proportional to its contact stiffness, so that all its modes swing together and the out-of-balance force of a joint does
-not excite another of its components; the geometry stays that of the start, for which a limit load is defined. The
-actuators push at about one elastic slip a step. Damping acts in the contacts, behind the slider, and in the actuator,
-on the difference between head and block: both vanish when the blocks slide steadily, so that V is then what the joints
-carry at any speed. What takes steps is that slip must wipe out the memory of the elastic forces. The bracket
-(`kernels.statics.load_bounds`) is formed at every step.
+Equilibrium is found outright, by Newton's method, in the geometry of the start, for which a limit load is defined: no
+inertia, no dashpots, no time. A lone dry joint is searched by itself (`kernels.statics.lone_search`); its bracket is
+certified if its friction does not depend on the load. Assemblies, and what that does not find, are followed along a
+path of equilibria (`paths.path_following`).
 
 The contact points of a lone distributed joint are placed while its limit load is searched (`place_points`). They need
 only be right for the torsion centre of the limit load, which nobody knows before. So the search goes
@@ -20,7 +16,6 @@ moved. Then the replay proper runs with these points. A joint that does not stay
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -31,39 +26,25 @@ from dembrick.assembly import ray_quadrature
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.errors import DembrickError, NotConvergedError
-from dembrick.kernels.state import ScaledInertia
-from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive
+from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Output
-from dembrick.simulation.expected_cost import EQUILIBRIA, newton_seconds, newton_steps, search_steps
+from dembrick.simulation.expected_cost import EQUILIBRIA, lone_seconds, newton_seconds, newton_steps, search_steps
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.critical_step import critical_time_step
-from dembrick.simulation.statics.dead_load import inverse_inertia
 from dembrick.simulation.statics.elastic_factor import equations, touches_itself
-from dembrick.simulation.statics.guards import new_guard, refuse_divergence
-from dembrick.simulation.statics.load_system import (
-    ACTUATOR_STIFFNESS,
-    VISCOUS,
-    After,
-    LoadSystem,
-    Replay,
-    Setup,
-    rough_strength,
-    steady_drive,
-)
+from dembrick.simulation.statics.load_system import After, LoadSystem, Replay, Setup, rough_strength
+from dembrick.simulation.statics.lone_joint import MOST_EQUILIBRIA, LoneSearch, is_lone
 from dembrick.simulation.statics.paths.limit_state import carrying
 from dembrick.simulation.statics.paths.path_following import PathFollower
 from dembrick.simulation.statics.paths.path_state import Path
 from dembrick.simulation.statics.recorder import Recorder
-from dembrick.simulation.statics.state import State, new_energy
-from dembrick.simulation.statics.stepper import Loop, Stepper
+from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.yield_point import (
     YieldPoint,
     at_peak,
     carried_by,
-    frictionless,
     mechanism_of,
     moving_blocks,
     read_off,
@@ -75,14 +56,8 @@ if TYPE_CHECKING:
     from dembrick.scenario.controls import YieldControl
 
 
-SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
-GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
 GUESS = 0.25  # of the weight of all blocks: a first guess of a load on all of them
-FLUCTUATION_DAMPING = 0.2  # the part of a velocity's fluctuation that a step takes away, where the load tilts a block
 MOST_JOINTS_BOUNDED = 1000  # limit analysis of so many joints adds little to a search that failed
-CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
-HALVING = 512  # steps in which a search slows to half its rate, once it has taken 16 times as many
-MOST_STEPS = 20_000  # of a search
 ROUNDED = 1e-9  # of a moment: what rounding leaves
 BYTES_A_TRIAL = 1400  # a joint: tangent, stiffness, and the matrices of its two ends, 36 numbers each, and others
 
@@ -90,24 +65,21 @@ BYTES_A_TRIAL = 1400  # a joint: tangent, stiffness, and the matrices of its two
 def find_limit_load(
     assembly: Assembly,
     tolerance: float,
-    step_factor: float,
     session: Session | Observer | None = None,
     goal: float | None = None,
     steps: float = 1.0,
 ) -> Replay:
     """Push until the bracket of V is within ``tolerance`` of it (relative half-width).
 
-    ``step_factor`` is the time step over the critical one; ``session`` gets the record. With a ``goal`` (m) the path is
-    followed until a block has moved that far, by ``steps`` times the usual ones at first. Raises NotConvergedError with
+    ``session`` gets the record. With a ``goal`` (m) the path is followed until a block has moved that far, by ``steps``
+    times the usual ones at first. Raises NotConvergedError with
     the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError if the dead loads alone
     bring the blocks down. A load that nothing limits is an answer: the yield point says ``unlimited``.
     """
     session = Session.of(session)
-    setup = Setup(assembly, tolerance, session, by_equilibria=True if goal is not None else None)
-    if setup.factor is None:
-        replay = _by_inertia(setup, step_factor, session)
-    else:
-        replay = _by_equilibria(setup, session, goal or 0.0, steps)
+    replay = _of_lone_joint(LoadSystem(assembly, session), tolerance, session) if goal is None else None
+    if replay is None:
+        replay = _by_equilibria(Setup(assembly, tolerance, session, by_equilibria=True), session, goal or 0.0, steps)
     if not replay.converged:
         point = replay.yield_point
         name, unit, remedies = "V", " N", ["Allow a larger control.tolerance"]
@@ -220,64 +192,52 @@ def _after(end: State, limit: State, start: np.ndarray, goes_on: bool) -> After 
     return After(moving, mechanism_of(end), moved, float(end.actuators.drive[2]))
 
 
-def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
-    """The search where every free block touches fixed ones only and the bracket is certified: with artificial inertia.
-
-    The record holds the load in equilibrium with the joint, not what inertia and dashpots of the search add to it.
-    """
-    assembly, state = setup.assembly, setup.state
-    critical = setup.dashpots().critical_time_step
-    dt, inertia, drive = inertia_and_drive(setup, step_factor)
-    drive = drive._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
-    frames_every = 1 if len(assembly.names) <= 100 else 8
-    watched = assembly.control_points
-    recorder = Recorder(state, session, CHUNK_OF_SEARCH, 1, frames_every, watched) if session.observe else None
-    status = RUNNING
-    if frictionless(state, setup.certificate):
-        setup.certificate.bracket[:] = 0.0
-        status = CONVERGED
-    energy = new_energy(state) if recorder else None
-    record = recorder.record if recorder else None
-    guard = new_guard(assembly, state)
-    loop = Loop(dt, state, inertia, None, drive, setup.certificate, energy, guard, record=record)
+def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Replay | None:
+    """The search of one dry joint between a free block and a fixed one, by `kernels.statics.lone_search`. None for any
+    other scene, and where that finds no limit."""
+    assembly, state = system.assembly, system.state
+    if session.start is not None or not is_lone(state):
+        return None
     began = time.perf_counter()
-    loop.advance(0)  # no step: compiles, or loads the cache
-    compiled = time.perf_counter() - began
-    if session.resumed:
-        loop.restore(session.resumed)
-    stepper = Stepper(loop, session, recorder, CHUNK_OF_SEARCH)
-    while status == RUNNING and loop.step < MOST_STEPS:
-        status = stepper.to(loop.step - loop.step % CHUNK_OF_SEARCH + CHUNK_OF_SEARCH)
-    steps = loop.step
-    refuse_divergence(status, assembly, state, steps, dt, critical)
-    chosen = {"eta": _eta(step_factor), "rate": drive.rate, "inertia": "scaled"}
-    return setup.finished(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
+    search = LoneSearch(state, tolerance)
+    compiled = time.perf_counter()
+    search.run()
+    seconds = time.perf_counter() - compiled
+    if not search.converged:
+        return None
+    if session.observe:  # once more, now that it is known to have an answer
+        state = LoadSystem(assembly, session).state
+        search = LoneSearch(state, tolerance)
+        search.record(Recorder(state, session, MOST_EQUILIBRIA, 1, 1, assembly.control_points), session)
+    search.show()
+    point = read_off(state, search.certificate(), assembly.names)
+    limit = carrying(state, present(point.V))
+    equilibria = int(search.found["equilibria"])
+    return Replay(
+        yield_point=replace(carried_by(point, limit), limit_at=float(equilibria), actuator_load=point.V),
+        state=limit,
+        left=state,
+        converged=True,
+        steps=int(search.found["iterations"]),
+        time_step=1.0,
+        critical_time_step=system.dashpots().critical_time_step,
+        simulated_time=float(equilibria),
+        unbalanced=unbalanced_ratio(state.blocks, state.joints),
+        compile_seconds=compiled - began,
+        loop_seconds=seconds,
+        settings={"equilibria": equilibria, "inertia": "none"},
+        moved=search.moved,
+    )
 
 
-def _eta(step_factor: float) -> float:
-    """Frequencies of the scaled blocks times the time step; actuator and dashpots bring the critical one below 2."""
-    return float(step_factor * critical_time_step(math.sqrt(1.0 + ACTUATOR_STIFFNESS), VISCOUS))
-
-
-def inertia_and_drive(setup: Setup, step_factor: float) -> tuple[float, ScaledInertia, Drive]:
-    """The time step of a search with artificial inertia (s), that inertia, and the actuators at their pace."""
-    dt = step_factor * setup.dashpots().critical_time_step
-    inertia = inverse_inertia(setup.state, setup.stiffness * (dt / _eta(step_factor)) ** 2)
-    scale = rough_strength(setup.state, setup.certificate, setup.load) * setup.compliance / setup.weight
-    rate = float(SLIP_PER_STEP * scale / dt)
-    drive = steady_drive(rate, dt, setup.actuator_stiffness)
-    if setup.certificate.tilts:
-        drive = drive._replace(rate=rate * GENTLY, damping=FLUCTUATION_DAMPING)
-    return dt, inertia, drive
-
-
-def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: Output) -> Plan:
+def plan(assembly: Assembly, control: YieldControl, output: Output) -> Plan:
     """The plan of a search, without running any of it."""
     system, joints = LoadSystem(assembly), len(assembly.joints)
-    dt, whole = step_factor * system.dashpots().critical_time_step, touches_itself(system.state)
-    if not (whole or control.regime is PATH_FOLLOWING):
-        steps = search_steps(control.tolerance, _bends_convex(assembly, system.load))
-        return system.plan(dt, steps, steps, control, output)
+    dt, whole = system.dashpots().critical_time_step, touches_itself(system.state)
+    if is_lone(system.state) and control.regime is not PATH_FOLLOWING:
+        steps = search_steps(control.tolerance, _friction_follows(assembly, system.load))
+        planned = system.plan(dt, steps, EQUILIBRIA, control, output)
+        return replace(planned, seconds=lone_seconds(steps, len(assembly.contact_points.area)))
     convex = any(law.formulation == "convex" for law in assembly.joints.law)
     steps = newton_steps(convex)
     planned = system.plan(dt, steps, EQUILIBRIA, control, output)
@@ -287,9 +247,10 @@ def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: 
     return replace(planned, memory=planned.memory + solving, seconds=newton_seconds(steps, joints))
 
 
-def _bends_convex(assembly: Assembly, load: np.ndarray) -> bool:
-    """Whether there is one joint, a convex one, and the unit ``load`` (n, 6) presses or bends it."""
-    if len(assembly.joints) != 1 or assembly.joints[0].law.formulation != "convex":
+def _friction_follows(assembly: Assembly, load: np.ndarray) -> bool:
+    """Whether the unit ``load`` (n, 6) presses or bends the one joint, and its friction is not that of a convex joint
+    under its full pressure."""
+    if assembly.joints[0].law.formulation == "convex" and assembly.joints[0].law.pressure == "full":
         return False
     joint = assembly.joints[0]
     force, moment = load[joint.block_b, :3], load[joint.block_b, 3:]
@@ -307,7 +268,7 @@ _SETTLED = 3e-3  # of the polygon's size: a centre known as well as that is wort
 _AROUND = 4  # directions in which the gap is looked at around the centre
 
 
-def place_points(assembly: Assembly, tolerance: float, step_factor: float):
+def place_points(assembly: Assembly, tolerance: float):
     """The assembly with its contact points placed for a limit load to ``tolerance``, and the loop seconds that took.
 
     Anything but a single ``distributed`` joint without ``points`` of its own comes back as it is.
@@ -322,7 +283,7 @@ def place_points(assembly: Assembly, tolerance: float, step_factor: float):
     points = ray_quadrature.rays_over(pieces, centre, *COUNTS[0])
     for rough in _ROUGH:
         try:
-            run = find_limit_load(_with(assembly, *points), max(rough, tolerance), step_factor)
+            run = find_limit_load(_with(assembly, *points), max(rough, tolerance))
         except NotConvergedError:
             break
         seconds += run.loop_seconds

@@ -139,12 +139,12 @@ class LoadSystem:
 class Setup(LoadSystem):
     """The load system on the dead-load equilibrium, with the certificate of its limit load.
 
-    ``by_equilibria``: whether its limit is to be searched by following equilibria; None leaves that to the scene:
-    wherever the bracket is not certified.
+    ``by_equilibria``: whether its limit is searched along a path of equilibria, which takes the `factor` of the elastic
+    stiffness.
     """
 
     def __init__(
-        self, assembly: Assembly, tolerance: float, session: Session | None = None, by_equilibria: bool | None = False
+        self, assembly: Assembly, tolerance: float, session: Session | None = None, by_equilibria: bool = False
     ):
         super().__init__(assembly, session)
         whole = by_equilibria or touches_itself(self.state)
@@ -161,8 +161,6 @@ class Setup(LoadSystem):
         self.certificate: Certificate = certificate(
             self.state, self.load, self.actuator_stiffness / ACTUATOR_STIFFNESS, tolerance
         )
-        if by_equilibria is None and self.factor is None and not self.certificate.strict:
-            self.factor = elastic_factor(self.state, assembly.position)
 
     def finished(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
         """Result of the search or test; ``compiled``: seconds of compiling after the dead-load equilibrium."""

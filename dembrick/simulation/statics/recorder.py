@@ -15,7 +15,6 @@ from dembrick.kernels.statics.record import Record, write_guides, write_reaction
 from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families, ties
-from dembrick.simulation.statics.paths.path_state import PathState
 from dembrick.simulation.statics.state import State, for_kernels
 
 ENERGIES = energies(real_time=False)
@@ -93,21 +92,26 @@ class Recorder:
         )
 
     def write_equilibrium(
-        self, state: State, number: int, way: PathState | None, before: float, bracket: np.ndarray
+        self,
+        state: State,
+        number: int,
+        before: float,
+        bracket: np.ndarray,
+        terms: Mapping[str, float] | None = None,
+        framed: bool = False,
     ) -> bool:
-        """Add the equilibrium with this ``number`` on a ``way`` to the record, or that of the dead loads if there is no
-        way; ``before`` (J) is what the springs held where it began, ``bracket`` (2,) N of the limit. That of the dead
-        loads is worth a frame, and one where blocks were pushed on. Returns whether it has one."""
+        """Add the equilibrium with this ``number`` on a path to the record.
+
+        ``before`` (J) is what the springs held where the path began, ``terms`` (J) the other energies by name, zero if
+        they are not given; ``bracket`` (2,) N of the limit. ``framed``: whether it is worth a frame whatever its
+        number. Returns whether it has one.
+        """
         record = self.record
         frames = int(record.count[1])
-        terms = {"elastic": elastic_energy(for_kernels(state), None) - before}
-        if way is not None and number:
-            terms |= {"external": way.external, "friction": way.friction, "dashpots": way.lost}
-            terms |= {"crushing": way.crushing, "fracture": way.fracture, "yielding": way.yielding}
-        record.energy[record.count[0]] = [terms.get(name, 0.0) for name in ENERGIES]
-        bounds, last = (float(bracket[0]), float(bracket[1])), way is None or way.pushes > 0
-        load = float(state.actuators.drive[2])
-        write_row(record, number, float(number), for_kernels(state), load, 0.0, bounds, last)
+        energies = {"elastic": elastic_energy(for_kernels(state), None) - before} | dict(terms or {})
+        record.energy[record.count[0]] = [energies.get(name, 0.0) for name in ENERGIES]
+        bounds, load = (float(bracket[0]), float(bracket[1])), float(state.actuators.drive[2])
+        write_row(record, number, float(number), for_kernels(state), load, 0.0, bounds, framed)
         ties.write(state, record)
         return int(record.count[1]) > frames
 

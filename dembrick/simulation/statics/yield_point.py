@@ -305,7 +305,7 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
     unit, dead = np.zeros(6), np.zeros(6)
     at_joint(joints, 0, np.ascontiguousarray(load[b]), unit)
     at_joint(joints, 0, np.concatenate([state.blocks.dead_force[b], state.blocks.dead_torque[b]]), dead)
-    certify(joints, points, areas, unit, dead, basis)
+    certify(joints, points, areas, (joint_families.number(state), 0, 0), unit, dead, basis)
     strict, dead_gauge, radius, normal, tilts = (float(value) for value in basis.scalars)
     return {
         "strict": strict == 1.0,

@@ -8,10 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL
+from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL, still_to_come
 from dembrick.simulation.statics.paths.path_state import PathState
 
-MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
 APART = 3.0  # times that estimates of the limit differ: how far it may be from the last of them
 
 PUSHES, STILL_GROWS = 3, 0.05  # pushes that tell of V, and the part by which it may grow in the last of them
@@ -34,9 +33,8 @@ def limit_bounds(seen: list[Seen], elastic: float, rocks_on: Callable[[float], b
     half = _when(seen, 0.5 * given)
     quarter = _when(seen, 0.25 * given)
     growth, before = V - seen[half][1], seen[half][1] - seen[quarter][1]
-    decay = min(MOST_DECAY, growth / before) if growth * before > 0.0 else 0.0
     recent = seen[half + 1 :] or seen[-1:]
-    to_come = max(MISSING, decay / (1.0 - decay)) * growth
+    to_come = still_to_come(growth, before)
     lower = max(0.0, min(s[2] for s in recent) + min(to_come, 0.0))
     upper = max(s[3] for s in recent) + max(to_come, 0.0)
     if rocks_on(V):

@@ -443,7 +443,11 @@ class PathFollower:
 
     def _write(self, number: int) -> None:
         """Add the equilibrium of now, that with this ``number``, to the record."""
+        way = self.way
+        terms = {"external": way.external, "friction": way.friction, "dashpots": way.lost}
+        terms |= {"crushing": way.crushing, "fracture": way.fracture, "yielding": way.yielding}
         if self.recorder.write_equilibrium(
-            self.state, number, self.way, self.elastic_at_start, self.certificate.bracket
-        ):
-            self.way.framed = number
+            self.state, number, self.elastic_at_start, self.certificate.bracket, terms if number else None,
+            framed=way.pushes > 0,
+        ):  # fmt: skip
+            way.framed = number

@@ -1,0 +1,227 @@
+"""Limit loads of joints between a free block and a fixed one, by `kernels.statics.lone_search`: in a scene of their own
+(`LoneSearch`), or many together (`simulation.statics.batch`).
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dembrick._jit import ready
+from dembrick.kernels.statics.energy import elastic_energy
+from dembrick.kernels.statics.load_bounds import Basis, Certificate, at_joint
+from dembrick.kernels.statics.lone_joint import CONVERGED, RUNNING, SEARCH, LoneJoints, new_room
+from dembrick.kernels.statics.lone_search import MOST_EQUILIBRIA, go_on
+from dembrick.simulation import interrupts
+from dembrick.simulation.checkpoint_arrays import flattened, plain, restored, restored_state
+from dembrick.simulation.session import Progress, Session, Snapshot
+from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics.state import State, for_kernels, load_vectors
+
+if TYPE_CHECKING:
+    from dembrick.kernels.state import Joints
+    from dembrick.kernels.statics.area_joints import Areas
+    from dembrick.kernels.statics.point_joints import Points
+    from dembrick.simulation.statics.recorder import Recorder
+
+
+class JointsAlone(NamedTuple):
+    """Joints without blocks: the part of a `State` that these searches take."""
+
+    joints: Joints
+    points: Points | None
+    areas: Areas | None
+
+
+def lone_joints(state: State | JointsAlone, dead: np.ndarray, unit: np.ndarray) -> LoneJoints:
+    """The k joints of a ``state`` with nothing remembered, each between a free block and a fixed one.
+
+    ``dead`` and ``unit`` (k, 6): wrench of the dead load, and of the actuators for V = 1, on b about O in the axes of
+    the joint.
+    """
+    k = len(dead)
+    memory = joint_families.memory(state)
+    points = max(1, joint_families.contact_points(state))
+    return LoneJoints(
+        joints=state.joints,
+        points=state.points,
+        areas=state.areas,
+        point_memory=memory["points"],
+        area_memory=memory["areas"],
+        base=np.zeros((k, 6)),
+        direction=np.zeros((k, 6)),
+        secant=np.zeros((k, 6)),
+        dead=np.ascontiguousarray(dead, float),
+        unit=np.ascontiguousarray(unit, float),
+        reach=joint_families.reach(state),
+        stiffness=joint_families.stiffness(state),
+        search=np.zeros(k, SEARCH),
+        basis=Basis(
+            *(np.zeros((k, size)) for size in (3, 3, 2)), np.zeros(points), *(np.zeros((k, size)) for size in (5, 3, 6))
+        ),
+        bracket=np.zeros((k, 2)),
+        twist=np.zeros((k, 3)),
+        seen=np.zeros((k, 3, 4)),
+    )
+
+
+def is_lone(state: State) -> bool:
+    """Whether a ``state`` is that of one dry joint between a free block and a fixed one, and of nothing else."""
+    joints, free = state.joints, state.blocks.free
+    return (
+        len(joints.block_a) == 1
+        and len(free) == 1
+        and free[0] in (joints.block_a[0], joints.block_b[0])
+        and state.ties is None
+        and not len(state.blocks.guided)
+        and not joint_families.has_strengths(state)
+        and not joint_families.is_custom(state)
+    )
+
+
+class LoneSearch:
+    """The search for the limit load of a ``state`` that `is_lone`, from its geometry of the start."""
+
+    def __init__(self, state: State, tolerance: float):
+        joints, block = state.joints, int(state.blocks.free[0])
+        self.state, self.tolerance, self._block = state, tolerance, block
+        self._sense = 1.0 if block == joints.block_b[0] else -1.0
+        self._arm = (joints.arm_b if self._sense > 0.0 else joints.arm_a)[0]
+        self._dead = np.concatenate([state.blocks.dead_force[block], state.blocks.dead_torque[block]])
+        wrenches = [self._about_joint(wrench) for wrench in (self._dead, load_vectors(state)[block])]
+        self.lone = lone_joints(state, *wrenches)
+        self._room = new_room()
+        self._go_on = ready(go_on, self.lone, 0, tolerance, self._room)
+        self._motion_at_rest = np.zeros(6)
+        self._taken = np.zeros(3)  # J: work of the loads, friction, and what springs held at rest
+
+    def _about_joint(self, wrench: np.ndarray) -> np.ndarray:
+        """(1, 6) of a wrench on the free block about its centroid, as it acts on b about O in the axes of the joint."""
+        joints, found = self.state.joints, np.zeros(6)
+        seen: Joints = joints._replace(arm_b=self._arm[None])
+        at_joint(seen, 0, np.ascontiguousarray(wrench), found)
+        return self._sense * found[None]
+
+    @property
+    def found(self):
+        """The record `SEARCH`."""
+        return self.lone.search[0]
+
+    @property
+    def strict(self) -> bool:
+        """Whether friction does not depend on the load, so that the bracket is certified."""
+        return bool(self.found["strict"] == 1)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the bracket is as narrow as was asked for."""
+        return bool(self.found["status"] == CONVERGED)
+
+    def run(self) -> None:
+        """Find the equilibrium under the dead load, then all others up to the limit."""
+        self._go_on(self.lone, 0, self.tolerance, self._room)
+        self._motion_at_rest[:] = self.lone.base[0]
+        self._go_on(self.lone, MOST_EQUILIBRIA, self.tolerance, self._room)
+
+    def record(self, recorder: Recorder, session: Session) -> None:
+        """`run`, and write each equilibrium, with that of the dead load first, into the record; ``session`` keeps
+        checkpoints, and may go on from one. Raises Interrupted."""
+        if session.resumed is not None:
+            self._restore(session.resumed)
+        else:
+            self._go_on(self.lone, 0, self.tolerance, self._room)
+            self.show()
+            self._taken[:] = 0.0, 0.0, elastic_energy(for_kernels(self.state), None)
+            self._motion_at_rest[:] = self.lone.base[0]
+            self._write(recorder)
+        with interrupts.deferred():
+            while self.found["status"] == RUNNING:
+                session.pause(self)
+                memory = SimpleNamespace(**joint_families.memory(self.state))
+                self._go_on(self.lone, 1, self.tolerance, self._room)
+                self.show()
+                self._taken[1] += joint_families.friction_work(self.state, memory)
+                self._write(recorder)
+
+    def _write(self, recorder: Recorder) -> None:
+        external, friction, before = self._taken
+        terms, number = {"external": external, "friction": friction}, int(self.found["equilibria"])
+        recorder.write_equilibrium(self.state, number, before, self.lone.bracket[0], terms)
+        recorder.drain()
+
+    @property
+    def where(self) -> str:
+        return f"equilibrium {int(self.found['equilibria'])}"
+
+    @property
+    def progress(self) -> Progress:
+        return Progress("equilibrium", int(self.found["equilibria"]))
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Everything as arrays. What the joint remembers is that of the state, between two equilibria."""
+        return {**flattened({"state": self.state, "basis": self.lone.basis}), **self._path()}
+
+    def _path(self) -> dict[str, np.ndarray]:
+        names = ("base", "direction", "secant", "bracket", "twist", "seen", "search")
+        path = {f"lone.{name}": plain(getattr(self.lone, name)) for name in names}
+        return path | {"lone.motion_at_rest": self._motion_at_rest, "lone.taken": self._taken}
+
+    def _restore(self, snapshot: Snapshot) -> None:
+        """Go on from a snapshot of the same scene; HistoryError if it is of another."""
+        restored_state(self.state, snapshot)
+        restored("basis", self.lone.basis, snapshot)
+        for name, own in self._path().items():
+            own[...] = snapshot.array(name, own)
+        memory = SimpleNamespace(points=self.lone.point_memory, areas=self.lone.area_memory)
+        given = joint_families.memory_arrays(self.state)
+        for name, own in joint_families.memory_arrays(memory).items():
+            own[...] = given[name]
+
+    @property
+    def moved(self) -> np.ndarray:
+        """Displacements (n, 3) m of the blocks since the dead-load equilibrium."""
+        moved = np.zeros_like(self.state.blocks.displacement)
+        moved[self._block] = self._of_block(self.lone.base[0] - self._motion_at_rest)[0]
+        return moved
+
+    def certificate(self) -> Certificate:
+        """What the bracket stands on, in the form that other searches have it."""
+        basis, found = self.lone.basis, self.found
+        strict, dead_gauge, radius, normal, tilts = (float(value) for value in basis.scalars[0])
+        return Certificate(
+            every=1, strict=strict == 1.0, joint=0, family=joint_families.number(self.state), index=0,
+            unit=basis.unit[0], dead=basis.dead[0], dead_gauge=dead_gauge, centre=basis.centre[0], radius=radius,
+            normal=normal, rest=basis.rest, tilts=tilts == 1.0, tolerance=self.tolerance, bracket=self.lone.bracket[0],
+            elastic=1.0 / found["compliance"] if found["compliance"] else 0.0, doubling=np.zeros(6),
+            twist=self.lone.twist[0], window=np.zeros((1, 4)),
+        )  # fmt: skip
+
+    def show(self) -> None:
+        """Put the block and the actuators of the state where the equilibrium of now has them, and the step before it
+        into velocities; add up the work of the loads since they were put there last."""
+        blocks, actuators = self.state.blocks, self.state.actuators
+        block, found, before = self._block, self.found, self._motion()
+        blocks.displacement[block], blocks.rotation[block] = self._of_block(self.lone.base[0])
+        step = float(found["moved"]) * self.lone.direction[0]
+        blocks.velocity[block], blocks.spin[block] = self._of_block(step)
+        turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
+        own = (blocks.displacement[actuators.block] + turned) * actuators.direction
+        actuators.displacement[:] = own.sum(axis=1)
+        weights = float(np.abs(actuators.weight).sum())
+        driven, load = float((actuators.weight * actuators.displacement).sum()) / weights, float(found["load"])
+        self._taken[0] += 0.5 * (float(actuators.drive[2]) + load) * weights * (driven - float(actuators.drive[1]))
+        self._taken[0] += float(self._dead @ (self._motion() - before))
+        actuators.drive[:3] = driven, driven, load
+        peak_at = driven + (float(found["peak_at"]) - float(found["driven"])) / weights
+        actuators.drive[3:5] = float(found["peak"]), peak_at if found["peak"] else 0.0
+
+    def _of_block(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement and rotation of the free block for a motion ``u`` (6) of the joint."""
+        d, r = (self._sense * u.reshape(2, 3)) @ self.state.joints.axes[0]
+        return d - np.cross(r, self._arm), r
+
+    def _motion(self) -> np.ndarray:
+        blocks = self.state.blocks
+        return np.concatenate([blocks.displacement[self._block], blocks.rotation[self._block]])
