@@ -149,9 +149,7 @@ def push_to_limit(scenario: Scenario, expected: float | Callable, step_factor: f
         return Outcome("refused", _named(error))
     tolerance = scenario.control.tolerance
     value = expected(built) if callable(expected) else expected
-    return judge_limit(
-        lambda observe: limit_load.find_limit_load(built, tolerance, observe), value, tolerance
-    )
+    return judge_limit(lambda observe: limit_load.find_limit_load(built, tolerance, observe), value, tolerance)
 
 
 def push_at_rate(

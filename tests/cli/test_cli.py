@@ -140,17 +140,18 @@ def test_mistakes_exit_2(call, folder, arguments, said):
 
 
 def test_not_converged_keeps_the_history(call, folder, monkeypatch):
-    monkeypatch.setattr("dembrick.simulation.statics.limit_load.MOST_STEPS", 12)
-    monkeypatch.setattr("dembrick.simulation.statics.limit_load.CHUNK_OF_SEARCH", 12)
-    code, out, err = call("run", SET_4A, "--json", "--tolerance", "1e-8", "--out", "a.h5")
+    monkeypatch.setattr("dembrick.simulation.statics.limit_load.is_lone", lambda _: False)
+    monkeypatch.setattr("dembrick.simulation.statics.paths.path_following.MOST_EQUILIBRIA", 18)
+    fine = ("--tolerance", "1e-8", "--set", 'joint.formulation="concave"')
+    code, out, err = call("run", SET_4A, "--json", *fine, "--out", "a.h5")
     data = json.loads(out)
     assert (code, data["status"]) == (1, "failed")
     point = data["yield_point"]
-    assert point["V_lower"] <= 216.054938 * (1 + 1e-8) and point["V_upper"] >= 216.054938 * (1 - 1e-8)
+    assert point["V_lower"] <= 254.569823 * (1 + 1e-8) and point["V_upper"] >= 254.569823 * (1 - 1e-8)
     assert "error:" in err and data["error"] in err
     kept = history.read(folder / data["history"])
-    assert kept.status == "failed" and len(kept.time) == 12
-    assert call("run", SET_4A, "--tolerance", "1e-8")[1] == ""
+    assert kept.status == "failed" and len(kept.time) == 19
+    assert call("run", SET_4A, *fine)[1] == ""
 
 
 def test_disagreement_with_theory_exits_3(call, monkeypatch):

@@ -112,7 +112,7 @@ def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeyp
         callback()
         raise RuntimeError("no compiled object yet")
 
-    monkeypatch.setattr("dembrick.simulation.statics.load_system.dead_load_equilibrium", compiling)
+    monkeypatch.setattr("dembrick.simulation.statics.limit_load.LoneSearch", compiling)
     path = tmp_path / "run.h5"
     assert main(["run", str(tmp_path / "set4a.toml"), "--out", str(path)]) == 143
     assert capsys.readouterr().err == f"interrupted; go on with: dembrick restart {path}\n"

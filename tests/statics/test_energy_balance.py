@@ -46,7 +46,7 @@ def test_the_energy_balance_closes(formulation):
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_friction_takes_what_the_loads_give_along_a_search(formulation):
-    """Dead torques included: by the trapezoidal rule along its last step, which is much longer than the elastic ones."""
+    """Dead torques included: by the trapezoidal rule along its last step, much longer than the elastic ones."""
     scenario = lab.lab_scenario("set4a", formulation, 1e-5)
     beside = dataclasses.replace(scenario.loads[0], point=(0.005, -0.01, 0.05))
     energies = simulate(dataclasses.replace(scenario, loads=(beside,))).rows["energy"]

@@ -107,23 +107,6 @@ def strict_bounds(certificate, state, v):
 
 
 @jit
-def carried_load(certificate, joints, lower):
-    """V that the one joint carries in equilibrium at this instant of a strict search, without inertia and dashpots.
-
-    By virtual work, (t - g0).q / (f.q) for the slip twist q of the last step, as far as a state of equilibrium inside
-    the limit set proves it: ``lower``.
-    """
-    j = certificate.joint
-    f = certificate.unit
-    g = certificate.dead
-    q = joints.step[j]
-    power = f[0] * q[0] + f[1] * q[1] + f[2] * q[2]
-    if power <= 0.0:
-        return lower
-    return max(0.0, min(lower, (shear_power(joints, j) - (g[0] * q[0] + g[1] * q[1] + g[2] * q[2])) / power))
-
-
-@jit
 def shear_power(joints, j):
     """t.q of joint ``j`` for the slip twist of the last step."""
     now = joints.resultant[j]

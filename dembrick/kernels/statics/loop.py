@@ -1,6 +1,6 @@
-"""The compiled time loop of searches and constant-rate tests. Nothing is allocated in them; what a scene does not have
-is passed as None, and numba then leaves its code out: a family of joints, the record, the energy terms, and either the
-scaled or the physical inertia.
+"""The compiled time loop of relaxation and of constant-rate tests. Nothing is allocated in it; what a scene does not
+have is passed as None, and numba then leaves its code out: a family of joints, the record, the energy terms, and either
+the scaled or the physical inertia.
 
 It is watched by guards: a step too far or not a number, energy from nothing, a restless load.
 
@@ -34,7 +34,7 @@ from dembrick.kernels.statics.energy import (
     yielded_in_step,
 )
 from dembrick.kernels.statics.finite_rotation import finite_step
-from dembrick.kernels.statics.load_bounds import carried_load, instant_bounds, judge, strict_bounds
+from dembrick.kernels.statics.load_bounds import instant_bounds, judge, strict_bounds
 from dembrick.kernels.statics.record import write_row
 from dembrick.kernels.statics.small_displacement import small_step
 
@@ -134,15 +134,11 @@ def at_rest(relaxing, state, step):
 
 
 @jit
-def bounds_now(certificate, state, inertia, v, moved, dt):
-    """Bounds of the limit load from this instant, and V that is carried in equilibrium."""
+def bounds_now(certificate, state, v, moved, dt):
+    """Bounds of the limit load from this instant."""
     if certificate.strict:
-        lower, upper = strict_bounds(certificate, state, v)
-        if inertia is None:
-            return lower, upper, carried_load(certificate, state.joints, lower)
-        return lower, upper, v
-    lower, upper = instant_bounds(state, v, moved, dt)
-    return lower, upper, v
+        return strict_bounds(certificate, state, v)
+    return instant_bounds(state, v, moved, dt)
 
 
 @entry
@@ -179,12 +175,11 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certifi
             return CONVERGED, step
         done = False
         if drive is not None:
-            load = v
             if certificate is not None:
                 if step % certificate.every == 0:
-                    lower, upper, load = bounds_now(certificate, state, inertia, v, moved, dt)
+                    lower, upper = bounds_now(certificate, state, v, moved, dt)
                     done = judge(certificate, step // certificate.every, lower, upper, v, state.actuators.drive[1])
-            note_extremes(state.actuators.drive, load)
+            note_extremes(state.actuators.drive, v)
             if record is not None:
                 if step % record.every[0] == 0 or done:
                     if energy is not None and record.count[0] < record.row.shape[0]:
@@ -192,7 +187,7 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certifi
                         for i in range(record.energy.shape[1]):
                             record.energy[record.count[0], i] = now[i]
                     bounds = certificate.bracket[0], certificate.bracket[1]
-                    if not write_row(record, step, step * dt, state, load, viscous[1], bounds, done):
+                    if not write_row(record, step, step * dt, state, v, viscous[1], bounds, done):
                         return FULL, step
         if done:
             return CONVERGED, step + 1

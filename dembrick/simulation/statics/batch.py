@@ -139,7 +139,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     lower, upper = np.minimum(lone.bracket[:, 0], lone.bracket[:, 1]), lone.bracket.max(axis=1)
     unbounded = upper >= NEVER
     open_ = unbounded | (~strict & (upper - lower > OPEN * np.abs(lower)))
-    status = np.where(open_ & (found["status"] == CONVERGED), "not converged", _STATUS[found["status"]])
+    status = np.where(open_ & (found["status"] == CONVERGED), "not converged", _STATUS[found["status"].astype(int)])
     V = np.where(open_, np.nan, 0.5 * (lower + np.where(unbounded, 0.0, upper)))
     carried = np.where(open_, found["load"], V)
     forces = lone.dead + carried[:, None] * unit  # in equilibrium: the joint is the only one
@@ -156,5 +156,5 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
         M_T=forces[:, 5],
         twist=np.where(strict[:, None], lone.twist, joint_families.slip_twists(lone)),
         tilt=np.where(strict[:, None], 0.0, lone.joints.tilt),  # what is certified slides before it overturns
-        steps=found["iterations"].copy(),
+        steps=found["iterations"].astype(np.int64),
     )

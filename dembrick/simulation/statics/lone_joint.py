@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dembrick._jit import ready
+from dembrick.errors import HistoryError
 from dembrick.kernels.statics.energy import elastic_energy
 from dembrick.kernels.statics.load_bounds import Basis, Certificate, at_joint
 from dembrick.kernels.statics.lone_joint import CONVERGED, RUNNING, SEARCH, LoneJoints, new_room
@@ -136,6 +138,7 @@ class LoneSearch:
             self._taken[:] = 0.0, 0.0, elastic_energy(for_kernels(self.state), None)
             self._motion_at_rest[:] = self.lone.base[0]
             self._write(recorder)
+        session.last_told = time.monotonic()  # of so short a search nothing is told at once
         with interrupts.deferred():
             while self.found["status"] == RUNNING:
                 session.pause(self)
@@ -174,6 +177,11 @@ class LoneSearch:
         restored("basis", self.lone.basis, snapshot)
         for name, own in self._path().items():
             own[...] = snapshot.array(name, own)
+        found = self.found
+        counts = all(float(found[name]).is_integer() for name in ("equilibria", "iterations"))
+        begun = counts and 0.0 <= found["equilibria"] < MOST_EQUILIBRIA and 0.0 < found["step"] < np.inf
+        if not (begun and found["status"] == RUNNING):
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no equilibrium of this run")
         memory = SimpleNamespace(points=self.lone.point_memory, areas=self.lone.area_memory)
         given = joint_families.memory_arrays(self.state)
         for name, own in joint_families.memory_arrays(memory).items():

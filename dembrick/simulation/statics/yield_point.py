@@ -283,13 +283,6 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
     )
 
 
-def frictionless(state: State, certificate: Certificate) -> bool:
-    """Whether the one joint has no friction and the load asks for some: the limit load is zero."""
-    if len(state.joints.block_a) != 1 or joint_families.has_strengths(state):
-        return False
-    return float(joint_families.friction(state)[0]) == 0.0 and bool(np.any(certificate.unit))
-
-
 def _single_joint(state: State, load: np.ndarray) -> dict:
     joints, points, areas = state.joints, state.points, state.areas
     b = joints.block_b[0]
