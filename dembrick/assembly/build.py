@@ -185,8 +185,8 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     try:
         moving = control.in_deformed_geometry or control.regime is REAL_TIME
         loads = point_loads(scenario, number, bare, moving)
-        np.add.at(dead_force, loads.block, loads.force)
-        np.add.at(dead_torque, loads.block, np.cross(loads.arm, loads.force))
+        np.add.at(dead_force, loads.at.block, loads.force)
+        np.add.at(dead_torque, loads.at.block, np.cross(loads.at.arm, loads.force))
         if control.regime.quasi_static and control.drives == EVERY_BLOCK:
             actuators = actuators_on_all_blocks(scenario, loads, bare)
         else:

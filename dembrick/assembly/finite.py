@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 OF_BLOCKS = ("position", "rotation", "mass", "inertia", "velocity", "angular_velocity", "dead_force", "dead_torque")
 OF_JOINTS = ("origin", "axes", "area", "arm_a", "arm_b")
-OF_ACTUATORS = ("arm", "direction", "weight")
 
 
 def check_finite(assembly: Assembly) -> None:
@@ -29,8 +28,9 @@ def check_finite(assembly: Assembly) -> None:
     for law in {id(law): law for law in joints.law}.values():
         numbers = [law.friction, law.normal_stiffness, law.shear_stiffness, law.cohesion, law.tensile_strength]
         _check("law", np.array(numbers, float), partial(_of_law, law.formulation))
-    for name in OF_ACTUATORS:
-        _check(name, getattr(assembly.actuators, name), lambda i: f"actuator {assembly.actuators.names[i]!r}")
+    actuators = assembly.actuators
+    for name, values in (("arm", actuators.at.arm), ("direction", actuators.direction), ("weight", actuators.weight)):
+        _check(name, values, lambda i: f"actuator {actuators.names[i]!r}")
 
 
 def _check(what: str, values: np.ndarray, whose: Callable[[int], str]) -> None:

@@ -133,7 +133,7 @@ def _rows_of_loads(assembly: Assembly, scenario: Scenario) -> list[tuple[Any, in
     """Load and block of each row of the work of loads: forces, then pressed polygons."""
     loads, pressed = assembly.point_loads, assembly.pressed
     last = at_stage(scenario, len(scenario.stages) + 1)
-    given = [(i, int(b)) for i, b in zip(loads.given.tolist(), loads.block.tolist(), strict=True) if i >= 0]
+    given = [(i, int(b)) for i, b in zip(loads.given.tolist(), loads.at.block.tolist(), strict=True) if i >= 0]
     rows: list[tuple[Any, int]] = [(((*last.loads, *last.fills)[i], b), b) for i, b in given]
     return rows + [((last.pressures, q), int(b)) for q, b in enumerate(pressed.block.tolist())]
 

@@ -61,9 +61,7 @@ def _after_reversed_load(scenario: Scenario, search: Search) -> float:
     actuators = assembly.actuators
     back = replace(assembly, actuators=replace(actuators, direction=-actuators.direction))
     V = search(scenario, 1.0, back)
-    force = actuators.direction * actuators.weight[:, None]
-    wrench = np.zeros((len(assembly.names), 6))
-    np.add.at(wrench, actuators.block, np.concatenate([force, np.cross(actuators.arm, force)], axis=1))
+    wrench = actuators.at.on_blocks(actuators.force, len(assembly.names))
     return search(scenario, 1.0, start=_let_go(assembly, -REVERSED * V * wrench))
 
 

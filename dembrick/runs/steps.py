@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dembrick.assembly.actuators import Attached
 from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.loop import REACHED, Limits
@@ -80,13 +81,12 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
     assembly, control = assemble(scenario), scenario.control
     moving = run.prepare(assembly, control, scenario.solver.step_factor)
     driving = loads_of.driving_of(scenario, moving)
-    own = len(driving.block)
+    own = len(driving.at)
     if loads is not None:
         free = np.flatnonzero(~np.asarray(assembly.fixed))
         driving = replace(
             driving,
-            block=np.concatenate([driving.block, free]),
-            lever=np.concatenate([driving.lever, np.zeros((len(free), 3))]),
+            at=driving.at.and_then(Attached.to(assembly, free, np.zeros((len(free), 3)))),
             force=np.concatenate([driving.force, np.zeros((len(free), 3))]),
             factor=(*driving.factor, *[None] * len(free)),
         )

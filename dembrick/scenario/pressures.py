@@ -23,8 +23,6 @@ from dembrick.scenario.checks import (
 )
 from dembrick.scenario.stages import stage_numbers
 
-PRESSURE = "pressure on "  # begins the name of a driven pressure among the actuators
-
 
 @dataclass(frozen=True, slots=True)
 class Pressure:

@@ -218,7 +218,7 @@ def heading(scenario: Scenario) -> dict:
 def tied(assembly: Assembly, **values: np.ndarray) -> list[dict]:
     """The blocks of every tie and its ``values`` by name: tension (N), the elongation (m) that it keeps."""
     ties, names = assembly.ties, assembly.names
-    numbers = zip(ties.block_a, ties.block_b, *(own.tolist() for own in values.values()), strict=True)
+    numbers = zip(*ties.ends.block.T, *(own.tolist() for own in values.values()), strict=True)
     return [{"between": [names[a], names[b]]} | dict(zip(values, own, strict=True)) for a, b, *own in numbers]
 
 

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dembrick.assembly.actuators import BODY_FORCE
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.scenario.pressures import PRESSURE
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-BODY_FORCE = "load on "  # begins the name of the load of a block that is tilted or pushed as a whole
 _BEFORE = 0.05  # of a structure's extent: so far before it ends the arrow of the forces on all its blocks
 _ON_FACE = 1e-6  # of a block's size: a point so near to a face lies on it
 _ALONG = 0.05  # of a direction: what is less across a face goes along it
@@ -40,7 +39,7 @@ class Load(NamedTuple):
 def driven_loads(history: History) -> list[Load]:
     """The actuators and driven pressures, in the order of the history; forces on all blocks as one, their resultant."""
     actuators = history.actuators
-    if actuators and all(actuator["name"].startswith(BODY_FORCE) for actuator in actuators):
+    if all_of(history, BODY_FORCE):
         return _resultant(history)
     return [
         _load(
@@ -84,14 +83,9 @@ def dead_loads(history: History) -> list[Load]:
     return found
 
 
-def is_body_force(name: str) -> bool:
-    """Whether an actuator of that name is the load of a block of a structure that is tilted or pushed as a whole."""
-    return name.startswith(BODY_FORCE)
-
-
-def is_pressure(name: str) -> bool:
-    """Whether an actuator of that name is a driven pressure."""
-    return name.startswith(PRESSURE)
+def all_of(history: History, kind: str) -> bool:
+    """Whether there are actuators and all of them are of a ``kind``, of `assembly.actuators.KINDS`."""
+    return {actuator["kind"] for actuator in history.actuators} == {kind}
 
 
 def _load(history: History, block: int, arm: np.ndarray, force: np.ndarray) -> Load:

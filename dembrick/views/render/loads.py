@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.actuators import BODY_FORCE, PRESSURE
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views import summary
@@ -77,7 +78,7 @@ class DrawnLoads:
     def __init__(self, history: History, factor: float, length: float, extent: float):
         self._history, dead = history, loads.dead_loads(history)
         driven = loads.driven_loads(history)
-        self.of_bodies = bool(history.actuators) and all(loads.is_body_force(own["name"]) for own in history.actuators)
+        self.of_bodies = loads.all_of(history, BODY_FORCE)
         longest = _OF_BODIES * extent if self.of_bodies else _LONGEST * length
         self.driven = LoadArrows(history, driven, factor, longest, balls=not self.of_bodies)
         self.dead = LoadArrows(history, dead, factor, _LONGEST * length)
@@ -105,8 +106,7 @@ class DrawnLoads:
         return found
 
     def _what_drives(self) -> str:
-        history = self._history
-        if all(loads.is_pressure(actuator["name"]) for actuator in history.actuators):
+        if loads.all_of(self._history, PRESSURE):
             return "driven pressure"
         return "resultant of the body forces" if self.of_bodies else "actuators"
 
