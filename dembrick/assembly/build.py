@@ -201,7 +201,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     exact = exact and not len(bare.guided)  # a guide may bear what a joint would
     warnings = scenario.remarks + check_control(scenario) + check_strengths(scenario, joints)
     warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
-    tolerance = getattr(control, "tolerance", DISCRETISATION)
+    tolerance = control.tolerance or DISCRETISATION
     if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
         tolerance = max(tolerance, DISCRETISATION)
     contact_points = place_points(joints, tolerance) if points else _NO_POINTS

@@ -178,7 +178,7 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
 
 def check_control(scenario: Scenario) -> tuple[str, ...]:
     """Warn about what does nothing under the control, and of supports that begin with a jump of their velocity."""
-    control, rate = scenario.control, getattr(scenario.control, "rate", None)
+    control, rate = scenario.control, scenario.control.rate
     if control.regime is DEAD_LOAD:
         driven = ["[[actuators]]"] if scenario.actuators else []
         driven += ["[[pressures]] with actuator = true"] if any(p.actuator for p in scenario.pressures) else []

@@ -31,7 +31,7 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
     limit.
     """
     point = run.yield_point
-    V, rate = present(point.V), getattr(control, "rate", None)
+    V, rate = present(point.V), control.rate
     angle = control.angle(V)
     return {
         "angle": angle,

@@ -26,7 +26,10 @@ from dembrick.runs.outcomes.result import Result
 from dembrick.runs.outcomes.statics_result import StaticsResult
 from dembrick.runs.path_dependence import beside_limit, has_paths, other_paths, within
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import (
+from dembrick.scenario.controls import Control, DisplacementControl, YieldControl
+from dembrick.scenario.model import Scenario
+from dembrick.scenario.protocols import protocol_of
+from dembrick.scenario.regimes import (
     COLLAPSE,
     CONSTANT_RATE,
     DEAD_LOAD,
@@ -37,12 +40,7 @@ from dembrick.scenario.controls import (
     PATH_FOLLOWING,
     REAL_TIME,
     SETTLEMENT,
-    Control,
-    DisplacementControl,
-    YieldControl,
 )
-from dembrick.scenario.model import Scenario
-from dembrick.scenario.protocols import protocol_of
 from dembrick.simulation.expected_cost import LONG, WITHIN, longest_search, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session

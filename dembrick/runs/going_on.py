@@ -23,7 +23,7 @@ from dembrick.runs.reading import WENT_ON
 from dembrick.runs.stages import Stages, check_change
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import CONSTANT_RATE, DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT
+from dembrick.scenario.regimes import CONSTANT_RATE, DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT
 from dembrick.scenario.stages import TiesBefore, at_stage
 from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.session import GoesOn, Kept, Session

@@ -15,7 +15,6 @@ from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.runs.reading import load
 from dembrick.scenario.checks import real, require, show
 from dembrick.scenario.model import Scenario
-from dembrick.scenario.regimes import COLLAPSE
 from dembrick.simulation.dynamics import loads as loads_of
 from dembrick.simulation.dynamics import run
 from dembrick.simulation.dynamics.checkpoint import Past
@@ -94,7 +93,7 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
     run.ask_for(moving, scenario.output, driving)
     run.start(moving, control, driving, Past(moving, None), Session())
     total = run.most_steps(moving, control, None, driving)
-    goal = getattr(control, "displacement", NO_LIMIT) if control.ends_with == COLLAPSE else NO_LIMIT
+    goal = NO_LIMIT if control.furthest is None else control.furthest
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
     stride, status = max(1, round(every / moving.time_step)), None
     while True:

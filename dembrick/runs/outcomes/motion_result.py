@@ -74,7 +74,7 @@ class MotionResult(RunResult):
     @cached_property
     def left_out(self) -> list[LeftOut]:
         """Remarks on impacts that the joint laws soften; empty if nothing rocked on such joints."""
-        if getattr(self.scenario.control, "restitution", None) is None:
+        if self.scenario.control.restitution is None:
             return []
         return left_out.rolled_over(self.assembly, self.run.turned)
 

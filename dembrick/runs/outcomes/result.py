@@ -356,7 +356,7 @@ class Result(SearchResult):
             if found is None or control.ends_with != YIELD or self.scenario.joint.points is not None:
                 return None
             gap = found
-        return gap if abs(gap) > getattr(control, "tolerance", math.inf) else None
+        return gap if abs(gap) > (control.tolerance or math.inf) else None
 
     def agrees(self) -> bool:
         """Whether theory lies in the bracket and, for a limit load, V is within the tolerance of it."""
@@ -369,7 +369,7 @@ class Result(SearchResult):
         inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)
         if self.scenario.control.ends_with != YIELD:
             return inside or point.bracket != "certified"
-        asked = getattr(self.scenario.control, "tolerance", 0.0)
+        asked = self.scenario.control.tolerance or 0.0
         close = self.theory.error is not None and abs(self.theory.error) <= asked
         return close and (inside or point.bracket != "certified")
 

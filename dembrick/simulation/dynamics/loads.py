@@ -194,7 +194,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     """
     assembly, time_step = moving.assembly, moving.time_step
     control = scenario.control
-    duration, place = getattr(control, "duration", 0.0), f"{scenario.path}: " if scenario.path else ""
+    duration, place = control.duration, f"{scenario.path}: " if scenario.path else ""
     loads, given = assembly.point_loads, assembly.point_loads.given >= 0
     factors: dict[int, Curve | None] = dict.fromkeys(range(len(scenario.loads) + len(scenario.fills)))
     for index, load in enumerate(scenario.loads):

@@ -132,8 +132,8 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
     if len(assembly.actuators.at) and not may:
         remedy = "remove them, and actuator = true of [[pressures]]"
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
-    if control.in_deformed_geometry or hasattr(control, "damping"):
-        return motion(assembly, getattr(control, "damping", CONTACT_DAMPING), step_factor)
+    if control.restitution is None:
+        return motion(assembly, CONTACT_DAMPING if control.damping is None else control.damping, step_factor)
     damping = damping_of_restitution(control.restitution)
     return motion(assembly, damping, step_factor, IMPACTS, duration=control.duration)
 
