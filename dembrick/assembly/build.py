@@ -21,7 +21,6 @@ from dembrick.assembly.actuators import (
 from dembrick.assembly.block_shapes import shapes_of
 from dembrick.assembly.broad_phase import bodies_of, close_pairs
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, place_points
-from dembrick.assembly.finite import check_finite
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
 from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
@@ -29,6 +28,7 @@ from dembrick.assembly.surface_pressures import NO_POLYGONS, PressedPolygons, pr
 from dembrick.assembly.ties import NO_TIES, TieTable, given_ties
 from dembrick.assembly.validation import (
     check_control,
+    check_finite,
     check_overlap,
     check_overrides,
     check_pieces,

@@ -221,11 +221,11 @@ def _other_path(follow: Callable[..., Replay]) -> Callable[..., float]:
 
 def _set_up(scenario: Scenario, assembly: Assembly, session: Session | None = None) -> tuple[Motion, Driving]:
     """Blocks that can move, where ``session`` lets them start, and what drives them: reads the scenario's files."""
-    from dembrick.simulation.dynamics import handover, loads, run
+    from dembrick.simulation.dynamics import checkpoint, loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     if session is not None and session.start is not None:
-        handover.start_on(moving, session.start, session.ties_before)
+        checkpoint.start_on(moving, session.start, session.ties_before)
     return moving, loads.driving_of(scenario, moving)
 
 

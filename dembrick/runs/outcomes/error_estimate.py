@@ -9,7 +9,7 @@ A search through equilibria knows no rate, and its forces no scale of stiffness,
 decides how joints are loaded on the way, and so to which limit friction without dilatancy is led. Nobody knows that
 ratio for a dry joint: the search is made for several, for both stiffnesses doubled and by steps half as long, and the
 least and greatest limit are the range that the structure's own path leaves open. Histories that lock forces in are
-tried beside them (`locked_in`).
+tried beside them (`path_dependence.histories`).
 
 Equilibria in the deformed geometry know no rate either: their error is that of the stiffness and of the steps of the
 path, which are halved; supports also move by half the acceleration on them.
