@@ -1,4 +1,4 @@
-"""What a run in real time begins on: a checkpoint of its own, or the state that a stage before it left.
+"""State that a run in real time begins on: a checkpoint of its own, or what a stage before it left.
 
 Positions, the memory of joints, and ties, which stay, come and go.
 """
