@@ -18,7 +18,8 @@ from pathlib import Path
 import dembrick
 from dembrick import history
 from dembrick.scenario import shipped
-from dembrick.views import plot, render, summary
+from dembrick.views import plot, render
+from dembrick.views.key_numbers import KeyNumber, key_numbers
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "gallery"
 SIZE = (640, 480)
@@ -68,7 +69,7 @@ def scenario_entry(name: str, path: Path, folder: Path) -> dict:
         render.picture(found, FOLDER / f"{name}.png", size=SIZE, **look)
         kind, blocks, unit = dembrick.load(path).control.kind, found.n_block, found.curve.unit
     (folder / "run.h5").unlink()
-    lines = summary.key_numbers(results, unit)
+    lines = key_numbers(results, unit)
     first = next(line for line in lines if _is_answer(line))
     return {
         "title": results["title"],
@@ -79,7 +80,7 @@ def scenario_entry(name: str, path: Path, folder: Path) -> dict:
     }
 
 
-def _is_answer(line: summary.KeyNumber) -> bool:
+def _is_answer(line: KeyNumber) -> bool:
     """Whether a line of the summary is what a reader of the gallery asks first."""
     return line.name != "drift" and any(letter.isdecimal() for letter in line.value)
 

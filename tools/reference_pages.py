@@ -70,7 +70,7 @@ def scenario_page() -> str:
         rows = []
         for field in keys.written_fields(kind):
             key, default = keys.keys_of(kind)[field.name], keys.default_of(field)
-            rows.append([f"`{key.name}`", key.unit, default_text(default), key.allowed, key.meaning])
+            rows.append([f"`{field.name}`", key.unit, default_text(default), key.allowed, key.meaning])
         parts.append(table(["key", "unit", "default", "allowed", "meaning"], rows))
     return "\n".join(parts)
 

@@ -1,4 +1,4 @@
-"""Points attached to blocks: those of the actuators that push them, and the control points that are watched."""
+"""Points attached to blocks, and what is there: actuators that push them, control points that are watched."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from dembrick.assembly.surface_pressures import face_forces
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import parts_of
 from dembrick.scenario.checks import show
-from dembrick.scenario.pressures import PRESSURE
 from dembrick.scenario.regimes import OF_ACTUATORS, OF_PRESSURES, Curve
 
 if TYPE_CHECKING:
@@ -23,42 +22,92 @@ if TYPE_CHECKING:
 ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the face
 
 
+# kinds of actuators
+ACTUATOR = "actuator"
+PRESSURE = "pressure"  # the resultant of a driven pressure at the start
+BODY_FORCE = "body force"  # the load of a block of a structure that is tilted or pushed as a whole
+KINDS = (ACTUATOR, PRESSURE, BODY_FORCE)
+
+
+@dataclass(frozen=True, eq=False)
+class Attached:
+    """Material points of blocks: ``block`` (k,) which each belongs to; ``arm`` (k, 3) m from the centroid to the point
+    at the start, world axes; ``lever`` (k, 3) m the same in the block's axes. Ends of ties are k by 2 points."""
+
+    block: np.ndarray
+    arm: np.ndarray
+    lever: np.ndarray
+
+    @classmethod
+    def to(cls, bare: Assembly, block, arm) -> Attached:
+        """Points of the blocks numbered ``block`` (k,) at ``arm`` (k, 3) of an assembly."""
+        block = np.array(block, np.int64)
+        arm = np.array(arm, float).reshape(*block.shape, 3)
+        return cls(block, arm, np.einsum("...ji,...j->...i", bare.rotation[block], arm))
+
+    def __len__(self) -> int:
+        return len(self.block)
+
+    def __getitem__(self, which) -> Attached:
+        return Attached(self.block[which], self.arm[which], self.lever[which])
+
+    def and_then(self, more: Attached) -> Attached:
+        """These points and ``more``."""
+        parts = zip(vars(self).values(), vars(more).values(), strict=True)
+        return Attached(*(np.concatenate(part) for part in parts))
+
+    def start(self, position: np.ndarray) -> np.ndarray:
+        """The points (k, 3) m at the start, world; ``position`` (n, 3) of the centroids then."""
+        return position[self.block] + self.arm
+
+    def arms(self, rotation: np.ndarray) -> np.ndarray:
+        """From the centroids to the points (k, 3) m, world, where blocks stand as ``rotation`` (n, 3, 3)."""
+        return np.einsum("...ij,...j->...i", rotation[self.block], self.lever)
+
+    def wrenches(self, force: np.ndarray) -> np.ndarray:
+        """Forces (k, 3) N at the points at the start and their moments about the centroids (k, 6): N and N m."""
+        return np.concatenate([force, np.cross(self.arm, force)], axis=1)
+
+    def on_blocks(self, force: np.ndarray, count: int) -> np.ndarray:
+        """Sums of the wrenches (n, 6) on each of so many blocks."""
+        found = np.zeros((count, 6))
+        np.add.at(found, self.block, self.wrenches(force))
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class ActuatorTable:
-    """Actuators: ``names``; ``block`` (k,); ``point`` (k, 3) at the start, world; ``arm`` (k, 3) the same from the
-    block's centroid; ``direction`` (k, 3) unit, world; ``weight`` (k,); ``pressed`` (k,): the resultant of a driven
-    pressure at the start, and no jack."""
+    """Actuators: ``names``; points of blocks, ``at``, that they push; ``direction`` (k, 3) unit, world; ``weight``
+    (k,); ``kind`` (k,), of `KINDS`."""
 
     names: tuple[str, ...]
-    block: np.ndarray
-    point: np.ndarray
-    arm: np.ndarray
+    at: Attached
     direction: np.ndarray
     weight: np.ndarray
-    pressed: np.ndarray
+    kind: tuple[str, ...]
+
+    @property
+    def force(self) -> np.ndarray:
+        """Forces (k, 3) for V = 1, world."""
+        return self.direction * self.weight[:, None]
 
 
 @dataclass(frozen=True, eq=False)
 class ControlPoints:
-    """Material points whose displacement is recorded: ``names``; ``block`` (w,); ``point`` (w, 3) at the start, world;
-    ``arm`` (w, 3) the same from the block's centroid; ``lever`` (w, 3) that in the block's axes."""
+    """Material points whose displacement is recorded: ``names``, and where they are, ``at``."""
 
     names: tuple[str, ...]
-    block: np.ndarray
-    point: np.ndarray
-    arm: np.ndarray
-    lever: np.ndarray
+    at: Attached
 
     def displacement(self, moved: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Of the points (w, 3) where the centroids have ``moved`` (n, 3) and blocks stand as ``rotation`` (n, 3, 3)."""
-        return moved[self.block] + np.einsum("wij,wj->wi", rotation[self.block], self.lever) - self.arm
+        return moved[self.at.block] + self.at.arms(rotation) - self.at.arm
 
 
 NO_VECTORS = np.zeros((0, 3))
-NO_ACTUATORS = ActuatorTable(
-    (), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS, np.zeros(0), np.zeros(0, bool)
-)
-NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS)
+NOWHERE = Attached(np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS)
+NO_ACTUATORS = ActuatorTable((), NOWHERE, NO_VECTORS, np.zeros(0), ())
+NO_CONTROL_POINTS = ControlPoints((), NOWHERE)
 
 
 def check_inside(what: str, point, bare: Assembly, block: int) -> np.ndarray:
@@ -96,25 +145,23 @@ def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) 
         if bare.fixed[block]:
             raise ScenarioError(f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
         arm = check_inside(what, actuator.point, bare, block)
-        rows.append((actuator.name, block, actuator.point, arm, actuator.direction, actuator.weight, False))
+        rows.append((actuator.name, block, arm, actuator.direction, actuator.weight, ACTUATOR))
     for pressure in scenario.pressures:
         if pressure.actuator:  # it pushes at its centre, by its force for V = 1
             for face in face_forces(pressure, scenario.groups.get(pressure.block) or (number[pressure.block],), bare):
-                weight, point = np.sqrt((face.force**2).sum()), bare.position[face.block] + face.arm
-                name = f"{PRESSURE}{bare.names[face.block]}"
-                rows.append((name, face.block, point, face.arm, face.force / weight, weight, True))
+                weight, name = np.sqrt((face.force**2).sum()), f"pressure on {bare.names[face.block]}"
+                rows.append((name, face.block, face.arm, face.force / weight, weight, PRESSURE))
     if not rows:
         return NO_ACTUATORS
-    names, blocks, *columns, pressed = zip(*rows, strict=True)
-    point, arm, direction, weight = (np.array(column, float) for column in columns)
-    return ActuatorTable(names, np.array(blocks, np.int64), point, arm, direction, weight, np.array(pressed, bool))
+    names, blocks, arms, direction, weight, kind = zip(*rows, strict=True)
+    at = Attached.to(bare, blocks, arms)
+    return ActuatorTable(names, at, np.array(direction, float), np.array(weight, float), kind)
 
 
 def recorded_curve(control: Control, actuators: ActuatorTable) -> Curve:
     """Curve that a run under ``control`` records; its load is a factor without a unit if nothing but pressures is
     driven."""
-    pressed = bool(actuators.names) and bool(actuators.pressed.all())
-    return OF_PRESSURES if pressed and control.curve is OF_ACTUATORS else control.curve
+    return OF_PRESSURES if set(actuators.kind) == {PRESSURE} and control.curve is OF_ACTUATORS else control.curve
 
 
 def actuators_on_all_blocks(scenario: Scenario, loads, bare: Assembly) -> ActuatorTable:
@@ -123,12 +170,10 @@ def actuators_on_all_blocks(scenario: Scenario, loads, bare: Assembly) -> Actuat
     weight = np.sqrt((force**2).sum(axis=1))
     return ActuatorTable(
         names=tuple(f"load on {bare.names[i]}" for i in block),
-        block=block,
-        point=point,
-        arm=point - bare.position[block],
+        at=Attached.to(bare, block, point - bare.position[block]),
         direction=force / weight[:, None],
         weight=weight,
-        pressed=np.zeros(len(block), bool),
+        kind=(BODY_FORCE,) * len(block),
     )
 
 
@@ -136,10 +181,8 @@ def effective_mass(assembly: Assembly) -> float:
     """The mass (kg) that actuators of one multiplier V have to speed up: V over the acceleration of the driven
     displacement, if nothing but the inertia of the blocks resists."""
     actuators = assembly.actuators
-    force = actuators.direction * actuators.weight[:, None]
-    push, turn = np.zeros((len(assembly.names), 3)), np.zeros((len(assembly.names), 3))
-    np.add.at(push, actuators.block, force)
-    np.add.at(turn, actuators.block, np.cross(actuators.arm, force))
+    wrench = actuators.at.on_blocks(actuators.force, len(assembly.names))
+    push, turn = wrench[:, :3], wrench[:, 3:]
     free = ~assembly.fixed
     mass, inertia = np.asarray(assembly.mass)[free], np.asarray(assembly.inertia)[free]
     rotation = np.asarray(assembly.rotation)[free]
@@ -159,10 +202,4 @@ def control_points(scenario: Scenario, number: dict[str, int], bare: Assembly) -
     for k, entry in enumerate(given):
         if entry.point is not None:
             arm[k] = check_inside(f"control point {show(entry.name)}", entry.point, bare, block[k])
-    return ControlPoints(
-        names=tuple(entry.name for entry in given),
-        block=block,
-        point=bare.position[block] + arm,
-        arm=arm,
-        lever=np.einsum("wji,wj->wi", bare.rotation[block], arm),
-    )
+    return ControlPoints(tuple(entry.name for entry in given), Attached.to(bare, block, arm))

@@ -21,7 +21,6 @@ from dembrick.assembly.actuators import (
 from dembrick.assembly.block_shapes import shapes_of
 from dembrick.assembly.broad_phase import bodies_of, close_pairs
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, place_points
-from dembrick.assembly.finite import check_finite
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
 from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
@@ -29,6 +28,7 @@ from dembrick.assembly.surface_pressures import NO_POLYGONS, PressedPolygons, pr
 from dembrick.assembly.ties import NO_TIES, TieTable, given_ties
 from dembrick.assembly.validation import (
     check_control,
+    check_finite,
     check_overlap,
     check_overrides,
     check_pieces,
@@ -185,8 +185,8 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     try:
         moving = control.in_deformed_geometry or control.regime is REAL_TIME
         loads = point_loads(scenario, number, bare, moving)
-        np.add.at(dead_force, loads.block, loads.force)
-        np.add.at(dead_torque, loads.block, np.cross(loads.arm, loads.force))
+        np.add.at(dead_force, loads.at.block, loads.force)
+        np.add.at(dead_torque, loads.at.block, np.cross(loads.at.arm, loads.force))
         if control.regime.quasi_static and control.drives == EVERY_BLOCK:
             actuators = actuators_on_all_blocks(scenario, loads, bare)
         else:
@@ -201,7 +201,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     exact = exact and not len(bare.guided)  # a guide may bear what a joint would
     warnings = scenario.remarks + check_control(scenario) + check_strengths(scenario, joints)
     warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
-    tolerance = getattr(control, "tolerance", DISCRETISATION)
+    tolerance = control.tolerance or DISCRETISATION
     if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
         tolerance = max(tolerance, DISCRETISATION)
     contact_points = place_points(joints, tolerance) if points else _NO_POINTS

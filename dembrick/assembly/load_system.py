@@ -51,7 +51,7 @@ def load_system(scenario: Scenario, loads, position, mass, fixed) -> tuple[np.nd
         force = list(pushed(control.push_direction, gravity, mass[free]))
     else:
         force = list(tilted(control.tilt_axis, mass[free, None] * gravity, "gravity"))
-        columns = loads.block, loads.arm, loads.force, loads.what, loads.given
+        columns = loads.at.block, loads.at.arm, loads.force, loads.what, loads.given
         for member, arm, load, what, given in zip(*columns, strict=True):
             if not fixed[member] and given >= 0:
                 block.append(member)

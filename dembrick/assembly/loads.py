@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.assembly.actuators import check_inside
+from dembrick.assembly.actuators import NO_VECTORS, NOWHERE, Attached, check_inside
 from dembrick.assembly.surface_pressures import FACING, FaceForce, face_forces, faces_that_look, resultant
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
@@ -33,19 +33,17 @@ class PointLoads:
     """Forces at points of blocks. Those of ``scenario.loads`` and of fills ride with them and keep their
     direction in the world.
 
-    ``block`` (k,); ``arm`` (k, 3): m, from the centroid, world axes at the start; ``force`` (k, 3): N, world; ``given``
-    (k,): number in ``scenario.loads + scenario.fills`` of what it comes from, -1 for a pressure; ``what`` (k,) names it
-    in messages.
+    ``at``: the k points; ``force`` (k, 3): N, world; ``given`` (k,): number in ``scenario.loads + scenario.fills`` of
+    what it comes from, -1 for a pressure; ``what`` (k,) names it in messages.
     """
 
-    block: np.ndarray
-    arm: np.ndarray
+    at: Attached
     force: np.ndarray
     given: np.ndarray
     what: tuple[str, ...]
 
 
-NO_LOADS = PointLoads(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64), ())
+NO_LOADS = PointLoads(NOWHERE, NO_VECTORS, np.zeros(0, np.int64), ())
 
 
 def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly, moving: bool = False) -> PointLoads:
@@ -78,8 +76,7 @@ def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly, movi
                 for face in face_forces(pressure, members, bare, moving)
             ]
     return PointLoads(
-        block=np.array([row[0] for row in rows], np.int64),
-        arm=np.array([row[1] for row in rows]).reshape(-1, 3),
+        at=Attached.to(bare, [row[0] for row in rows], [row[1] for row in rows]),
         force=np.array([row[2] for row in rows]).reshape(-1, 3),
         given=np.array([row[3] for row in rows], np.int64),
         what=tuple(row[4] for row in rows),

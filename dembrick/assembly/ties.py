@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.assembly.actuators import NO_VECTORS, check_inside
+from dembrick.assembly.actuators import NO_VECTORS, Attached, check_inside
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
 
@@ -18,14 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class TieTable:
-    """Ties: ``block_a``, ``block_b`` (t,); ``arm_a``, ``arm_b`` (t, 3) m from the centroids to the ends at the start,
-    world; ``direction`` (t, 3) unit, from a to b; ``length`` (t,) m; ``stiffness`` (t,) N/m, ``strength`` (t,) N,
-    infinite if it never yields; ``prestress`` (t,) N; ``tension_only`` (t,)."""
+    """Ties: their ``ends`` (t, 2) on a block a and a block b; ``direction`` (t, 3) unit, from a to b; ``length`` (t,)
+    m; ``stiffness`` (t,) N/m, ``strength`` (t,) N, infinite if it never yields; ``prestress`` (t,) N; ``tension_only``
+    (t,)."""
 
-    block_a: np.ndarray
-    block_b: np.ndarray
-    arm_a: np.ndarray
-    arm_b: np.ndarray
+    ends: Attached
     direction: np.ndarray
     length: np.ndarray
     stiffness: np.ndarray
@@ -34,13 +31,12 @@ class TieTable:
     tension_only: np.ndarray
 
     def __len__(self) -> int:
-        return len(self.block_a)
+        return len(self.ends)
 
 
-_NO_BLOCKS, _NONE = np.zeros(0, np.int64), np.zeros(0)
-NO_TIES = TieTable(
-    _NO_BLOCKS, _NO_BLOCKS, NO_VECTORS, NO_VECTORS, NO_VECTORS, _NONE, _NONE, _NONE, _NONE, np.zeros(0, bool)
-)
+_NONE = np.zeros(0)
+_NO_ENDS = Attached(np.zeros((0, 2), np.int64), np.zeros((0, 2, 3)), np.zeros((0, 2, 3)))
+NO_TIES = TieTable(_NO_ENDS, NO_VECTORS, _NONE, _NONE, _NONE, _NONE, np.zeros(0, bool))
 
 
 def given_ties(scenario: Scenario, number: dict[str, int], bare: Assembly) -> TieTable:
@@ -59,15 +55,12 @@ def given_ties(scenario: Scenario, number: dict[str, int], bare: Assembly) -> Ti
         arms.append(
             [check_inside(f"tie number {k}", end.point, bare, i) for end, i in zip(tie.between, own, strict=True)]
         )
-    block, arm, point = np.array(blocks, np.int64), np.array(arms), np.array(points, float)
+    point = np.array(points, float)
     line = point[:, 1] - point[:, 0]
     length = np.sqrt((line * line).sum(axis=1))
     strength = [np.inf if tie.strength is None else tie.strength for tie in scenario.ties]
     return TieTable(
-        block_a=block[:, 0].copy(),
-        block_b=block[:, 1].copy(),
-        arm_a=arm[:, 0].copy(),
-        arm_b=arm[:, 1].copy(),
+        ends=Attached.to(bare, blocks, arms),
         direction=line / length[:, None],
         length=length,
         stiffness=np.array([tie.stiffness for tie in scenario.ties], float),

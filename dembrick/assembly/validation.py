@@ -6,7 +6,9 @@ Each raises ScenarioError, or returns warnings; a message names the blocks and s
 from __future__ import annotations
 
 import math
-from typing import NoReturn
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -14,13 +16,17 @@ from dembrick.assembly.broad_phase import Bodies, overlap_depths, way_out
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, widest_rim
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
-from dembrick.errors import OverlapError, ScenarioError
+from dembrick.errors import DivergedError, OverlapError, ScenarioError
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import DEAD_LOAD, LIMIT_LOAD, PATH_FOLLOWING, BaseMotionControl
 from dembrick.scenario.model import Scenario
-from dembrick.scenario.unit_slips import unit_slips
+from dembrick.scenario.units import unit_slips
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
@@ -178,7 +184,7 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
 
 def check_control(scenario: Scenario) -> tuple[str, ...]:
     """Warn about what does nothing under the control, and of supports that begin with a jump of their velocity."""
-    control, rate = scenario.control, getattr(scenario.control, "rate", None)
+    control, rate = scenario.control, scenario.control.rate
     if control.regime is DEAD_LOAD:
         driven = ["[[actuators]]"] if scenario.actuators else []
         driven += ["[[pressures]] with actuator = true"] if any(p.actuator for p in scenario.pressures) else []
@@ -260,3 +266,34 @@ def check_stiffness(scenario: Scenario, shapes: tuple[Shape, ...], joints, joint
     more = f" ({count - 1} more joints are above it too)" if count > 1 else ""
     effect = f"above {SOFT_WARNING:g} the deformed geometry shows in the result"
     return (f"{numbers}; {effect}{more}: raise {' and '.join(keys)}",)
+
+
+OF_BLOCKS = ("position", "rotation", "mass", "inertia", "velocity", "angular_velocity", "dead_force", "dead_torque")
+OF_JOINTS = ("origin", "axes", "area", "arm_a", "arm_b")
+
+
+def check_finite(assembly: Assembly) -> None:
+    """DivergedError that names the block, joint or actuator of which a number is not finite. No comparison with a NaN
+    holds, so that an engine that went on with one might call it balanced."""
+    for name in OF_BLOCKS:
+        _check(name, getattr(assembly, name), lambda i: f"block {assembly.names[i]!r}")
+    joints = assembly.joints
+    for name in OF_JOINTS:
+        _check(name, getattr(joints, name), lambda i: f"joint {i + 1}")
+    for law in {id(law): law for law in joints.law}.values():
+        numbers = [law.friction, law.normal_stiffness, law.shear_stiffness, law.cohesion, law.tensile_strength]
+        _check("law", np.array(numbers, float), partial(_of_law, law.formulation))
+    actuators = assembly.actuators
+    for name, values in (("arm", actuators.at.arm), ("direction", actuators.direction), ("weight", actuators.weight)):
+        _check(name, values, lambda i: f"actuator {actuators.names[i]!r}")
+
+
+def _check(what: str, values: np.ndarray, whose: Callable[[int], str]) -> None:
+    bad = ~np.isfinite(values)
+    if bad.any():
+        i = int(np.argwhere(bad)[0][0])
+        raise DivergedError(f"{what} of {whose(i)} is no finite number, so that nothing can be computed with it")
+
+
+def _of_law(formulation: str, _: int) -> str:
+    return f"a {formulation} joint"

@@ -19,7 +19,7 @@ def run(options, console) -> int:
     from dembrick.errors import OverlapError
     from dembrick.runs.drivers import driver_of
     from dembrick.runs.reading import load
-    from dembrick.scenario.unit_slips import unit_slips
+    from dembrick.scenario.units import unit_slips
     from dembrick.simulation.expected_cost import START_SECONDS
 
     scenario = load(options.scenario, options.set)

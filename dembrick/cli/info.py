@@ -19,7 +19,8 @@ def run(options, console) -> int:
 
 def _report(file, options, console) -> int:
     from dembrick.scenario.joint_laws import described
-    from dembrick.views.summary import key_numbers, plain
+    from dembrick.views.key_numbers import key_numbers
+    from dembrick.views.summary import plain
 
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
@@ -53,7 +54,7 @@ def _report(file, options, console) -> int:
         lines.append(f"new contacts  {data['new_contacts']} in all frames")
     numbers = key_numbers(results, file.curve.unit)
     width = max([13, *(len(number.name) for number in numbers)])
-    for name, value, remark in numbers:
+    for name, value, remark, _ in numbers:
         lines.append(plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}"))
     lines += [f"{part:14}{seconds:.6f} s" for part, seconds in wall.items() if _is_number(seconds)]
     lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))

@@ -39,22 +39,21 @@ def run(options, console) -> int:
 
 def _verify(picked, options, console) -> int:
     from dembrick import __version__, history
-    from dembrick.runs.verification import report
-    from dembrick.runs.verification.verify import verify
+    from dembrick.runs.verification import verify
 
     outcomes = []
     if not console.json:
-        put(report.text_header())
-    for outcome in verify(picked, lambda case: console.progress(len(outcomes), len(picked), case.name)):
+        put(verify.text_header())
+    for outcome in verify.verify(picked, lambda case: console.progress(len(outcomes), len(picked), case.name)):
         outcomes.append(outcome)
         if not console.json:
             console.progress(len(outcomes), len(picked), "")
-            put(report.text_row(outcome))
+            put(verify.text_row(outcome))
     passed = all(outcome.passed for outcome in outcomes)
     rows = [outcome.as_dict() for outcome in outcomes]
-    console.result({"cases": rows, "passed": passed, "version": __version__}, report.summary(outcomes))
+    console.result({"cases": rows, "passed": passed, "version": __version__}, verify.summary(outcomes))
     if options.report:
-        history.write_whole(options.report, report.html(outcomes, __version__), "report")
+        history.write_whole(options.report, verify.html(outcomes, __version__), "report")
     for outcome in outcomes:
         if not outcome.passed:
             console.error(f"{outcome.case.name}: {outcome.failure or _why(outcome)}")
@@ -63,26 +62,25 @@ def _verify(picked, options, console) -> int:
 
 def _validate(picked, options, console) -> int:
     from dembrick import __version__, history
-    from dembrick.runs.validation import report
-    from dembrick.runs.validation.compare import compare
+    from dembrick.runs.validation import compare
 
     found = []
     if not console.json:
-        put(report.text_header())
-    for one in compare(picked, lambda case: console.progress(len(found), len(picked), case.name)):
+        put(compare.text_header())
+    for one in compare.compare(picked, lambda case: console.progress(len(found), len(picked), case.name)):
         found.append(one)
         if not console.json:
             console.progress(len(found), len(picked), "")
-            put(report.text_row(one))
+            put(compare.text_row(one))
     rows = [one.as_dict() for one in found]
-    console.result({"cases": rows, "version": __version__}, f"{report.summary(found)}\n{report.remarks(found)}")
+    console.result({"cases": rows, "version": __version__}, f"{compare.summary(found)}\n{compare.remarks(found)}")
     if options.report:
-        history.write_whole(options.report, report.html(found, __version__), "report")
+        history.write_whole(options.report, compare.html(found, __version__), "report")
     return 0
 
 
 def _why(outcome) -> str:
-    from dembrick.runs.verification.report import error_text
+    from dembrick.runs.verification.verify import error_text
 
     if outcome.case.relation == "at most":
         return f"above its bound by {error_text(outcome)}"

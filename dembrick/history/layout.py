@@ -20,6 +20,7 @@ import h5py
 import numpy as np
 from h5py import h5a, h5d, h5p, h5s, h5t
 
+from dembrick.assembly.actuators import KINDS
 from dembrick.history.hdf5_files import rewritten
 from dembrick.simulation.channels import Channel
 
@@ -85,10 +86,11 @@ def geometry(assembly: Assembly) -> list[Table]:
         Table(j + "point", arms, "m, m, m, m, m2", "contact points: normal arm (2), shear arm (2) from O, area"),
         Table(j + "point_start", _ints(points.start), "1", "first point, and end"),
         Table(a + "name", texts_of(actuators.names), "1", "name of each actuator"),
-        Table(a + "block", _ints(actuators.block), "1", "block that the actuator pushes"),
-        Table(a + "point", _floats(actuators.point, 3), "m", "its point at the start, world axes"),
+        Table(a + "block", _ints(actuators.at.block), "1", "block that the actuator pushes"),
+        Table(a + "point", _floats(actuators.at.start(assembly.position), 3), "m", "its point at the start, world"),
         Table(a + "direction", _floats(actuators.direction, 3), "1", "its direction, world axes"),
         Table(a + "weight", _floats(actuators.weight), "1", "its share of the load"),
+        Table(a + "kind", texts_of(actuators.kind), "1", f"what it is: {', '.join(KINDS)}"),
     ]
     if any(not law.dry for law in joints.law):
         tables += [
@@ -96,20 +98,19 @@ def geometry(assembly: Assembly) -> list[Table]:
             for name, units, about, value in _STRENGTHS
         ]
     loads = assembly.point_loads
-    if len(loads.block):
+    if len(loads.at):
         d = "geometry/loads/"
         tables += [
             Table(
-                d + "block", _ints(loads.block), "1", "block that each dead load acts on, a row a face of a pressure"
+                d + "block", _ints(loads.at.block), "1", "block that each dead load acts on, a row a face of a pressure"
             ),
-            Table(d + "point", _floats(assembly.position[loads.block] + loads.arm, 3), "m", "its point at the start"),
+            Table(d + "point", _floats(loads.at.start(assembly.position), 3), "m", "its point at the start"),
             Table(d + "force", _floats(loads.force, 3), "N", "its force at the start, world axes"),
         ]
     ties = assembly.ties
     if len(ties):
         t = "geometry/ties/"
-        between = np.stack([ties.block_a, ties.block_b], axis=1)
-        ends = assembly.position[between] + np.stack([ties.arm_a, ties.arm_b], axis=1)
+        between, ends = ties.ends.block, ties.ends.start(assembly.position)
         tables += [
             Table(t + "blocks", _ints(between), "1", "the two blocks that each tie joins"),
             Table(t + "points", _floats(ends, 2, 3), "m", "its ends at the start, world axes"),
@@ -119,8 +120,13 @@ def geometry(assembly: Assembly) -> list[Table]:
     if watched.names:
         tables += [
             Table(c + "name", texts_of(watched.names), "1", "name of each control point"),
-            Table(c + "block", _ints(watched.block), "1", "block that it belongs to"),
-            Table(c + "point", _floats(watched.point, 3), "m", "where it was at the start, world axes"),
+            Table(c + "block", _ints(watched.at.block), "1", "block that it belongs to"),
+            Table(
+                c + "point",
+                _floats(watched.at.start(assembly.position), 3),
+                "m",
+                "where it was at the start, world",
+            ),
         ]
     return tables
 

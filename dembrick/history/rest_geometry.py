@@ -6,11 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
+from dembrick.assembly.actuators import ACTUATOR, BODY_FORCE, KINDS, PRESSURE
 from dembrick.errors import HistoryError
 from dembrick.history import guard
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import FORMULATIONS, PRESSURES
 
+_EARLIER = {"pressure on ": PRESSURE, "load on ": BODY_FORCE}  # how names of earlier versions begin
 STRENGTHS = ("cohesion", "tensile_strength", "residual_cohesion", "residual_friction")  # of joints that are not dry
 
 
@@ -156,14 +158,19 @@ class RestGeometry:
 
     @cached_property
     def actuators(self) -> list[dict]:
-        """One dict an actuator: ``name``, ``block``, ``point``, ``direction``, ``weight``."""
+        """One dict an actuator: ``name``, ``block``, ``point``, ``direction``, ``weight``, and its ``kind``, of
+        `assembly.actuators.KINDS`, which files of earlier versions tell by the name alone."""
         n = self.n_actuator
         names, blocks = self._texts("actuators/name", n), self._numbers("actuators/block", self.n_block, count=n)
         point, direction = (self._table(f"actuators/{name}", 3, count=n) for name in ("point", "direction"))
         weight = self._table("actuators/weight", count=n)
+        if "kind" in guard.members(self._file, "geometry/actuators"):
+            kinds = self._words("actuators/kind", n, KINDS)
+        else:
+            kinds = [next((_EARLIER[word] for word in _EARLIER if name.startswith(word)), ACTUATOR) for name in names]
         return [
             {"name": names[i], "block": int(blocks[i]), "point": point[i], "direction": direction[i]}
-            | {"weight": float(weight[i])}
+            | {"weight": float(weight[i]), "kind": kinds[i]}
             for i in range(n)
         ]
 

@@ -41,7 +41,6 @@ from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history.files import write_whole
 from dembrick.runs.limit import assembled
-from dembrick.runs.outcomes.result import listed
 from dembrick.runs.simulate import simulate
 from dembrick.runs.study.target import Target, read
 from dembrick.scenario.checks import nearest, show
@@ -49,6 +48,7 @@ from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.time_functions import Turn
 from dembrick.simulation.limit_analysis.mechanism import joint_motions
+from dembrick.views.summary import listed
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

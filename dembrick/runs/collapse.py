@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.runs.outcomes.result import listed
 from dembrick.runs.path_dependence import path_lines
 from dembrick.scenario.checks import present
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
-from dembrick.views.summary import angle_text, known, limit_text, on_one_path, plain
+from dembrick.views.summary import angle_text, known, limit_text, listed, on_one_path, plain
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -31,7 +30,7 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
     limit.
     """
     point = run.yield_point
-    V, rate = present(point.V), getattr(control, "rate", None)
+    V, rate = present(point.V), control.rate
     angle = control.angle(V)
     return {
         "angle": angle,

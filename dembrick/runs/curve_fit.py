@@ -160,7 +160,7 @@ class _Runs:
         ScenarioError where they are far away."""
         at_start = np.zeros(len(self.starts))
         for i, (scenario, curve) in enumerate(zip(self.given, self.measured, strict=True)):
-            travel = getattr(scenario.control, "travel", None)
+            travel = scenario.control.travel
             lack = SPARE * curve.displacement.max() - present(self.curves(at_start))[i].displacement.max()
             if travel is not None and 0.0 < lack <= travel:
                 self._travels[i] = {"control.travel": travel + lack}

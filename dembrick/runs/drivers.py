@@ -26,7 +26,10 @@ from dembrick.runs.outcomes.result import Result
 from dembrick.runs.outcomes.statics_result import StaticsResult
 from dembrick.runs.path_dependence import beside_limit, has_paths, other_paths, within
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import (
+from dembrick.scenario.controls import Control, DisplacementControl, YieldControl
+from dembrick.scenario.model import Scenario
+from dembrick.scenario.protocols import protocol_of
+from dembrick.scenario.regimes import (
     COLLAPSE,
     CONSTANT_RATE,
     DEAD_LOAD,
@@ -37,12 +40,7 @@ from dembrick.scenario.controls import (
     PATH_FOLLOWING,
     REAL_TIME,
     SETTLEMENT,
-    Control,
-    DisplacementControl,
-    YieldControl,
 )
-from dembrick.scenario.model import Scenario
-from dembrick.scenario.protocols import protocol_of
 from dembrick.simulation.expected_cost import LONG, WITHIN, longest_search, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
@@ -215,11 +213,11 @@ def _other_path(follow: Callable[..., Replay]) -> Callable[..., float]:
 
 def _set_up(scenario: Scenario, assembly: Assembly, session: Session | None = None) -> tuple[Motion, Driving]:
     """Blocks that can move, where ``session`` lets them start, and what drives them: reads the scenario's files."""
-    from dembrick.simulation.dynamics import handover, loads, run
+    from dembrick.simulation.dynamics import checkpoint, loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     if session is not None and session.start is not None:
-        handover.start_on(moving, session.start, session.ties_before)
+        checkpoint.start_on(moving, session.start, session.ties_before)
     return moving, loads.driving_of(scenario, moving)
 
 

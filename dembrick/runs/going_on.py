@@ -23,7 +23,7 @@ from dembrick.runs.reading import WENT_ON
 from dembrick.runs.stages import Stages, check_change
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import CONSTANT_RATE, DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT
+from dembrick.scenario.regimes import CONSTANT_RATE, DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT
 from dembrick.scenario.stages import TiesBefore, at_stage
 from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.session import GoesOn, Kept, Session
@@ -133,7 +133,7 @@ def _rows_of_loads(assembly: Assembly, scenario: Scenario) -> list[tuple[Any, in
     """Load and block of each row of the work of loads: forces, then pressed polygons."""
     loads, pressed = assembly.point_loads, assembly.pressed
     last = at_stage(scenario, len(scenario.stages) + 1)
-    given = [(i, int(b)) for i, b in zip(loads.given.tolist(), loads.block.tolist(), strict=True) if i >= 0]
+    given = [(i, int(b)) for i, b in zip(loads.given.tolist(), loads.at.block.tolist(), strict=True) if i >= 0]
     rows: list[tuple[Any, int]] = [(((*last.loads, *last.fills)[i], b), b) for i, b in given]
     return rows + [((last.pressures, q), int(b)) for q, b in enumerate(pressed.block.tolist())]
 

@@ -181,7 +181,7 @@ def _row(set_name: str, formulation: str, height: float, result: Result) -> dict
 def _row_table_1(joint, formulation: str, result: Result) -> dict:
     """V of the couple times its arm is the torsion strength."""
     actuators = result.assembly.actuators
-    arm = abs(float((actuators.arm[:, 0] * actuators.direction[:, 1] * actuators.weight).sum()))
+    arm = abs(float((actuators.at.arm[:, 0] * actuators.direction[:, 1] * actuators.weight).sum()))
     point, expected = result.yield_point, present(result.theory)
     return {
         "a_over_b": joint.a_over_b,

@@ -16,7 +16,7 @@ from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.runs.limit_cases import StandingResult, assembled, names_of, stands
-from dembrick.runs.outcomes.result import heading, listed, tie_lines, tied
+from dembrick.runs.outcomes.result import heading, tie_lines, tied
 from dembrick.runs.reading import load
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
@@ -25,6 +25,7 @@ from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
+from dembrick.views.summary import listed
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

@@ -36,7 +36,7 @@ def searched(scenario: Scenario) -> Scenario:
             "remove it, or take the search of dembrick run"
         )
     control: Any = scenario.control
-    if getattr(control, "large_displacements", False):
+    if control.large_displacements:
         control = replace(control, large_displacements=False)
         scenario = replace(scenario, control=control, text=None)
     if control.drives != EVERY_BLOCK or not control.regime.real_time:

@@ -14,13 +14,12 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, ScenarioError, UndecidedError, WriteError
 from dembrick.runs import custom_law
 from dembrick.runs.drivers import driver_of
-from dembrick.runs.locked_in import NoSuchHistory, histories
 from dembrick.runs.logger import LOGGER, heard_by
 from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.outcomes.error_estimate import Refinement, error_of, inertia_remark, refinements
 from dembrick.runs.outcomes.result import Result, heading
 from dembrick.runs.outcomes.statics_result import StaticsResult
-from dembrick.runs.path_dependence import has_paths, ranged, within
+from dembrick.runs.path_dependence import NoSuchHistory, has_paths, histories, ranged, within
 from dembrick.runs.reading import WENT_ON, came_from, load, refuse_alone
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.stages import Stages
@@ -30,7 +29,7 @@ from dembrick.scenario.controls import LIMIT_LOAD, PATH_FOLLOWING, StaticsContro
 from dembrick.scenario.joint_laws import CustomLaw
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
-from dembrick.scenario.unit_slips import unit_slips
+from dembrick.scenario.units import unit_slips
 from dembrick.simulation import interrupts
 from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.interrupts import Interrupted

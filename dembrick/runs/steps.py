@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dembrick.assembly.actuators import Attached
 from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.runs.reading import load
 from dembrick.scenario.checks import real, require, show
 from dembrick.scenario.model import Scenario
-from dembrick.scenario.regimes import COLLAPSE
 from dembrick.simulation.dynamics import loads as loads_of
 from dembrick.simulation.dynamics import run
 from dembrick.simulation.dynamics.checkpoint import Past
@@ -80,13 +80,12 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
     assembly, control = assemble(scenario), scenario.control
     moving = run.prepare(assembly, control, scenario.solver.step_factor)
     driving = loads_of.driving_of(scenario, moving)
-    own = len(driving.block)
+    own = len(driving.at)
     if loads is not None:
         free = np.flatnonzero(~np.asarray(assembly.fixed))
         driving = replace(
             driving,
-            block=np.concatenate([driving.block, free]),
-            lever=np.concatenate([driving.lever, np.zeros((len(free), 3))]),
+            at=driving.at.and_then(Attached.to(assembly, free, np.zeros((len(free), 3)))),
             force=np.concatenate([driving.force, np.zeros((len(free), 3))]),
             factor=(*driving.factor, *[None] * len(free)),
         )
@@ -94,7 +93,7 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
     run.ask_for(moving, scenario.output, driving)
     run.start(moving, control, driving, Past(moving, None), Session())
     total = run.most_steps(moving, control, None, driving)
-    goal = getattr(control, "displacement", NO_LIMIT) if control.ends_with == COLLAPSE else NO_LIMIT
+    goal = NO_LIMIT if control.furthest is None else control.furthest
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
     stride, status = max(1, round(every / moving.time_step)), None
     while True:

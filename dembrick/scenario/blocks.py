@@ -9,12 +9,11 @@ about which a block turns and to which results refer, follows from the shape.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import (
     assign,
-    assign_positive,
     check_name,
     one_of,
     present,
@@ -24,6 +23,7 @@ from dembrick.scenario.checks import (
     unit_vector,
     vector,
 )
+from dembrick.scenario.declared import check_keys, choice, declare, naming, positive, truth
 from dembrick.scenario.units import LENGTHS
 
 Vector = tuple[float, float, float]
@@ -43,13 +43,15 @@ class Prism:
     Half of the height lies below the plane of the polygon.
     """
 
-    polygon: tuple[tuple[float, float], ...]
-    height: float
+    polygon: tuple[tuple[float, float], ...] = field(
+        metadata=declare("at least 3 points", "corners of a convex polygon in the x-y plane", "m")
+    )
+    height: float = field(metadata=positive("m", "thickness along z, half of it below the plane"))
 
     def __post_init__(self):
         corners = _points("polygon", self.polygon, 2, least=3)
         assign(self, polygon=corners)
-        assign_positive(self, "height", "m")
+        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,18 +63,18 @@ class Voussoir:
     quadrilateral's too, or with ``curved`` those of the piece of a ring.
     """
 
-    radius: float
-    thickness: float
-    depth: float
-    angle: float
-    curved: bool = False
+    radius: float = field(metadata=positive("m", "mean radius of the ring"))
+    thickness: float = field(metadata=positive("m", "thickness of the ring, below twice the radius"))
+    depth: float = field(metadata=positive("m", "length along y"))
+    angle: float = field(metadata=declare("0 to 180", "angle that the stone spans", "deg"))
+    curved: bool = field(
+        default=False, metadata=truth("mass, centroid and inertia of the piece of a ring instead of the quadrilateral")
+    )
 
     def __post_init__(self):
-        for key in ("radius", "thickness", "depth", "angle"):
-            assign_positive(self, key, "deg" if key == "angle" else "m")
+        check_keys(self)
         require(self.thickness < 2.0 * self.radius, "thickness", self.thickness, "it must be below twice the radius")
         require(self.angle < 180.0, "angle", self.angle, "a voussoir spans less than 180 deg")
-        require_type(isinstance(self.curved, bool), "curved", self.curved, "true or false")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +85,12 @@ class Mesh:
     factor of these.
     """
 
-    file: str
-    scale: float = 1.0
-    unit: str = "m"
+    file: str = field(metadata=naming("a path", "STL, OBJ, PLY, .msh or .vtu file, beside the scenario"))
+    scale: float = field(default=1.0, metadata=positive("1", "factor of these lengths"))
+    unit: str = field(default="m", metadata=choice(tuple(LENGTHS), "unit of the lengths in the file"))
 
     def __post_init__(self):
-        check_name("file", self.file)
-        assign_positive(self, "scale")
-        one_of("unit", self.unit, tuple(LENGTHS))
+        check_keys(self)
 
     @property
     def metres(self) -> float:
@@ -103,13 +103,22 @@ class Part:
     """A convex part of a block: one shape (``box``, ``prism``, ``voussoir``, ``vertices`` or ``mesh``, as of a block),
     at a ``position`` (m) and with an ``orientation`` (quaternion) in the block's own coordinates."""
 
-    box: Vector | None = None
-    prism: Prism | None = None
-    voussoir: Voussoir | None = None
-    vertices: tuple[Vector, ...] | None = None
-    mesh: Mesh | None = None
-    position: Vector = (0.0, 0.0, 0.0)
-    orientation: Quaternion = UPRIGHT
+    box: Vector | None = field(
+        default=None, metadata=declare("3 numbers > 0", "edge lengths of a box, centred on position", "m")
+    )
+    prism: Prism | None = field(default=None, metadata=declare("table", "a convex polygon, extruded"))
+    voussoir: Voussoir | None = field(default=None, metadata=declare("table", "a stone of an arch"))
+    vertices: tuple[Vector, ...] | None = field(
+        default=None, metadata=declare("at least 4 points", "the convex hull of these points", "m")
+    )
+    mesh: Mesh | None = field(default=None, metadata=declare("table", "a closed surface in a file"))
+    position: Vector = field(
+        default=(0.0, 0.0, 0.0), metadata=declare("3 numbers", "world position of the origin of the shape", "m")
+    )
+    orientation: Quaternion = field(
+        default=UPRIGHT,
+        metadata=declare("4 numbers (w, x, y, z)", "quaternion from body to world; scaled to length 1", "1"),
+    )
 
     def __post_init__(self):
         _check_solid(self, CONVEX_SOLIDS, "a part", "")
@@ -135,21 +144,45 @@ class Block:
     (rad/s), both in world axes, start a dynamic run.
     """
 
-    name: str
-    material: str
-    box: Vector | None = None
-    position: Vector | None = None
-    orientation: Quaternion = UPRIGHT
-    fixed: bool = False
-    velocity: Vector = (0.0, 0.0, 0.0)
-    angular_velocity: Vector = (0.0, 0.0, 0.0)
-    group: str | None = None
-    prism: Prism | None = None
-    voussoir: Voussoir | None = None
-    vertices: tuple[Vector, ...] | None = None
-    mesh: Mesh | None = None
-    parts: tuple[Part, ...] | None = None
-    held: tuple[str, ...] | None = None
+    name: str = field(
+        metadata=declare("text without control characters", "its name; what stands before a dot names a group")
+    )
+    material: str = field(metadata=declare("a material", "what it is made of"))
+    box: Vector | None = field(
+        default=None, metadata=declare("3 numbers > 0", "edge lengths of a box, centred on position", "m")
+    )
+    position: Vector | None = field(
+        default=None, metadata=declare("3 numbers", "world position of the origin of the shape", "m")
+    )
+    orientation: Quaternion = field(
+        default=UPRIGHT,
+        metadata=declare("4 numbers (w, x, y, z)", "quaternion from body to world; scaled to length 1", "1"),
+    )
+    fixed: bool = field(default=False, metadata=declare("true, false", "a support that does not move"))
+    velocity: Vector = field(
+        default=(0.0, 0.0, 0.0),
+        metadata=declare("3 numbers", "velocity of the centroid at the start of a dynamic run, world axes", "m/s"),
+    )
+    angular_velocity: Vector = field(
+        default=(0.0, 0.0, 0.0),
+        metadata=declare("3 numbers", "angular velocity at the start of a dynamic run, world axes", "rad/s"),
+    )
+    group: str | None = field(
+        default=None, metadata=declare("text", "a set of blocks that loads, supports and joint laws can name")
+    )
+    prism: Prism | None = field(default=None, metadata=declare("table", "a convex polygon, extruded"))
+    voussoir: Voussoir | None = field(default=None, metadata=declare("table", "a stone of an arch"))
+    vertices: tuple[Vector, ...] | None = field(
+        default=None, metadata=declare("at least 4 points", "the convex hull of these points", "m")
+    )
+    mesh: Mesh | None = field(default=None, metadata=declare("table", "a closed surface in a file"))
+    parts: tuple[Part, ...] | None = field(
+        default=None, metadata=declare("tables", "convex parts that make one rigid block")
+    )
+    held: tuple[str, ...] | None = field(
+        default=None,
+        metadata=declare("names of x, y, z, rx, ry, rz", "directions of the world in which a rig holds the block"),
+    )
 
     def __post_init__(self):
         label = f" of block {show(check_name('name', self.name))}"

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Part, Vector
-from dembrick.scenario.checks import assign, check_name, nearest, one_of, real, require, require_type, show
-from dembrick.scenario.generators.stacks import Frame, check_common, stone_of
+from dembrick.scenario.checks import assign, nearest, require, require_type, show
+from dembrick.scenario.declared import choice, declare, naming, not_negative
+from dembrick.scenario.generators.stacks import (
+    GROUP,
+    HEADING,
+    MATERIAL,
+    NAME,
+    POSITION,
+    Frame,
+    check_generator,
+    stone_of,
+)
 from dembrick.scenario.units import LENGTHS
 
 _NEAR = 5e-3  # of the smallest solid: faces nearer than this may have been meant to touch, and a remark says so
@@ -28,23 +38,30 @@ class CadModel:
     first of them, as the pieces of a stone that were drawn apart are; it is a support if the file says so of any.
     """
 
-    name: str
-    file: str
-    unit: str
-    material: str
-    gap_tolerance: float = 0.0
-    position: Vector = (0.0, 0.0, 0.0)
-    heading: float = 0.0
-    group: str | None = None
-    united: tuple[tuple[str, ...], ...] = ()
+    name: str = field(metadata=NAME)
+    file: str = field(
+        metadata=naming(
+            "a path", "OBJ, STL, glTF (.gltf, .glb), COMPAS JSON, PLY, .msh or .vtu file, beside the scenario"
+        )
+    )
+    unit: str = field(metadata=choice(tuple(LENGTHS), "unit of the lengths in the file"))
+    material: str = field(metadata=MATERIAL)
+    gap_tolerance: float = field(
+        default=0.0,
+        metadata=not_negative(
+            "m", "faces of two solids that look at each other nearer than this come to lie on one plane"
+        ),
+    )
+    position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
+    heading: float = field(default=0.0, metadata=HEADING)
+    group: str | None = field(default=None, metadata=GROUP)
+    united: tuple[tuple[str, ...], ...] = field(
+        default=(), metadata=declare("lists of names", "solids that are one rigid block, called by the first of them")
+    )
 
     def __post_init__(self):
-        label = check_common(self, "model")
-        check_name(f"file{label}", self.file)
-        one_of(f"unit{label}", self.unit, tuple(LENGTHS))
-        tolerance = real(f"gap_tolerance{label}", self.gap_tolerance)
-        require(tolerance >= 0.0, f"gap_tolerance{label}", tolerance, "it must be at least 0 m")
-        assign(self, gap_tolerance=tolerance, united=self._checked_united(label))
+        label = check_generator(self, "model")
+        assign(self, united=self._checked_united(label))
 
     def _checked_united(self, label: str) -> tuple[tuple[str, ...], ...]:
         key, wanted = f"united{label}", "lists of names of solids"

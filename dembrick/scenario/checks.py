@@ -163,17 +163,3 @@ def assign(instance: object, **values: object) -> None:
     """Store fields of a frozen dataclass, for use in its ``__post_init__``."""
     for key, value in values.items():
         object.__setattr__(instance, key, value)
-
-
-def assign_positive(instance: object, key: str, unit: str = "", label: str = "") -> None:
-    """Store a field of a frozen dataclass as a number above zero."""
-    value = real(key + label, getattr(instance, key))
-    require(value > 0.0, key + label, value, f"it must be greater than 0 {unit}".rstrip())
-    assign(instance, **{key: value})
-
-
-def assign_within(instance: object, key: str, least: float, most: float, bound: str) -> None:
-    """Store a field of a frozen dataclass as a number from ``least`` to ``most``; ``bound`` says so in words."""
-    value = real(key, getattr(instance, key))
-    require(least <= value <= most, key, value, bound)
-    assign(instance, **{key: value})

@@ -2,60 +2,69 @@
 
 A class says everything about its kind: how it is carried out (``regime``), what grows and in which unit (``curve``),
 what it ends with (``ends_with``), what it needs (``drives``, ``needs_supports``). No other module asks for the name of
-a kind. A new kind is a class here, an entry of `CONTROLS`, and, if no regime fits it, a driver in ``runs.drivers``.
+a kind. Each field declares its key (`declared`): unit, range, meaning. A new kind is a class here, an entry of
+`CONTROLS`, and, if no regime fits it, a driver in ``runs.drivers``.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.checks import (
-    assign,
-    assign_positive,
-    assign_within,
-    check_name,
-    direction,
-    members_of,
-    one_of,
-    present,
-    real,
-    require,
-    require_type,
+from dembrick.scenario.checks import assign, present, real, require
+from dembrick.scenario.declared import (
+    Key,
+    check_keys,
+    declare,
+    positive,
+    truth,
+    unit_vector,
 )
 from dembrick.scenario.protocols import checked
 from dembrick.scenario.regimes import (
     ACTUATORS,
     COLLAPSE,
     CONSTANT_RATE,
+    DAMPING,
     DEAD_LOAD,
     DEFORMED_REST,
     DRIVEN,
     DRIVEN_PATH,
+    DURATION,
     EVERY_BLOCK,
     FURTHEST,
+    LARGE,
     LIMIT_LOAD,
     LOAD_PATH,
     PATH_FOLLOWING,
     REAL_TIME,
-    SETTLEMENT,
+    RESTITUTION,
     STEEPEST,
-    SUPPORTS,
     TILT_LOAD,
+    TOLERANCE,
     YIELD,
     Control,
     Curve,
     Limit,
     Regime,
 )
-from dembrick.scenario.time_functions import Pulse, Sine, SupportPath, Turn, check_baseline, checked_columns
+from dembrick.scenario.support_controls import BaseMotionControl, SettlementControl
+from dembrick.scenario.time_functions import Pulse, Sine  # noqa: F401 (what controls are made of)
 
-TOLERANCE = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
-DAMPING = "it must lie between 0 and 0.9 of critical"
-QUANTITIES = ("acceleration", "velocity", "displacement")
+
+def _turning(meaning: str, unit: str) -> dict[str, Key]:
+    """Metadata of a protocol."""
+    return declare("numbers, or a path", meaning, unit, lambda key, value, _: checked(key, value))
+
+
+def _check_tilt_rate(key: str, value: Any, label: str) -> float:
+    found = real(key, value)
+    require(found > 0.0, key, found, "it must be greater than 0 deg/s")
+    require(found <= 10.0, key, found, "it must be at most 10 deg/s: a table tilts slowly")
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +74,8 @@ class YieldControl(Control):
     With ``large_displacements`` it is that of the deformed geometry, and found from equilibrium to equilibrium.
     """
 
-    tolerance: float = 1.0e-3
-    large_displacements: bool = False
+    tolerance: float = field(default=1.0e-3, metadata=TOLERANCE)
+    large_displacements: bool = field(default=False, metadata=LARGE)
 
     kind = "yield"
     ends_with = YIELD
@@ -77,8 +86,7 @@ class YieldControl(Control):
         return LOAD_PATH if self.large_displacements else LIMIT_LOAD
 
     def __post_init__(self):
-        _check_large_displacements(self)
-        assign_within(self, "tolerance", 1e-8, 0.1, TOLERANCE)
+        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +99,16 @@ class DisplacementControl(Control):
     deformed geometry, has those of V, its ``rate`` is in N/s.
     """
 
-    rate: float
-    travel: float | None = None
-    large_displacements: bool = False
-    protocol: tuple[float, ...] | str | None = None
-    force_protocol: tuple[float, ...] | str | None = None
+    rate: float = field(metadata=positive("m/s", "speed of the actuators; N/s of a force_protocol"))
+    travel: float | None = field(default=None, metadata=positive("m", "how far they move, one way"))
+    large_displacements: bool = field(default=False, metadata=LARGE)
+    protocol: tuple[float, ...] | str | None = field(
+        default=None,
+        metadata=_turning("turning points of a cyclic test, or a CSV file of a measured one", "m"),
+    )
+    force_protocol: tuple[float, ...] | str | None = field(
+        default=None, metadata=_turning("turning points of V, with large_displacements", "N")
+    )
 
     kind = "displacement"
     drives = ACTUATORS
@@ -105,23 +118,21 @@ class DisplacementControl(Control):
         return DRIVEN_PATH if self.large_displacements else CONSTANT_RATE
 
     def __post_init__(self):
-        _check_large_displacements(self)
-        assign_positive(self, "rate", "m/s")
+        check_keys(self)
         given = [key for key in ("travel", "protocol", "force_protocol") if getattr(self, key) is not None]
         if len(given) != 1:
             what = " and ".join(given) if given else "none of them"
             raise ScenarioError(f"a test by displacement has one of travel, protocol and force_protocol; given: {what}")
-        if self.travel is not None:
-            assign_positive(self, "travel", "m")
-        for key in given:
-            if key != "travel":
-                assign(self, **{key: checked(key, getattr(self, key))})
         if self.force_protocol is not None and not self.large_displacements:
             raise ScenarioError("force_protocol is for the deformed geometry; add large_displacements = true")
 
     @property
     def cyclic(self) -> bool:
         return self.travel is None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        return tuple(one for one in (self.protocol, self.force_protocol) if isinstance(one, str))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +142,7 @@ class StaticsControl(Control):
     ``large_displacements``: in the deformed geometry.
     """
 
-    large_displacements: bool = False
+    large_displacements: bool = field(default=False, metadata=LARGE)
 
     kind = "statics"
 
@@ -140,7 +151,7 @@ class StaticsControl(Control):
         return DEFORMED_REST if self.large_displacements else DEAD_LOAD
 
     def __post_init__(self):
-        _check_large_displacements(self)
+        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,13 +164,26 @@ class TiltControl(Control):
     dashpot against the two blocks it joins. ``large_displacements``: the limit is that of the deformed geometry.
     """
 
-    axis: Vector
-    rate: float | None = None
-    displacement: float | None = None
-    damping: float = 0.05
-    quasi_static: bool | None = None
-    tolerance: float = 1.0e-3
-    large_displacements: bool = False
+    axis: Vector = field(metadata=unit_vector("axis of the table through the origin, right-hand rule"))
+    rate: float | None = field(
+        default=None,
+        metadata=declare(
+            "0 to 10",
+            "how fast it turns, in real time; without it the limit itself is searched",
+            "deg/s",
+            _check_tilt_rate,
+        ),
+    )
+    displacement: float | None = field(
+        default=None, metadata=positive("m", "the run ends when a block has moved so far against the table")
+    )
+    damping: float = field(default=0.05, metadata=DAMPING)
+    quasi_static: bool | None = field(
+        default=None,
+        metadata=truth("find the angle of the limit itself, without time; the default without a rate"),
+    )
+    tolerance: float = field(default=1.0e-3, metadata=TOLERANCE)
+    large_displacements: bool = field(default=False, metadata=LARGE)
 
     kind = "tilt"
     ends_with = COLLAPSE
@@ -180,6 +204,10 @@ class TiltControl(Control):
         return self.axis
 
     @property
+    def furthest(self) -> float | None:
+        return self.displacement
+
+    @property
     def limit(self) -> Limit:
         return Limit(STEEPEST / present(self.rate), "rate", "tilt faster")
 
@@ -187,19 +215,13 @@ class TiltControl(Control):
         return math.degrees(math.atan(load_factor))
 
     def __post_init__(self):
-        quasi_static = self.rate is None if self.quasi_static is None else self.quasi_static
-        require_type(isinstance(quasi_static, bool), "quasi_static", quasi_static, "true or false")
-        assign(self, axis=direction("axis", self.axis), quasi_static=quasi_static)
-        _check_large_displacements(self)
-        for key, unit in (("rate", "deg/s"), ("displacement", "m")):
-            value = getattr(self, key)
-            require(quasi_static or value is not None, key, value, f"a tilt in real time needs it, in {unit}")
-            if value is not None:
-                assign_positive(self, key, unit)
-        if self.rate is not None:
-            require(self.rate <= 10.0, "rate", self.rate, "it must be at most 10 deg/s: a table tilts slowly")
-        assign_within(self, "damping", 0.0, 0.9, DAMPING)
-        assign_within(self, "tolerance", 1e-8, 0.1, TOLERANCE)
+        check_keys(self)
+        if self.quasi_static is None:
+            assign(self, quasi_static=self.rate is None)
+        _check_end(self, self.displacement)
+        for name, value, unit in (("rate", self.rate, "deg/s"), ("displacement", self.displacement, "m")):
+            needed = f"a tilt in real time needs it, in {unit}"
+            require(self.quasi_static or value is not None, name, value, needed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,13 +234,17 @@ class PushoverControl(Control):
     ``large_displacements``: the limit is that of the deformed geometry.
     """
 
-    direction: Vector
-    displacement: float | None = None
-    quasi_static: bool = True
-    tolerance: float = 1.0e-3
-    rate: float | None = None
-    damping: float = 0.05
-    large_displacements: bool = False
+    direction: Vector = field(metadata=unit_vector("along which every block is pushed by the same share of its weight"))
+    displacement: float | None = field(
+        default=None, metadata=positive("m", "the curve goes on until a block has moved so far")
+    )
+    quasi_static: bool = field(default=True, metadata=truth("find the limit itself; false: push in real time"))
+    tolerance: float = field(default=1.0e-3, metadata=TOLERANCE)
+    rate: float | None = field(
+        default=None, metadata=positive("m/s", "how fast the mean displacement grows, in real time")
+    )
+    damping: float = field(default=0.05, metadata=DAMPING)
+    large_displacements: bool = field(default=False, metadata=LARGE)
 
     kind = "pushover"
     curve = Curve("load factor", "1", "load factor: the share of its weight by which every block is pushed", DRIVEN)
@@ -233,21 +259,18 @@ class PushoverControl(Control):
     def push_direction(self) -> Vector:
         return self.direction
 
+    @property
+    def furthest(self) -> float | None:
+        return self.displacement
+
     def __post_init__(self):
-        assign(self, direction=direction("direction", self.direction))
-        if self.displacement is not None:
-            assign_positive(self, "displacement", "m")
-        require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
-        _check_large_displacements(self)
-        assign_within(self, "tolerance", 1e-8, 0.1, TOLERANCE)
-        assign_within(self, "damping", 0.0, 0.9, DAMPING)
+        check_keys(self)
+        _check_end(self, self.displacement)
         if self.quasi_static:
             require(self.rate is None, "rate", self.rate, "it belongs to a push in real time: quasi_static = false")
             return
-        for key, unit in (("rate", "m/s"), ("displacement", "m")):
-            value = getattr(self, key)
-            require(value is not None, key, value, f"a push in real time needs it, in {unit}")
-        assign_positive(self, "rate", "m/s")
+        for name, value, unit in (("rate", self.rate, "m/s"), ("displacement", self.displacement, "m")):
+            require(value is not None, name, value, f"a push in real time needs it, in {unit}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,8 +280,8 @@ class DynamicControl(Control):
     ``restitution``: speed after over speed before the impact of two blocks face to face.
     """
 
-    duration: float
-    restitution: float = 0.5
+    duration: float = field(metadata=DURATION)
+    restitution: float = field(default=0.5, metadata=RESTITUTION)
 
     kind = "dynamic"
     curve = Curve(None, "1", "zero: no load grows", FURTHEST)
@@ -270,142 +293,7 @@ class DynamicControl(Control):
         return Limit(self.duration, "duration", "shorten it")
 
     def __post_init__(self):
-        _check_motion(self)
-
-
-@dataclass(frozen=True, slots=True)
-class BaseMotionControl(Control):
-    """Supports that shake along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a ``file``, whose
-    ``quantity`` is an acceleration, velocity or displacement, times ``scale``; ``restitution`` as in `DynamicControl`.
-
-    The file is a CSV whose first line names columns and units, "time [s], acceleration [g]", or a PEER record (.AT2,
-    .VT2, .DT2). ``columns`` picks two of its columns by name, time first. Up to three directions have a component each:
-    of a file each, or of one, whose ``columns`` are time and one for each. All is at rest before time zero; a record
-    is zero after its end. ``baseline``: accelerations without the line that would leave the supports moving or moved.
-    """
-
-    duration: float
-    direction: Vector | tuple[Vector, ...]
-    file: str | tuple[str, ...] | None = None
-    sine: Sine | None = None
-    pulse: Pulse | None = None
-    quantity: str = "acceleration"
-    restitution: float = 0.5
-    columns: tuple[str, ...] | None = None
-    scale: float = 1.0
-    baseline: bool = False
-
-    kind = "base-motion"
-    curve = Curve(None, "m/s2", "acceleration of the supports along the (first) direction of their motion", FURTHEST)
-    drives = SUPPORTS
-    loads_vary = True
-    shakes = True
-
-    @property
-    def limit(self) -> Limit:
-        return Limit(self.duration, "duration", "shorten it")
-
-    def __post_init__(self):
-        _check_motion(self)
-        several = isinstance(self.direction, list | tuple) and any(isinstance(v, list | tuple) for v in self.direction)
-        given = self.direction if several else (self.direction,)
-        require(len(given) <= 3, "direction", self.direction, "the supports move along one to three directions")
-        directions = tuple(direction("direction", v) for v in given)
-        assign(self, direction=directions if several else directions[0], scale=real("scale", self.scale))
-        one_of("quantity", self.quantity, QUANTITIES)
-        if isinstance(self.file, list | tuple):
-            assign(self, file=tuple(check_name(f"file[{i}]", name) for i, name in enumerate(self.file)))
-            require(len(self.file) == len(directions), "file", list(self.file), "it must name one for each direction")
-        elif self.file is not None:
-            check_name("file", self.file)
-        values = len(directions) if isinstance(self.file, str) else 1
-        assign(self, columns=checked_columns(self.columns, self.file, values))
-        needed = "one file for several directions needs them: of time, and one for each direction"
-        require(values == 1 or self.columns is not None, "columns", self.columns, needed)
-        require_type(self.sine is None or isinstance(self.sine, Sine), "sine", self.sine, "a Sine")
-        require_type(self.pulse is None or isinstance(self.pulse, Pulse), "pulse", self.pulse, "a Pulse")
-        sources = [key for key in ("file", "sine", "pulse") if getattr(self, key) is not None]
-        require(len(sources) == 1, "control", sources, "a base motion needs exactly one of file, sine and pulse")
-        check_baseline(self.baseline, self.file, self.quantity)
-        moves = self.pulse is None or self.quantity != "displacement"
-        require(moves, "quantity", self.quantity, "a pulse of displacement has no finite velocity; use another")
-        alone = self.file is not None or len(directions) == 1
-        require(alone, "direction", self.direction, "a sine or a pulse has one direction, which may be inclined")
-
-    @property
-    def components(self) -> tuple[tuple[Vector, str | None, tuple[str, str] | None], ...]:
-        """Direction, file, and its columns of time and values, of every component."""
-        directions: Any = self.direction if isinstance(self.direction[0], tuple) else (self.direction,)
-        files = self.file if isinstance(self.file, tuple) else (self.file,) * len(directions)
-        columns: Any = self.columns
-        if columns is None or isinstance(self.file, tuple):
-            names: Any = (columns,) * len(directions)
-        else:
-            names = tuple((columns[0], value) for value in columns[1:])
-        return tuple(zip(directions, files, names, strict=True))
-
-
-@dataclass(frozen=True, slots=True)
-class SettlementControl(Control):
-    """Supports that settle: named ``supports`` move by ``displacement`` (m) and turn by ``rotation``, all else loaded
-    as it is. ``motions`` has further supports that move differently at the same time.
-
-    ``quasi_static`` goes from equilibrium to equilibrium in the deformed geometry, until the motion is complete or the
-    structure comes down, whose settlement it finds to ``tolerance``. Else the supports move in real time at ``rate``
-    (m/s, of the point that moves furthest), with contact ``damping`` as in `TiltControl`.
-    """
-
-    supports: tuple[str, ...] = ()
-    displacement: Vector | None = None
-    rotation: Turn | None = None
-    motions: tuple[SupportPath, ...] = ()
-    quasi_static: bool = True
-    rate: float | None = None
-    tolerance: float = 5.0e-3
-    damping: float = 0.05
-
-    kind = "settlement"
-    curve = Curve(
-        "reaction along the motion", "N",
-        "force of the structure on the supports that move, along their motion: its work over the displacement",
-        "displacement of the supports",
-    )  # fmt: skip
-    drives = SUPPORTS
-
-    @property
-    def regime(self) -> Regime:
-        return SETTLEMENT if self.quasi_static else REAL_TIME
-
-    @property
-    def loads_vary(self) -> bool:
-        return not self.quasi_static
-
-    @property
-    def support_paths(self) -> tuple[SupportPath, ...]:
-        own = (SupportPath(self.supports, self.displacement, self.rotation),) if self.supports else ()
-        return own + self.motions
-
-    def __post_init__(self):
-        assign(self, motions=members_of("motions", self.motions, SupportPath))
-        if self.supports:
-            path = SupportPath(self.supports, self.displacement, self.rotation)
-            assign(self, supports=path.supports, displacement=path.displacement)
-        else:
-            for key in ("displacement", "rotation"):
-                value = getattr(self, key)
-                require(value is None, key, value, "supports must say which blocks or groups move so")
-        named = "name the supports that move, or give motions"
-        require(bool(self.support_paths), "supports", list(self.supports), named)
-        require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
-        assign_within(self, "tolerance", 1e-5, 0.1, "it is a relative error between 1e-5 and 0.1")
-        assign_within(self, "damping", 0.0, 0.9, DAMPING)
-        if self.quasi_static:
-            in_time = "it belongs to a settlement in real time: quasi_static = false"
-            require(self.rate is None, "rate", self.rate, in_time)
-            return
-        if self.rate is None:
-            raise ScenarioError("missing key 'rate': a settlement in real time (quasi_static = false) needs it, in m/s")
-        assign_positive(self, "rate", "m/s")
+        check_keys(self)
 
 
 def _searched(control: TiltControl | PushoverControl) -> Regime:
@@ -414,24 +302,13 @@ def _searched(control: TiltControl | PushoverControl) -> Regime:
     return LOAD_PATH if control.large_displacements else PATH_FOLLOWING
 
 
-def _check_large_displacements(control: Control) -> None:
-    """It is true or false, and an end of the path is not asked for beside it: a load path ends at its limit."""
-    given = control.large_displacements  # type: ignore[attr-defined]
-    require_type(isinstance(given, bool), "large_displacements", given, "true or false")
-    end = getattr(control, "displacement", None)
+def _check_end(control: Control, end: float | None) -> None:
+    """An end of the path is not asked for in the deformed geometry: a load path ends at its limit."""
     if control.in_deformed_geometry and end is not None:
         raise ScenarioError(
             f"displacement = {end:g}: a search in the deformed geometry ends where the blocks come down; leave it out, "
             "or take quasi_static = false"
         )
-
-
-def _check_motion(control: DynamicControl | BaseMotionControl) -> None:
-    duration = real("duration", control.duration)
-    require(duration > 0.0, "duration", duration, "it must be longer than 0 s")
-    assign(control, duration=duration)
-    bound = "the speed after over the speed before an impact lies between 0.14 (critically damped) and 1"
-    assign_within(control, "restitution", 0.14, 1.0, bound)
 
 
 CONTROLS: dict[str, type[Control]] = {

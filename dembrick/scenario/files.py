@@ -9,16 +9,11 @@ from dembrick.scenario.blocks import Block, Part
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import controls_of
 
-_KEYS = ("file", "protocol", "force_protocol")  # of controls, that may name a file or several
-
 
 def names_of(scenario: Scenario) -> list[str]:
     """Names of every mesh, model and record in time that it reads, each once."""
     named = [load.history for load in scenario.loads]
-    for control in controls_of(scenario):
-        for key in _KEYS:
-            value = getattr(control, key, None)
-            named += [one for one in (value if isinstance(value, tuple) else [value]) if isinstance(one, str)]
+    named += [name for control in controls_of(scenario) for name in control.files]
     for block in scenario.all_blocks:
         solids: list[Block | Part] = [block, *(block.parts or ())]
         named += [solid.mesh.file for solid in solids if solid.mesh is not None]

@@ -14,8 +14,9 @@ from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import Any, overload
 
-from dembrick.scenario.checks import assign, assign_positive, check_name, one_of, real, require, require_type
-from dembrick.scenario.stages import stage_numbers
+from dembrick.scenario.checks import assign, check_name, real, require, require_type
+from dembrick.scenario.declared import check_keys, choice, declare, not_negative, positive
+from dembrick.scenario.stages import stages_of
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
@@ -32,26 +33,74 @@ class JointLaw:
     same friction); ``compressive_strength`` (None: nothing crushes). ``dilation``: rise over slip.
     """
 
-    formulation: str
-    friction: float
-    normal_stiffness: float
-    shear_stiffness: float
-    points: tuple[int, int] | None = None
-    pressure: str = "full"
-    cohesion: float = 0.0
-    tensile_strength: float = 0.0
-    dilation: float = 0.0
-    residual_friction: float | None = None
-    residual_cohesion: float | None = None
-    compressive_strength: float | None = None
+    formulation: str = field(
+        metadata=choice(
+            FORMULATIONS,
+            "how a joint carries force: at its corners, at corners shrunk towards its centre, shear alone at these, as "
+            "a whole area, or at many points",
+        )
+    )
+    friction: float = field(metadata=not_negative("1", "coefficient of Coulomb friction, tan(phi)"))
+    normal_stiffness: float = field(metadata=positive("Pa/m", "penalty stiffness along the normal, per area"))
+    shear_stiffness: float = field(metadata=positive("Pa/m", "penalty stiffness in the plane, per area"))
+    points: tuple[int, int] | None = field(
+        default=None,
+        metadata=declare(
+            '2 whole numbers >= 1, or "auto"',
+            "distributed only: points along t1 and t2; left out, the tolerance decides",
+            "1",
+        ),
+    )
+    pressure: str = field(
+        default="full",
+        metadata=choice(
+            PRESSURES,
+            "convex only: how friction follows bending: not at all, on the largest part centred on the resultant, or "
+            "by the no-tension linear pressure",
+        ),
+    )
+    cohesion: float = field(
+        default=0.0,
+        metadata=not_negative("Pa", "shear strength of the bond besides friction, per area; 0 is a dry joint"),
+    )
+    tensile_strength: float = field(
+        default=0.0,
+        metadata=not_negative(
+            "Pa", "tensile strength of the bond; never regained once it broke", "cohesion / friction"
+        ),
+    )
+    dilation: float = field(
+        default=0.0,
+        metadata=not_negative(
+            "1",
+            "tangent of the dilation angle: rise over slip, for slips small against asperities",
+            "residual_friction",
+        ),
+    )
+    residual_friction: float | None = field(
+        default=None,
+        metadata=not_negative("1", "friction after the first slip or opening; left out, friction stays", "friction"),
+    )
+    residual_cohesion: float | None = field(
+        default=None,
+        metadata=not_negative(
+            "Pa",
+            "cohesion of what is closed after the first slip or opening; left out there is none (a brittle bond), "
+            "residual_cohesion = cohesion is a ductile joint",
+            "cohesion",
+        ),
+    )
+    compressive_strength: float | None = field(
+        default=None,
+        metadata=positive(
+            "Pa",
+            "pressure at which the joint crushes, without hardening; left out, it never does",
+            "it must be greater than 0 Pa; leave it out where nothing crushes",
+        ),
+    )
 
     def __post_init__(self):
-        one_of("formulation", self.formulation, FORMULATIONS)
-        assign(self, friction=real("friction", self.friction))
-        require(self.friction >= 0.0, "friction", self.friction, "it must be at least 0")
-        for key in ("normal_stiffness", "shear_stiffness"):
-            assign_positive(self, key, "Pa/m")
-        one_of("pressure", self.pressure, PRESSURES)
+        check_keys(self)
         convex = self.pressure == "full" or self.formulation == "convex"
         require(convex, "pressure", self.pressure, "only formulation = 'convex' has a choice of pressure")
         if self.points is not None:
@@ -59,16 +108,6 @@ class JointLaw:
         self._check_strengths()
 
     def _check_strengths(self):
-        for key in ("cohesion", "tensile_strength", "dilation", "residual_friction", "residual_cohesion"):
-            if getattr(self, key) is not None:
-                assign(self, **{key: real(key, getattr(self, key))})
-                unit = "" if key in ("dilation", "residual_friction") else " Pa"
-                require(getattr(self, key) >= 0.0, key, getattr(self, key), f"it must be at least 0{unit}")
-        if self.compressive_strength is not None:
-            strength = real("compressive_strength", self.compressive_strength)
-            bound = "it must be greater than 0 Pa; leave it out where nothing crushes"
-            require(strength > 0.0, "compressive_strength", strength, bound)
-            assign(self, compressive_strength=strength)
         mu, mu_r, c, c_r = self.friction, self.friction_after, self.cohesion, self.cohesion_after
         before = "the strength before slip"
         require(mu_r <= mu, "residual_friction", mu_r, f"it must not be above friction = {mu:g}, {before}")
@@ -124,9 +163,11 @@ class JointOverride:
     A group named twice means the joints inside it. ``stages``: numbers of the stages in which it holds, None for all.
     """
 
-    between: tuple[str, str]
-    law: JointLaw
-    stages: tuple[int, ...] | None = None
+    between: tuple[str, str] = field(metadata=declare("2 names", "the two blocks or groups whose joints have this law"))
+    law: JointLaw = field(metadata=declare("keys of [joint]", "what differs from the default law"))
+    stages: tuple[int, ...] | None = field(
+        default=None, metadata=stages_of("the stages in which it holds; left out, all")
+    )
 
     def __post_init__(self):
         pair = self.between
@@ -134,7 +175,7 @@ class JointOverride:
         require(len(pair) == 2, "between", pair, f"it must name two blocks, not {len(pair)}")
         assign(self, between=tuple(check_name(f"between[{i}]", name) for i, name in enumerate(pair)))
         require_type(isinstance(self.law, JointLaw), "law", self.law, "a JointLaw")
-        assign(self, stages=stage_numbers("stages", self.stages))
+        check_keys(self)
 
 
 MOVE = ("penetration", "growth", "slip_1", "slip_2")  # of a contact point, m

@@ -19,9 +19,7 @@ from dembrick.scenario.blocks import Block, Vector
 from dembrick.scenario.cad_models import CadModel
 from dembrick.scenario.checks import (
     assign,
-    assign_positive,
     check_name,
-    direction,
     members_of,
     one_line,
     one_of,
@@ -41,15 +39,25 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
     StaticsControl,
     TiltControl,
     YieldControl,
-    checked_columns,
+)
+from dembrick.scenario.declared import (
+    check_keys,
+    declare,
+    naming,
+    not_negative,
+    positive,
+    table,
+    unit_vector,
+    vector_of,
 )
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Fill, Pressure
 from dembrick.scenario.references import check_references, unknown
-from dembrick.scenario.stages import check_stages, controls_of, in_deformed_geometry, stage_numbers
+from dembrick.scenario.stages import check_stages, controls_of, in_deformed_geometry, stages_of
 from dembrick.scenario.ties import Tie
+from dembrick.scenario.time_functions import checked_columns
 
 if TYPE_CHECKING:  # a bare Scenario is one of any control; typing knows defaults from Python 3.13 on
     from typing_extensions import TypeVar
@@ -63,14 +71,32 @@ else:
 CHANNELS = ("joints", "energy", "frames", "velocity", "contacts")  # of the record; the last three are of frames
 
 
+def _weight(key: str, value, label: str) -> float:
+    weight = real(key + label, value)
+    require(weight != 0.0, key + label, weight, "it must not be 0")
+    return weight
+
+
+def _step_factor(key: str, value, _: str) -> float:
+    factor = real(key, value)
+    require(0.0 < factor < 1.0, key, factor, "it must lie between 0 and 1, the critical time step")
+    return factor
+
+
+def _rows(key: str, value, _: str) -> int:
+    require_type(isinstance(value, Integral) and not isinstance(value, bool), key, value, "a whole number")
+    require(1 <= value <= 10_000_000, key, value, "it must lie between 1 and 10 million")
+    return int(value)
+
+
 @dataclass(frozen=True, slots=True)
 class Material:
     """What a block is made of. ``density`` in kg/m3."""
 
-    density: float
+    density: float = field(metadata=positive("kg/m3", "mass per volume"))
 
     def __post_init__(self):
-        assign_positive(self, "density", "kg/m3")
+        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,26 +108,30 @@ class Load:
     ``stages``: numbers of the stages in which it acts, None for all.
     """
 
-    block: str
-    force: Vector
-    point: Vector | None = None
-    sine: Sine | None = None
-    history: str | None = None
-    columns: tuple[str, str] | None = None
-    stages: tuple[int, ...] | None = None
+    block: str = field(
+        metadata=naming("a block or group", "what it acts on; each block of a group bears the whole force")
+    )
+    force: Vector = field(metadata=vector_of("N", "force in world axes"))
+    point: Vector | None = field(
+        default=None, metadata=vector_of("m", "where it acts, world position at the start; left out, at the centroid")
+    )
+    sine: Sine | None = field(default=None, metadata=table(Sine, "factor of the force in time, in runs in real time"))
+    history: str | None = field(
+        default=None, metadata=naming("a path", "CSV file with the factor over time, in runs in real time")
+    )
+    columns: tuple[str, str] | None = field(
+        default=None, metadata=declare("2 names", "the columns of time and of values in the file")
+    )
+    stages: tuple[int, ...] | None = field(
+        default=None, metadata=stages_of("the stages in which it acts; left out, all")
+    )
 
     def __post_init__(self):
         label = f" of the load on block {show(check_name('block', self.block))}"
-        assign(self, force=vector("force", self.force, label=label))
-        if self.point is not None:
-            assign(self, point=vector("point", self.point, label=label))
-        require_type(self.sine is None or isinstance(self.sine, Sine), f"sine{label}", self.sine, "a Sine")
-        if self.history is not None:
-            check_name(f"history{label}", self.history)
+        check_keys(self, label)
         assign(self, columns=checked_columns(self.columns, self.history))
         both = self.sine is not None and self.history is not None
         require(not both, f"history{label}", self.history, "a load has either a sine or a history")
-        assign(self, stages=stage_numbers(f"stages{label}", self.stages))
 
     @property
     def varies(self) -> bool:
@@ -118,21 +148,20 @@ class Actuator:
     of a stage; ``stages``: numbers of those in which it does, None for all that drive actuators.
     """
 
-    name: str
-    block: str
-    point: Vector
-    direction: Vector
-    weight: float = 1.0
-    stages: tuple[int, ...] | None = None
+    name: str = field(metadata=naming("text", "its name"))
+    block: str = field(metadata=naming("a block", "the block it pushes"))
+    point: Vector = field(
+        metadata=vector_of("m", "where it pushes, world position at the start, in the block or on a face")
+    )
+    direction: Vector = field(metadata=unit_vector("along which line, in world axes; scaled to length 1"))
+    weight: float = field(default=1.0, metadata=declare("not 0", "it carries weight times V", "1", _weight))
+    stages: tuple[int, ...] | None = field(
+        default=None, metadata=stages_of("the stages in which it pushes; left out, all that drive actuators")
+    )
 
     def __post_init__(self):
         label = f" of actuator {show(check_name('name', self.name))}"
-        check_name(f"block{label}", self.block)
-        weight = real(f"weight{label}", self.weight)
-        require(weight != 0.0, f"weight{label}", weight, "it must not be 0")
-        assign(self, point=vector("point", self.point, label=label), weight=weight)
-        assign(self, direction=direction("direction", self.direction, label))
-        assign(self, stages=stage_numbers(f"stages{label}", self.stages))
+        check_keys(self, label)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,27 +169,27 @@ class ControlPoint:
     """A material ``point`` (m, world at the start; None: the centroid) of a ``block``, whose displacement is recorded
     under a ``name``."""
 
-    name: str
-    block: str
-    point: Vector | None = None
+    name: str = field(metadata=naming("text", "its name"))
+    block: str = field(metadata=naming("a block", "the block it belongs to"))
+    point: Vector | None = field(
+        default=None, metadata=vector_of("m", "world position at the start; left out, the centroid")
+    )
 
     def __post_init__(self):
         label = f" of control point {show(check_name('name', self.name))}"
-        check_name(f"block{label}", self.block)
-        if self.point is not None:
-            assign(self, point=vector("point", self.point, label=label))
+        check_keys(self, label)
 
 
 @dataclass(frozen=True, slots=True)
 class Solver:
     """``step_factor``: time step over the critical one."""
 
-    step_factor: float = 0.9
+    step_factor: float = field(
+        default=0.9, metadata=declare("0 to 1", "time step over the critical one", "1", _step_factor)
+    )
 
     def __post_init__(self):
-        value = real("step_factor", self.step_factor)
-        require(0.0 < value < 1.0, "step_factor", value, "it must lie between 0 and 1, the critical time step")
-        assign(self, step_factor=value)
+        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +201,20 @@ class Output:
     ``checkpoint``: seconds between two checkpoints of a run that writes a history.
     """
 
-    channels: tuple[str, ...] = ("joints", "energy", "frames", "velocity")
-    rows: int = 1000
-    frames: int = 200
-    checkpoint: float = 60.0
+    channels: tuple[str, ...] = field(
+        default=("joints", "energy", "frames", "velocity"),
+        metadata=declare(
+            "joints, energy, frames, velocity, contacts", "what is recorded besides time, load and displacement"
+        ),
+    )
+    rows: int = field(
+        default=1000,
+        metadata=declare(
+            "1 to 10 million", "about how many rows a run in time records; a search keeps every step", "1", _rows
+        ),
+    )
+    frames: int = field(default=200, metadata=declare("1 to rows", "about how many frames of the motion", "1", _rows))
+    checkpoint: float = field(default=60.0, metadata=not_negative("s", "time between two checkpoints"))
 
     def __post_init__(self):
         assign(self, channels=members_of("channels", self.channels, str))
@@ -184,13 +223,7 @@ class Output:
         for channel in ("velocity", "contacts"):
             framed = channel not in self.channels or "frames" in self.channels
             require(framed, "channels", self.channels, f'"{channel}" is recorded in frames, so "frames" must be there')
-        for key in ("rows", "frames"):
-            value = getattr(self, key)
-            require_type(isinstance(value, Integral) and not isinstance(value, bool), key, value, "a whole number")
-            require(1 <= value <= 10_000_000, key, value, "it must lie between 1 and 10 million")
-            assign(self, **{key: int(value)})
-        assign(self, checkpoint=real("checkpoint", self.checkpoint))
-        require(self.checkpoint >= 0.0, "checkpoint", self.checkpoint, "it must be at least 0 s")
+        check_keys(self)
         require(self.frames <= self.rows, "frames", self.frames, f"a frame is taken at a row, and rows = {self.rows}")
 
 
@@ -215,31 +248,54 @@ class Scenario(Generic[AControl]):
     from its ``text``, the one part of it that can be changed in place; None if it was made otherwise.
     """
 
-    title: str
-    gravity: Vector
-    joint: JointLaw
-    materials: dict[str, Material]
-    blocks: tuple[Block, ...] = ()
-    control: AControl = None  # type: ignore[assignment]  # is required, and only stands after a key that is not
-    joints: tuple[JointOverride, ...] = ()
-    loads: tuple[Load, ...] = ()
-    actuators: tuple[Actuator, ...] = ()
-    solver: Solver = field(default_factory=Solver)
-    output: Output = field(default_factory=Output)
+    title: str = field(metadata=declare("one line", "what is shown on plots and pages"))
+    gravity: Vector = field(
+        metadata=declare("3 numbers", "acceleration of gravity in world axes, usually [0, 0, -9.81]", "m/s2")
+    )
+    joint: JointLaw = field(metadata=declare("table", "joint law of every pair of blocks that no [[joints]] names"))
+    materials: dict[str, Material] = field(metadata=declare("tables", "materials by name, [materials.NAME]"))
+    blocks: tuple[Block, ...] = field(default=(), metadata=declare("tables", "single blocks"))
+    control: AControl = field(
+        default=None, metadata=declare("table", "what is done to the blocks; its kind decides which keys it has")
+    )  # type: ignore[assignment]  # is required, and only stands after a key that is not
+    joints: tuple[JointOverride, ...] = field(
+        default=(), metadata=declare("tables", "joint laws of some pairs, in place of the default")
+    )
+    loads: tuple[Load, ...] = field(default=(), metadata=declare("tables", "dead loads, constant or varying in time"))
+    actuators: tuple[Actuator, ...] = field(
+        default=(), metadata=declare("tables", "actuators; all of them are one load system with the multiplier V")
+    )
+    solver: Solver = field(default_factory=Solver, metadata=declare("table", "numerical choices"))
+    output: Output = field(default_factory=Output, metadata=declare("table", "what is recorded"))
     path: str | None = field(default=None, compare=False)
     text: str | None = field(default=None, compare=False, repr=False)
     files: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
-    walls: tuple[Wall, ...] = ()
-    stacks: tuple[Stack, ...] = ()
-    arches: tuple[Arch, ...] = ()
-    domes: tuple[Dome, ...] = ()
-    supports: tuple[str, ...] = ()
-    control_points: tuple[ControlPoint, ...] = ()
-    pressures: tuple[Pressure, ...] = ()
-    stages: tuple[Control, ...] = ()
-    ties: tuple[Tie, ...] = ()
-    models: tuple[CadModel, ...] = ()
-    fills: tuple[Fill, ...] = ()
+    walls: tuple[Wall, ...] = field(default=(), metadata=declare("tables", "walls of coursed blocks"))
+    stacks: tuple[Stack, ...] = field(default=(), metadata=declare("tables", "equal blocks on one another"))
+    arches: tuple[Arch, ...] = field(default=(), metadata=declare("tables", "circular arches"))
+    domes: tuple[Dome, ...] = field(default=(), metadata=declare("tables", "spherical domes"))
+    supports: tuple[str, ...] = field(default=(), metadata=declare("names", "blocks and groups that are fixed"))
+    control_points: tuple[ControlPoint, ...] = field(
+        default=(), metadata=declare("tables", "points whose displacement is recorded")
+    )
+    pressures: tuple[Pressure, ...] = field(
+        default=(), metadata=declare("tables", "pressures on bare faces: constant, of a fluid or of a fill")
+    )
+    stages: tuple[Control, ...] = field(
+        default=(),
+        metadata=declare(
+            "tables", "controls that are carried out before [control], one after the other; keys as there"
+        ),
+    )
+    ties: tuple[Tie, ...] = field(
+        default=(), metadata=declare("tables", "bars and cables between points of two blocks")
+    )
+    models: tuple[CadModel, ...] = field(
+        default=(), metadata=declare("tables", "structures drawn in CAD, many solids in a file")
+    )
+    fills: tuple[Fill, ...] = field(
+        default=(), metadata=declare("tables", "fills on the backs of arches and vaults: weight and earth pressure")
+    )
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
     remarks: tuple[str, ...] = field(default=(), init=False, compare=False, repr=False)

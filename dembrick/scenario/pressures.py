@@ -5,25 +5,23 @@ and fills on the backs of arches and vaults: the weight of the earth above, and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.checks import (
-    assign,
-    assign_positive,
-    check_name,
-    direction,
-    one_of,
-    present,
-    real,
-    require,
-    require_type,
-    show,
+from dembrick.scenario.checks import check_name, present, real, require, show
+from dembrick.scenario.declared import (
+    check_keys,
+    choice,
+    declare,
+    naming,
+    not_negative,
+    number,
+    positive,
+    truth,
+    unit_vector,
 )
-from dembrick.scenario.stages import stage_numbers
-
-PRESSURE = "pressure on "  # begins the name of a driven pressure among the actuators
+from dembrick.scenario.stages import stages_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,29 +35,33 @@ class Pressure:
     acts, None for all.
     """
 
-    block: str
-    direction: Vector
-    value: float | None = None
-    surface: float | None = None
-    weight: float | None = None
-    actuator: bool = False
-    stages: tuple[int, ...] | None = None
+    block: str = field(metadata=naming("a block or group", "whose faces are loaded"))
+    direction: Vector = field(metadata=unit_vector("outward normal of the loaded faces"))
+    value: float | None = field(
+        default=None,
+        metadata=positive("Pa", "a constant pressure", "it must be greater than 0 Pa; it presses on the face"),
+    )
+    surface: float | None = field(default=None, metadata=number("m", "or the height of the surface of a fluid or fill"))
+    weight: float | None = field(
+        default=None,
+        metadata=positive(
+            "N/m3",
+            "its weight per volume; the pressure is weight times depth",
+            "it must be greater than 0 N/m3; it presses on the face",
+        ),
+    )
+    actuator: bool = field(default=False, metadata=truth("the pressure is the driven load, with the multiplier V"))
+    stages: tuple[int, ...] | None = field(
+        default=None, metadata=stages_of("the stages in which it acts; left out, all")
+    )
 
     def __post_init__(self):
         label = f" of the pressure on {show(check_name('block', self.block))}"
-        assign(self, direction=direction("direction", self.direction, label))
-        assign(self, stages=stage_numbers(f"stages{label}", self.stages))
-        require_type(isinstance(self.actuator, bool), f"actuator{label}", self.actuator, "true or false")
+        check_keys(self, label)
         if (self.value is None) == (self.surface is None) or (self.surface is None) != (self.weight is None):
             raise ScenarioError(
                 f"the pressure on {show(self.block)} needs either value (Pa), or surface (m) and weight (N/m3)"
             )
-        for key in ("value", "surface", "weight"):
-            if getattr(self, key) is not None:
-                assign(self, **{key: real(f"{key}{label}", getattr(self, key))})
-        strength = present(self.value if self.weight is None else self.weight)
-        key, unit = ("value", "Pa") if self.weight is None else ("weight", "N/m3")
-        require(strength > 0.0, f"{key}{label}", strength, f"it must be greater than 0 {unit}; it presses on the face")
 
     @property
     def at_height(self) -> tuple[float, float]:
@@ -70,6 +72,12 @@ class Pressure:
 
 
 NONE, AT_REST, ACTIVE, PASSIVE = STATES = ("none", "at-rest", "active", "passive")
+
+
+def _angle(key: str, value, label: str) -> float:
+    found = real(key + label, value)
+    require(0.0 <= found < 60.0, key + label, found, "it lies between 0 and 60 deg")
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,29 +92,30 @@ class Fill:
     ``stages``: numbers of the stages in which it acts, None for all.
     """
 
-    block: str
-    surface: float
-    weight: float
-    pressure: str | None = None
-    friction_angle: float | None = None
-    coefficient: float | None = None
-    stages: tuple[int, ...] | None = None
+    block: str = field(metadata=naming("a block or group", "whose bare faces that look up bear the fill"))
+    surface: float = field(metadata=number("m", "height of its surface"))
+    weight: float = field(metadata=positive("N/m3", "its weight per volume"))
+    pressure: str | None = field(
+        default=None, metadata=choice(STATES, "its state, which decides how it presses sideways")
+    )
+    friction_angle: float | None = field(
+        default=None, metadata=declare("0 to 60", "of the fill; needed for at-rest, active and passive", "deg", _angle)
+    )
+    coefficient: float | None = field(
+        default=None, metadata=not_negative("1", "in place of pressure: horizontal over vertical stress")
+    )
+    stages: tuple[int, ...] | None = field(
+        default=None, metadata=stages_of("the stages in which it acts; left out, all")
+    )
 
     def __post_init__(self):
         label = f" of the fill on {show(check_name('block', self.block))}"
-        assign(self, surface=real(f"surface{label}", self.surface), stages=stage_numbers(f"stages{label}", self.stages))
-        assign_positive(self, "weight", "N/m3", label)
+        check_keys(self, label)
         if (self.pressure is None) == (self.coefficient is None):
             raise ScenarioError(
                 f"the fill on {show(self.block)} needs either pressure ({', '.join(STATES)}), or coefficient, "
                 "horizontal over vertical stress"
             )
-        if self.coefficient is not None:
-            coefficient = real(f"coefficient{label}", self.coefficient)
-            require(coefficient >= 0.0, f"coefficient{label}", coefficient, "it must be at least 0")
-            assign(self, coefficient=coefficient)
-        else:
-            one_of(f"pressure{label}", present(self.pressure), STATES)
         earth = self.pressure not in (None, NONE)
         if earth and self.friction_angle is None:
             raise ScenarioError(
@@ -114,11 +123,8 @@ class Fill:
                 "coefficient in place of pressure"
             )
         if self.friction_angle is not None:
-            angle = real(f"friction_angle{label}", self.friction_angle)
             how = "it goes with pressure = at-rest, active or passive only"
-            require(earth, f"friction_angle{label}", angle, how)
-            require(0.0 <= angle < 60.0, f"friction_angle{label}", angle, "it lies between 0 and 60 deg")
-            assign(self, friction_angle=angle)
+            require(earth, f"friction_angle{label}", self.friction_angle, how)
 
     @property
     def ratio(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 from dembrick.scenario.blocks import Vector
+from dembrick.scenario.declared import positive, truth, within
 from dembrick.scenario.time_functions import SupportPath
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
@@ -87,6 +88,23 @@ class Limit(NamedTuple):
     remedy: str
 
 
+# keys that several kinds have
+TOLERANCE = within(
+    1e-8, 0.1, "1", "relative half-width of the error bar of the limit",
+    "it is a relative error between 1e-8 and 0.1; 1e-3 is usual",
+)  # fmt: skip
+DAMPING = within(
+    0.0, 0.9, "1", "dashpot of a contact, as a part of critical damping (real time)",
+    "it must lie between 0 and 0.9 of critical",
+)  # fmt: skip
+LARGE = truth("from equilibrium to equilibrium in the deformed geometry; true after a settlement")
+DURATION = positive("s", "how long the run lasts", "it must be longer than 0 s")
+RESTITUTION = within(
+    0.14, 1.0, "1", "speed after over speed before an impact face to face",
+    "the speed after over the speed before an impact lies between 0.14 (critically damped) and 1",
+)  # fmt: skip
+
+
 class Control:
     """What a kind of control says of itself; a subclass states what differs."""
 
@@ -142,6 +160,53 @@ class Control:
     def limit(self) -> Limit | None:
         """When a run in real time ends at the latest; None if that follows from the blocks."""
         return None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files that it reads."""
+        return ()
+
+    # keys that not every kind has
+
+    @property
+    def tolerance(self) -> float | None:
+        """Relative error of what it finds; None if it has none to choose."""
+        return None
+
+    @property
+    def rate(self) -> float | None:
+        """How fast it goes, in the units of its kind; None without time."""
+        return None
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts (s); zero if that follows from the blocks."""
+        return 0.0
+
+    @property
+    def furthest(self) -> float | None:
+        """Displacement of a block (m) that ends the run; None if none does."""
+        return None
+
+    @property
+    def travel(self) -> float | None:
+        """How far actuators move, one way (m); None if they do not."""
+        return None
+
+    @property
+    def damping(self) -> float | None:
+        """Dashpot of a contact as a part of critical damping; None if it follows from a restitution."""
+        return None
+
+    @property
+    def restitution(self) -> float | None:
+        """Speed after over speed before an impact; None if contacts are damped otherwise."""
+        return None
+
+    @property
+    def large_displacements(self) -> bool:
+        """Whether the deformed geometry was asked for."""
+        return False
 
     def angle(self, load_factor: float) -> float | None:
         """The angle (deg) of a load factor, of a table that tilts."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import require, require_type, show
 from dembrick.scenario.controls import ACTUATORS, Control
+from dembrick.scenario.declared import Key, declare
 
 if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
@@ -30,6 +31,11 @@ def stage_numbers(key: str, value: Any) -> tuple[int, ...] | None:
     require(len(value) > 0, key, value, "it must name at least one stage; leave it out for all of them")
     require(all(n >= 1 for n in value), key, value, "stages are counted from 1")
     return tuple(int(n) for n in value)
+
+
+def stages_of(meaning: str) -> dict[str, Key]:
+    """Metadata of the stages in which something is there."""
+    return declare("whole numbers >= 1", meaning, "", lambda key, value, label: stage_numbers(key + label, value))
 
 
 def controls_of(scenario: Scenario) -> tuple[Control, ...]:

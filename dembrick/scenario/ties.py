@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.checks import assign, assign_positive, check_name, real, require, require_type, show, vector
-from dembrick.scenario.stages import stage_numbers
+from dembrick.scenario.checks import assign, check_name, require, require_type, show
+from dembrick.scenario.declared import check_keys, declare, naming, number, positive, truth, vector_of
+from dembrick.scenario.stages import stages_of
 
 
 @dataclass(frozen=True, slots=True)
 class TieEnd:
     """An end of a tie: a material ``point`` (m, world at the start) of a ``block``."""
 
-    block: str
-    point: Vector
+    block: str = field(metadata=naming("a block", "the block it is fastened to"))
+    point: Vector = field(metadata=vector_of("m", "where, world position at the start, in the block or on a face"))
 
     def __post_init__(self):
         label = f" of the end of a tie on block {show(check_name('block', self.block))}"
-        assign(self, point=vector("point", self.point, label=label))
+        check_keys(self, label)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +32,16 @@ class Tie:
     length with which it comes.
     """
 
-    between: tuple[TieEnd, TieEnd]
-    stiffness: float
-    strength: float | None = None
-    prestress: float = 0.0
-    tension_only: bool = True
-    stages: tuple[int, ...] | None = None
+    between: tuple[TieEnd, TieEnd] = field(metadata=declare("2 tables", "the ends of the tie"))
+    stiffness: float = field(metadata=positive("N/m", "force over elongation"))
+    strength: float | None = field(
+        default=None, metadata=positive("N", "it yields at this force without end; left out, it never does")
+    )
+    prestress: float = field(default=0.0, metadata=number("N", "force at the start, or as it comes"))
+    tension_only: bool = field(default=True, metadata=truth("slack where it would push; false for a bar or a spring"))
+    stages: tuple[int, ...] | None = field(
+        default=None, metadata=stages_of("the stages in which it is there; left out, all. It comes with its prestress")
+    )
 
     def __post_init__(self):
         ends: Any = self.between
@@ -51,12 +56,9 @@ class Tie:
             )
         if ends[0].point == ends[1].point:
             raise ScenarioError(f"both ends{label} are at one point, so that it has no direction; move one of them")
-        assign(self, between=tuple(ends), prestress=real(f"prestress{label}", self.prestress))
-        assign_positive(self, "stiffness", "N/m", label)
-        require_type(isinstance(self.tension_only, bool), f"tension_only{label}", self.tension_only, "true or false")
-        assign(self, stages=stage_numbers(f"stages{label}", self.stages))
+        assign(self, between=tuple(ends))
+        check_keys(self, label)
         if self.strength is not None:
-            assign_positive(self, "strength", "N", label)
             bound = f"the tie yields at its strength of {self.strength:g} N"
             require(abs(self.prestress) <= self.strength, f"prestress{label}", self.prestress, bound)
         slack = self.prestress >= 0.0 or not self.tension_only

@@ -4,21 +4,29 @@ a displacement and a turn, straight from the start to the end.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import (
     assign,
-    assign_positive,
     check_name,
-    direction,
     present,
     real,
     require,
     require_type,
     show,
-    vector,
+)
+from dembrick.scenario.declared import (
+    check_keys,
+    declare,
+    not_negative,
+    number,
+    positive,
+    table,
+    unit_vector,
+    vector_of,
+    within,
 )
 
 
@@ -26,13 +34,12 @@ from dembrick.scenario.checks import (
 class Sine:
     """``amplitude`` times sin(2 pi ``frequency`` t + ``phase``); frequency in Hz, phase in rad."""
 
-    amplitude: float
-    frequency: float
-    phase: float = 0.0
+    amplitude: float = field(metadata=number("of the load", "amplitude"))
+    frequency: float = field(metadata=positive("Hz", "frequency"))
+    phase: float = field(default=0.0, metadata=number("rad", "phase"))
 
     def __post_init__(self):
-        assign(self, amplitude=real("amplitude", self.amplitude), phase=real("phase", self.phase))
-        assign_positive(self, "frequency", "Hz")
+        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +47,19 @@ class Pulse:
     """``amplitude`` from ``start`` for ``duration`` (s), then -``rebound`` times ``amplitude`` for ``duration`` over
     ``rebound``, so that the integral of both is zero; else zero. Without a rebound there is the first part only."""
 
-    amplitude: float
-    duration: float
-    start: float = 0.0
-    rebound: float = 0.0
+    amplitude: float = field(metadata=number("of the motion", "height of a rectangular pulse"))
+    duration: float = field(metadata=positive("s", "its length", "it must be longer than 0 s"))
+    start: float = field(default=0.0, metadata=not_negative("s", "when it begins"))
+    rebound: float = field(
+        default=0.0,
+        metadata=within(
+            0.0, 1.0, "1", "then so much of the amplitude the other way, until the impulses cancel",
+            "it is a part of the amplitude, between 0 and 1",
+        ),
+    )  # fmt: skip
 
     def __post_init__(self):
-        for key in ("amplitude", "duration", "start", "rebound"):
-            assign(self, **{key: real(key, getattr(self, key))})
-        require(self.duration > 0.0, "duration", self.duration, "it must be longer than 0 s")
-        require(self.start >= 0.0, "start", self.start, "the run starts at 0 s")
-        require(0.0 <= self.rebound <= 1.0, "rebound", self.rebound, "it is a part of the amplitude, between 0 and 1")
+        check_keys(self)
 
 
 def check_baseline(baseline, file: str | tuple[str, ...] | None, quantity: str) -> None:
@@ -74,6 +83,13 @@ def checked_columns(columns, file: str | tuple[str, ...] | None, values: int = 1
 STEEPEST_TURN = 90.0  # deg
 
 
+def _check_turn(key: str, value, _: str) -> float:
+    angle = real(key, value)
+    bound = f"it must lie between -{STEEPEST_TURN:g} and {STEEPEST_TURN:g} deg, and not be 0"
+    require(0.0 < abs(angle) <= STEEPEST_TURN, key, angle, bound)
+    return angle
+
+
 @dataclass(frozen=True, slots=True)
 class Turn:
     """A turn by ``angle`` (deg) about ``axis`` (right-hand rule) through ``point`` (m, world, at the start).
@@ -81,17 +97,20 @@ class Turn:
     Without a ``point`` each support turns about its own centroid.
     """
 
-    axis: Vector
-    angle: float
-    point: Vector | None = None
+    axis: Vector = field(metadata=unit_vector("axis of the turn, right-hand rule"))
+    angle: float = field(metadata=declare("-90 to 90, not 0", "by how much, at the end", "deg", _check_turn))
+    point: Vector | None = field(
+        default=None,
+        metadata=vector_of("m", "a point of the axis at the start; left out, the centroid of each support"),
+    )
 
     def __post_init__(self):
-        angle = real("angle", self.angle)
-        bound = f"it must lie between -{STEEPEST_TURN:g} and {STEEPEST_TURN:g} deg, and not be 0"
-        require(0.0 < abs(angle) <= STEEPEST_TURN, "angle", angle, bound)
-        assign(self, axis=direction("axis", self.axis), angle=angle)
-        if self.point is not None:
-            assign(self, point=vector("point", self.point))
+        check_keys(self)
+
+
+SUPPORTS_OF = declare("names", "blocks and groups that move so; they must be fixed")
+MOVED = vector_of("m", "how far they have moved at the end, world axes")
+TURNED = table(Turn, "how far they have turned at the end")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,17 +118,15 @@ class SupportPath:
     """The motion of ``supports``, blocks or groups: ``displacement`` (m, at the end) and ``rotation``, which grow
     together; the point of the rotation moves with the displacement."""
 
-    supports: tuple[str, ...]
-    displacement: Vector | None = None
-    rotation: Turn | None = None
+    supports: tuple[str, ...] = field(metadata=SUPPORTS_OF)
+    displacement: Vector | None = field(default=None, metadata=MOVED)
+    rotation: Turn | None = field(default=None, metadata=TURNED)
 
     def __post_init__(self):
+        check_keys(self)
         require_type(isinstance(self.supports, list | tuple), "supports", self.supports, "a list of names")
         assign(self, supports=tuple(check_name(f"supports[{i}]", name) for i, name in enumerate(self.supports)))
         require(len(self.supports) > 0, "supports", self.supports, "it must name a block or a group that moves")
-        require_type(self.rotation is None or isinstance(self.rotation, Turn), "rotation", self.rotation, "a Turn")
-        if self.displacement is not None:
-            assign(self, displacement=vector("displacement", self.displacement))
         moves = self.rotation is not None or (self.displacement is not None and any(present(self.displacement)))
         if not moves:
             names = ", ".join(show(name) for name in self.supports)

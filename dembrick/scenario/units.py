@@ -1,20 +1,22 @@
 """Units that a table of numbers may be written in, by the quantity, and what each is worth in SI; and magnitudes.
 
 `check_magnitudes` refuses numbers so large or small that no structure has them, and that squares and products of
-doubles do not hold.
-
-The bounds are far beyond what anyone builds, and far within what a double holds: a slip of the hand, such as a digit
-too many in an exponent, is told as such instead of coming out as an overflow somewhere.
+doubles do not hold. The bounds are far beyond what anyone builds, and far within what a double holds: a slip of the
+hand, such as a digit too many in an exponent, is told as such instead of coming out as an overflow somewhere.
+`unit_slips` has a remark on numbers that are possible but look like a slip of units.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import present, show
 
 if TYPE_CHECKING:
+    from dembrick.geometry.shapes import Shape
     from dembrick.scenario.model import Scenario
 
 
@@ -86,3 +88,45 @@ def _check(key: str, values, whose: str) -> None:
         given = values[0] if len(values) == 1 else values
         most = f"{bound:g} {unit}".strip()
         raise ScenarioError(f"{key}{whose} = {show(given)} is out of range: at most {most} is taken")
+
+
+STEEPEST_FRICTION = 1.5
+DENSITIES = (500.0, 8000.0)  # kg/m3, of wood and of steel
+GRAVITIES = (9.0, 10.0)  # m/s2
+LARGEST_BLOCK = 20.0  # m
+
+
+def unit_slips(scenario: Scenario, shapes: Sequence[Shape]) -> list[str]:
+    """A sentence for each number of a scenario that is likely to be meant in another unit; ``shapes`` of its blocks."""
+    found = []
+    laws = [("joint", scenario.joint), *((f"joint between {show(one.between)}", one.law) for one in scenario.joints)]
+    for where, law in laws:
+        if law.friction > STEEPEST_FRICTION:
+            found.append(
+                f"friction of {where} = {law.friction:g} is a coefficient, the tangent of "
+                f"{math.degrees(math.atan(law.friction)):.1f} deg; write the tangent of an angle"
+            )
+    for name, material in scenario.materials.items():
+        if not DENSITIES[0] <= material.density <= DENSITIES[1]:
+            found.append(
+                f"density of material {show(name)} = {material.density:g} kg/m3 is that of no stone (about 2000); "
+                "g/cm3 times 1000 give kg/m3"
+            )
+    size = math.hypot(*scenario.gravity)
+    if size > 0.0 and not scenario.gravity[2] <= -0.5 * size:
+        found.append(f"gravity = {show(scenario.gravity)} does not point down, which is -z")
+    if size > 0.0 and not GRAVITIES[0] <= size <= GRAVITIES[1]:
+        found.append(f"gravity = {show(scenario.gravity)} is {size:g} m/s2, and on earth it is 9.81 m/s2")
+    large = [
+        (block, float((shape.vertices.max(axis=0) - shape.vertices.min(axis=0)).max()))
+        for block, shape in zip(scenario.all_blocks, shapes, strict=True)
+        if not block.fixed and shape.diameter > LARGEST_BLOCK
+    ]
+    large = [(block, length) for block, length in large if length > LARGEST_BLOCK]
+    if large:
+        more = f" (and {len(large) - 1} more)" if len(large) > 1 else ""
+        block, length = large[0]
+        found.append(
+            f"block {show(block.name)}{more} is {length:g} m long: lengths are in metres, and mm times 0.001 give m"
+        )
+    return found

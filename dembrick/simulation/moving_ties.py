@@ -15,14 +15,13 @@ if TYPE_CHECKING:
 def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> Ties:
     """The ties of a table as drawn, their blocks at a ``position`` (n, 3) m and a ``rotation`` (n, 3, 3)."""
     n = len(table)
-    block = np.stack([table.block_a, table.block_b], axis=1)
-    arm = np.stack([table.arm_a, table.arm_b], axis=1)
+    a, b = table.ends.block.T
     now = np.zeros((n, 3))
     now[:, LENGTH], now[:, TENSION] = table.length, table.prestress
     return Ties(
-        block=block,
-        lever=np.einsum("teji,tej->tei", rotation[block], arm),
-        offset=position[table.block_b] - position[table.block_a],
+        block=table.ends.block.copy(),
+        lever=np.einsum("teji,tej->tei", rotation[table.ends.block], table.ends.arm),
+        offset=position[b] - position[a],
         stiffness=table.stiffness.copy(),
         strength=table.strength.copy(),
         least=np.where(table.tension_only, 0.0, -table.strength),
@@ -31,7 +30,7 @@ def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> 
         now=now,
         before=now.copy(),
         force=table.prestress[:, None] * table.direction,
-        arm=arm.copy(),
+        arm=table.ends.arm.copy(),
     )
 
 

@@ -1,4 +1,4 @@
-"""The key numbers of a run as words, each with its error bar, out of the object of ``run --json``.
+"""Numbers of a run as words: with their error bars, to the digits that are known, in the unit that suits them.
 
 A history may come from anywhere, so nothing in its results is taken for granted: what is not a finite number is left
 out.
@@ -10,22 +10,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-_CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
-_ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
-_NO_BAR = "no error bar (--refine gives one)"
 _MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
 _TINY = 5e-7  # of a value: what no digit of seven shows
 _SHORT, _LONG = 2e-4, 2.0  # m: travels up to the one are told in µm, from the other on in m
 _MANY = 1e4  # N: from there on loads are told in kN
+_NAMED = 5  # blocks that a line names
 _UNEVEN = 0.05  # of a bracket: as far as V may be off its middle and stand with half of it
-
-
-class KeyNumber(NamedTuple):
-    """One line of a summary: what it is, its value with unit and error bar, and what to know about it."""
-
-    name: str
-    value: str
-    remark: str = ""
 
 
 def number(value) -> float | None:
@@ -207,179 +197,12 @@ def length(metres: float) -> str:
     return f"{metres * 1e6:.4g} µm"
 
 
-def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
-    """Key numbers of a run: the limit load with its bracket, theory beside it, the mechanism, the collapse.
-
-    ``unit`` of the load of actuators, "1" for a factor.
-    """
-    lines = []
-    if isinstance(results.get("error"), str):
-        lines.append(KeyNumber("no answer", results["error"]))
-    if isinstance(results.get("answer"), str):
-        lines.append(KeyNumber("answer", results["answer"]))
-    point, collapse, path = yield_point(results), part(results, "collapse"), part(results, "path")
-    of_blocks = collapse or unit == "1"
-    at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
-    lines += _of_collapse(collapse, point)
-    if not isinstance(results.get("error"), str):  # what a run that failed had come to is no limit
-        lines += _of_yield(point, "" if of_blocks else unit, at_rate, path | collapse)
-    lines += cycle_numbers(results.get("cycles"), unit)
-    lines += _after(part(results, "after"))
-    lines += _of_theory(part(results, "theory"))
-    lines += _of_settlement(part(results, "settlement"), collapse)
-    lines += _of_motion(results) if not (point or collapse or results.get("settlement")) else []
-    audit = part(results, "energy")
-    residual, stepping = number(audit.get("relative_residual")), number(audit.get("step_error"))
-    if residual is not None:
-        remark = "residual over the energy put in"
-        if stepping is not None:
-            remark += f"; {stepping:.1e} of it went in joints that open or close within a step"
-        lines.append(KeyNumber("energy balance", f"{residual:.1e}", remark))
-    steps, seconds = number(results.get("steps")), number(part(results, "wall").get("loop"))
-    if steps is not None:
-        lines.append(KeyNumber("steps", f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop"))
-    return lines
+def texts(value: object) -> list[str]:
+    """The texts of a list, empty for anything else."""
+    return [name for name in value if isinstance(name, str)] if isinstance(value, list) else []
 
 
-def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumber]:
-    """The limit load in N, or without a unit the load factor of a structure; ``at_rate``: of a constant-rate test;
-    ``path``: what stands beside the limit of an assembly."""
-    load = ("V", "limit load V") if unit else ("load factor", "load factor")
-    if "V" not in point:
-        return []
-    said, alone = limit_text(point, path, unit), on_one_path(path)
-    lower, upper = point.get("V_lower"), point.get("V_upper")
-    is_open = lower is None or upper is None or point.get("bracket", "open") == "open"
-    remark = said.kind
-    if alone:
-        bound = number(part(path, "associative").get("upper"))
-        remark += "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any"
-        remark += "; --refine gives the range"
-    elif not is_open:
-        remark = remark.replace("indicator", "indicator, not certified")
-        remark += "" if "meet" in remark else f": bounds {lower:.7g} and {upper:.7g} {unit}".rstrip()
-    lines = [KeyNumber(load[0] if is_open else load[1], said.value, remark)]
-    start = start_text(path, unit)
-    if start is not None:
-        lines.append(KeyNumber("start", start))
-    if "V_peak" in point:
-        lines.append(KeyNumber(f"largest {load[0]}", *peak_text(point, path, unit, at_rate)))
-    least = _ROUNDING * abs(point.get("N", 0.0))
-    shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
-    carried = [f"{name} = {shown[name]:.5g} {_CARRIED[name]}" for name in shown]
-    if carried:
-        lines.append(KeyNumber("the joint carries", ", ".join(carried), point.get("joint", "")))
-    if mechanism({"collapse": path}) != "none":
-        lines.append(KeyNumber("mechanism", mechanism({"collapse": path})))
-    elif "mechanism" in point:
-        centre = point.get("torsion_centre")
-        # + 0.0: a negative zero would only puzzle the reader
-        x, y = (0.0, 0.0) if centre is None else (round(1e3 * x, 4) + 0.0 for x in centre)
-        remark = "" if centre is None else f"turns about ({x:.5g}, {y:.5g}) mm from O"
-        lines.append(KeyNumber("mechanism", point["mechanism"], remark))
-    return lines
-
-
-def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
-    """The peaks of both halves of every cycle with their bars, and what it dissipates; ``unit`` of the load."""
-    lines = []
-    for count, cycle in enumerate(cycles if isinstance(cycles, list) else [], 1):
-        columns = [part({"": cycle}, "").get(name) for name in ("peak", "V_lower", "V_upper")]
-        if not all(isinstance(column, list) and [number(V) for V in column] == column for column in columns):
-            continue
-        peaks = [f"{known(V, 0.5 * (b - a))} ± {0.5 * (b - a):.1g}" for V, a, b in zip(*columns, strict=False)]
-        work, damping, residual = (number(cycle.get(name)) for name in ("dissipated", "damping", "residual"))
-        remark = "its loop does not close" if work is None else f"dissipated {work:.5g} J"
-        remark += "" if damping is None else f", damping {100.0 * damping:.3g} %"
-        remark += "" if residual is None else f", residual {1e3 * residual:.4g} mm"
-        lines.append(KeyNumber(f"cycle {count}", f"peaks {' and '.join(peaks)}{' N' if unit == 'N' else ''}", remark))
-    return lines
-
-
-def _after(after: dict) -> list[KeyNumber]:
-    """Line on the blocks that move on beyond the limit."""
-    moved, names = number(after.get("displacement")), after.get("blocks")
-    if moved is None or not isinstance(names, list) or not names:
-        return []
-    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    return [KeyNumber("beyond the limit", f"{names[0]}{more}", f"by {after.get('mechanism')}, to {length(moved)}")]
-
-
-def _of_theory(theory: dict) -> list[KeyNumber]:
-    V, error = number(theory.get("V")), number(theory.get("error"))
-    if V is None:
-        return []
-    remark = "" if error is None else f"simulation {100.0 * error:+.2g} %"
-    gap = number(theory.get("discretisation_error"))
-    if gap is not None:
-        remark += f"{'; ' if remark else ''}the points miss the continuum by {100.0 * gap:.2g} %"
-    return [KeyNumber("theory", f"{V:.7g} N", remark)]
-
-
-def _of_motion(results: Mapping) -> list[KeyNumber]:
-    """How far the block came that moved most, at any time and at the end."""
-    ways = {name: number(way) for name, way in part(results, "greatest_displacement").items()}
-    ways = {name: way for name, way in ways.items() if way is not None}
-    lines = []
-    if isinstance(results.get("outcome"), str):
-        lines.append(KeyNumber("outcome", results["outcome"]))
-    drift = part(results, "drift")
-    value = number(drift.get("value"))
-    if value is not None:
-        remark = f"displacement over height of {drift.get('block')}, at any time"
-        lines.append(KeyNumber("drift", f"{100.0 * value:.3g} %", remark))
-    if ways:
-        furthest = max(ways, key=lambda name: ways[name])
-        remark = f"of the centroid of {furthest}, at any time"
-        lines.append(KeyNumber("greatest displacement", length(ways[furthest]), remark))
-    moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
-    if moved is not None:
-        value = length(moved) if error is None else with_error(moved, error, "m")
-        remark = "of a centroid; " + (_NO_BAR if error is None else "from stiffer joints")
-        name = "residual displacement" if "outcome" in results else "displacement at the end"
-        lines.append(KeyNumber(name, value, remark))
-    peaks = [number(tie.get("peak")) for tie in results.get("ties") or () if isinstance(tie, Mapping)]
-    known_peaks = [peak for peak in peaks if peak is not None]
-    if known_peaks:
-        lines.append(KeyNumber("peak tie force", load_text(max(known_peaks)), "of all ties, at any time"))
-    return lines
-
-
-def _of_settlement(found: dict, collapse: dict) -> list[KeyNumber]:
-    """Where the structure came down, and the reaction along the motion of its supports."""
-    lines = []
-    at, bar = number(collapse.get("settlement")), number(collapse.get("error_estimate"))
-    if at is not None:
-        text = f"{at:.5g} m" if bar is None else with_error(at, abs(bar), "m")
-        lines.append(KeyNumber("settlement at collapse", text, _NO_BAR if bar is None else "from runs refined"))
-    reaction, bar, reached = (number(found.get(key)) for key in ("reaction", "reaction_error", "displacement"))
-    if reaction is not None:
-        text = f"{reaction:.6g} N" if bar is None else with_error(reaction, abs(bar), "N")
-        remark = "" if reached is None else f"at {length(reached)}; "
-        lines.append(KeyNumber("reaction along the motion", text, remark + (_NO_BAR if bar is None else "refined")))
-    for key in ("least", "greatest"):
-        one = part(found, key)
-        value, where = number(one.get("reaction")), number(one.get("displacement"))
-        if value is not None and where is not None:
-            lines.append(KeyNumber(f"{key} reaction", f"{value:.6g} N", f"at {length(where)}"))
-    return lines
-
-
-def _of_collapse(collapse: dict, point: dict) -> list[KeyNumber]:
-    """The angle of the table; and where no bracket tells it, the load factor with its estimate and the mechanism."""
-    lines = []
-    angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))
-    if angle is not None and "V" in point:
-        lines.append(KeyNumber("collapse angle", *angle_text(point, collapse)))
-    elif angle is not None:
-        # angle = atan(factor)
-        error = None if bar is None else math.degrees(abs(bar) * math.cos(math.radians(angle)) ** 2)
-        text = f"{known(angle, 0.0, 5)} deg" if error is None else with_error(angle, error, "deg")
-        lines.append(KeyNumber("collapse angle", text, _NO_BAR if error is None else ""))
-    if factor is not None and "V" not in point:
-        text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
-        source = "from the run refined" if bar is not None else "" if lines else _NO_BAR
-        lines.append(KeyNumber("load factor", text, source))
-    if isinstance(collapse.get("mechanism"), str) and "V" not in point:
-        lines.append(KeyNumber("mechanism", collapse["mechanism"]))
-    return lines
+def listed(names: Sequence[str]) -> str:
+    """Names in a line, the first few of many; "none" of none."""
+    more = len(names) - _NAMED
+    return f"{', '.join(names[:_NAMED]) or 'none'}{f' and {more} more' if more > 0 else ''}"

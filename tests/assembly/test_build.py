@@ -71,9 +71,9 @@ def test_the_lab_scene():
     assert found.joint_force == pytest.approx(np.array([[0, 0, 467.0]])) and found.joint_force_exact
     assert found.contact_points[0].area == pytest.approx(np.full(4, 0.015))
     jacks = found.actuators
-    assert (jacks.names, jacks.block.tolist(), jacks.weight.tolist()) == (("jack",), [1], [1.0])
-    assert jacks.point == pytest.approx(np.array([[0.075, 0, 0]]))
-    assert jacks.arm == pytest.approx(np.array([[0.075, 0, -0.05]]))
+    assert (jacks.names, jacks.at.block.tolist(), jacks.weight.tolist()) == (("jack",), [1], [1.0])
+    assert jacks.at.start(found.position) == pytest.approx(np.array([[0.075, 0, 0]]))
+    assert jacks.at.arm == pytest.approx(np.array([[0.075, 0, -0.05]]))
     assert jacks.direction == pytest.approx(np.array([[0, 1, 0]]))
     assert found.warnings == ()
 
@@ -125,7 +125,7 @@ def test_a_scene_far_away_keeps_its_forces_and_arms():
     near = assemble(scenario(actuators=(JACK,)))
     far = assemble(scenario(*blocks, actuators=(moved(JACK, point=tuple(shift + JACK.point)),)))
     assert far.joint_force == pytest.approx(near.joint_force, rel=1e-15)
-    assert far.actuators.arm == pytest.approx(near.actuators.arm, abs=5e-13)
+    assert far.actuators.at.arm == pytest.approx(near.actuators.at.arm, abs=5e-13)
 
 
 # --- what joints carry ------------------------------------------------------------------------------------------------

@@ -231,10 +231,10 @@ def test_the_gallery_shows_what_ships():
 
 @pytest.mark.parametrize("name", ["set4a", "arch", "dam"])
 def test_numbers_of_the_gallery_are_those_of_now(name):
-    from dembrick.views import summary
+    from dembrick.views.key_numbers import key_numbers
 
     entries = json.loads((DOCS / "gallery" / "gallery.json").read_text(encoding="utf-8"))
     result = dembrick.simulate(name, record=False)
-    first = summary.key_numbers(result.results, result.curve.unit)[0]
+    first = key_numbers(result.results, result.curve.unit)[0]
     told, now = (float(re.search(r"-?\d+\.?\d*", text).group()) for text in (entries[name]["number"], first.value))
     assert entries[name]["number"].startswith(first.name) and told == pytest.approx(now, rel=1e-4)

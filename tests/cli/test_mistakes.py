@@ -13,7 +13,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs.outcomes.result import printed, reaction_lines
 from dembrick.runs.study import plan
 from dembrick.scenario import toml
-from dembrick.scenario.unit_slips import unit_slips
+from dembrick.scenario.units import unit_slips
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 SET4A = (SCENARIOS / "set4a.toml").read_text()

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from dembrick.assembly.actuators import Attached
 from dembrick.assembly.build import assemble
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.loop import RUNNING, Limits
@@ -220,10 +221,10 @@ def test_a_tilting_table_turns_gravity_and_loads_the_other_way():
     axis /= np.linalg.norm(axis)
     gravity, force, rate, times = rng.normal(size=3), rng.normal(size=(2, 3)), 0.3, np.array([0.0, 0.7, 4.0])
     growing = Driving(
-        gravity, block=np.array([0, 1]), lever=np.zeros((2, 3)), force=force, factor=(None, lambda t: 1.0 + t),
-        tilt=(axis, lambda times: rate * times),
+        gravity, at=Attached(np.array([0, 1]), np.zeros((2, 3)), np.zeros((2, 3))), force=force,
+        factor=(None, lambda t: 1.0 + t), tilt=(axis, lambda times: rate * times),
     )  # fmt: skip
-    found_gravity, found_force = growing.at(times, 1e-3)
+    found_gravity, found_force = growing.forces(times, 1e-3)
     for i, t in enumerate(times):
         back = rotation_matrix([math.cos(rate * t / 2), *(-math.sin(rate * t / 2) * axis)])
         np.testing.assert_allclose(found_gravity[i], back @ gravity, atol=1e-14)

@@ -271,7 +271,7 @@ def test_a_history_has_every_energy(tmp_path, capsys):
     shown = capsys.readouterr().out
     (line,) = (line for line in shown.splitlines() if line.startswith("energy balance"))
     assert f"{result.energy.relative_residual:.1e}" in line
-    assert f"balance off by {result.energy.relative_residual:.1e}" in result.text()
+    assert f"energy balance {result.energy.relative_residual:.1e}; residual" in result.text()
 
 
 def test_polygons_that_are_cut_keep_the_energy_balance():

@@ -128,7 +128,7 @@ def test_the_greatest_displacement_is_that_of_the_run_and_not_of_its_end():
     assert answer["greatest_displacement"]["up"] == pytest.approx(v**2 / (2.0 * G), rel=1e-3)
     assert answer["greatest_displacement"]["still"] < 1e-9
     assert answer["displacement"] < 0.01 and answer["fallen"] == []
-    assert "m at the most, of the centroid of up" in result.text()
+    assert "m; of the centroid of up" in result.text()
 
 
 def test_what_has_fallen_is_named():

@@ -14,7 +14,7 @@ from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Output, 
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.views import export
 from dembrick.views.motion.blocks import Poses
-from dembrick.views.render.ties import DrawnTies
+from dembrick.views.render.loads import DrawnTies
 from helpers.restart_cases import check_same, stop_at_look
 
 G = 9.81

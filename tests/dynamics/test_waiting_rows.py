@@ -127,4 +127,4 @@ def test_loads_found_ahead_are_those_of_each_step(motion):
             np.testing.assert_array_equal(array[:count], getattr(alone, name))
         gravity = ahead.gravity(driving, first + count, dt)
         if gravity is not None:
-            np.testing.assert_array_equal(gravity, driving.at(np.array([(first + count) * dt]), dt)[0][0])
+            np.testing.assert_array_equal(gravity, driving.forces(np.array([(first + count) * dt]), dt)[0][0])

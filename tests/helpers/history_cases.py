@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from dembrick import history
-from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
+from dembrick.assembly.actuators import NO_ACTUATORS, NO_CONTROL_POINTS, ActuatorTable, Attached, ControlPoints
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import Joint, JointTable
 from dembrick.assembly.loads import NO_LOADS
@@ -61,15 +61,14 @@ def assembly():
         ties=NO_TIES,
         point_loads=NO_LOADS,
         control_points=ControlPoints(
-            ("mark",), np.array([1]), np.array([[0.0, 0.0, 0.1]]), np.zeros((1, 3)), np.zeros((1, 3))
+            ("mark",), Attached(np.array([1]), np.array([[0.0, 0.0, 0.05]]), np.array([[0.0, 0.0, 0.05]]))
         ),
-        actuators=SimpleNamespace(
+        actuators=ActuatorTable(
             names=("jack",),
-            block=np.array([1]),
-            point=np.array([[0.075, 0.0, 0.0]]),
+            at=Attached(np.array([1]), np.array([[0.075, 0.0, -0.05]]), np.array([[0.075, 0.0, -0.05]])),
             direction=np.array([[0.0, 1.0, 0.0]]),
             weight=np.array([1.0]),
-            pressed=np.zeros(1, bool),
+            kind=("actuator",),
         ),
     )
 
@@ -87,14 +86,7 @@ def mixed_assembly():
     base.joints = JointTable.of((*base.joints, joint(1, 2, "convex", origin=(0.0, 0.0, 0.1))))
     base.contact_points = PointTable.of((*base.contact_points, None))
     base.control_points = NO_CONTROL_POINTS
-    base.actuators = SimpleNamespace(
-        names=(),
-        block=np.zeros(0, int),
-        point=np.zeros((0, 3)),
-        direction=np.zeros((0, 3)),
-        weight=np.zeros(0),
-        pressed=np.zeros(0, bool),
-    )
+    base.actuators = NO_ACTUATORS
     return base
 
 

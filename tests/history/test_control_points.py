@@ -1,9 +1,10 @@
-"""Control points: displacements of material points, in every kind of run and in the history."""
+"""Control points: displacements of material points, in every kind of run and in the history; and kinds of actuators."""
 
 import csv
 import json
 import math
 
+import h5py
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.views import plot
+from helpers import history_cases as cases
 from helpers.places import SCENARIOS
 
 
@@ -117,3 +119,23 @@ def test_two_of_a_name_and_a_group_are_refused():
         with_points("set4a", ("a", "upper", None), ("a", "lower", None))
     with pytest.raises(ScenarioError, match="'arch' is a group; name one block of it"):
         with_points("arch", ("a", "arch", None))
+
+
+@pytest.mark.parametrize(
+    "name, kind", [("jack", "actuator"), ("pressure on upper", "pressure"), ("load on upper", "body force")]
+)
+def test_files_of_earlier_versions_tell_kinds_of_actuators_by_their_names(tmp_path, name, kind):
+    path = cases.finished(tmp_path / "run.h5")
+    with h5py.File(path, "r+") as file:
+        del file["geometry/actuators/kind"]
+        file["geometry/actuators/name"][0] = name
+    with history.read(path) as found:
+        assert found.actuators[0]["kind"] == kind
+
+
+def test_a_kind_of_actuator_that_there_is_not_is_an_error(tmp_path):
+    path = cases.finished(tmp_path / "run.h5")
+    with h5py.File(path, "r+") as file:
+        file["geometry/actuators/kind"][0] = "spring"
+    with history.read(path) as found, pytest.raises(HistoryError, match="'spring', which is none of actuator"):
+        _ = found.actuators

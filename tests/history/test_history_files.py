@@ -136,7 +136,7 @@ def test_new_contacts_come_back_however_many_a_frame_has(tmp_path, monkeypatch, 
 def test_jacks_come_back(tmp_path):
     with history.read(cases.finished(tmp_path / "run.h5")) as found:
         (jack,) = found.actuators
-        assert (jack["name"], jack["block"], jack["weight"]) == ("jack", 1, 1.0)
+        assert (jack["name"], jack["kind"], jack["block"], jack["weight"]) == ("jack", "actuator", 1, 1.0)
         assert jack["point"].tolist() == [0.075, 0.0, 0.0] and jack["direction"].tolist() == [0.0, 1.0, 0.0]
 
 

@@ -9,7 +9,7 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.outcomes.error_estimate import refinements
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
-from dembrick.views.summary import key_numbers
+from dembrick.views.key_numbers import key_numbers
 from helpers.places import SCENARIOS
 
 PULSE = 9.81 * 0.5 * 0.2**2 * (0.5 - 0.2) * 0.5 / 0.2  # m: Newmark's block, 0.5 g for 0.2 s, friction 0.2

@@ -12,7 +12,7 @@ from dembrick import cli, limit, simulate
 from dembrick.runs import study as studies
 from dembrick.runs.path_dependence import path_lines, ranged, within
 from dembrick.scenario import toml
-from dembrick.views.summary import key_numbers
+from dembrick.views.key_numbers import key_numbers
 from helpers.studies import read_csv, write_study
 
 SHIPPED = Path(__file__).resolve().parents[2] / "scenarios"

@@ -18,7 +18,8 @@ from dembrick.scenario import toml
 from dembrick.scenario.controls import PushoverControl, StaticsControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
-from dembrick.views.summary import key_numbers, known
+from dembrick.views.key_numbers import key_numbers
+from dembrick.views.summary import known
 
 
 def slope(ratio: float, friction: float = 0.8, columns: int = 4) -> Scenario:

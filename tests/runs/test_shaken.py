@@ -1,6 +1,7 @@
 """A shaken structure in one word, with its drift, what displacement remains, and the peaks of its ties."""
 
 import json
+from html import escape
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 import dembrick
 from dembrick import cli, history
 from dembrick.views import page
+from dembrick.views.key_numbers import OF_MOTION, OF_WORK, told_by
+from dembrick.views.summary import plain
 from helpers.scenario_text import block, header
 
 GROUND = block("ground", (0.0, 0.0, -0.05), (4.0, 2.0, 0.1), "fixed = true")
@@ -48,6 +51,13 @@ def test_a_stone_that_stays_stood_and_has_slid(tmp_path, capsys):
     with history.read(tmp_path / "run.h5") as run:
         shown = page.results_table(run.results)
     assert "outcome" in shown and "stood" in shown and "residual displacement" in shown
+    capsys.readouterr()
+    assert cli.main(["info", str(tmp_path / "run.h5")]) == 0
+    info, numbers = capsys.readouterr().out, told_by((*OF_MOTION, *OF_WORK), told)
+    assert len(numbers) >= 9
+    for number in numbers:  # declared once, shown everywhere
+        assert number.line in result.text() and plain(f"{number.value}") in info and number.name in info
+        assert escape(number.name) in shown and escape(number.value) in shown
     (tmp_path / "stone.toml").write_text(text)
     assert cli.main(["run", str(tmp_path / "stone.toml"), "--out", str(tmp_path / "again.h5"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["outcome"] == "stood"

@@ -8,7 +8,7 @@ import pytest
 
 from dembrick import cli
 from dembrick.errors import ScenarioError
-from dembrick.runs.validation import cases, compare, report
+from dembrick.runs.validation import cases, compare
 from dembrick.scenario import toml
 from dembrick.views.plot import read_measured
 
@@ -66,7 +66,7 @@ def test_a_single_value_takes_the_largest_relative_scatter_of_the_others_and_say
     assert found["narrow"].u_D == pytest.approx(1.0)
     told = compare.Comparison(found["lone"], 22.0, 0.0, 0.1)
     assert told.unknown.endswith("u_D relative as of wall, as there is one value only")
-    assert "*" in report.text_row(told) and "relative as of wall" in report.summary([told])
+    assert "*" in compare.text_row(told) and "relative as of wall" in compare.summary([told])
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_a_single_value_takes_the_largest_relative_scatter_of_the_others_and_say
 def test_a_test_is_met_within_the_root_of_the_sum_of_squares(S, u_num, within):
     found = compared(S, u_num)  # u_D = 1, and with u_num = 0.5 the root is 1.118
     assert found.E == pytest.approx(S - 11.0) and found.within is within
-    assert report.verdict(found) == ("within" if within else "OUTSIDE")
+    assert compare.verdict(found) == ("within" if within else "OUTSIDE")
 
 
 def test_granite_walls_leave_open_what_their_peaks_range_over():
@@ -144,7 +144,7 @@ def test_V_of_the_deformed_geometry_is_read_at_the_measured_displacement(tmp_pat
     found = compare.comparison_of(case)
     assert found.failure == "" and abs(1e3 * found.S - V) <= 1e3 * found.u_num < 0.01 * V
     late = compare.comparison_of(dataclasses.replace(case, at=0.03))
-    assert late.S is None and late.within is None and report.verdict(late) == "no answer"
+    assert late.S is None and late.within is None and compare.verdict(late) == "no answer"
 
 
 def test_a_threshold_lies_between_a_value_that_stands_and_one_that_falls(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from dembrick import cli
 from dembrick.errors import ScenarioError
-from dembrick.runs.verification import cases, report, verify
+from dembrick.runs.verification import cases, verify
 from dembrick.scenario import shipped, toml
 
 CASE = cases.Case("torsion", "Torsion", "set2a", "V", 100.0, "a book")
@@ -103,7 +103,7 @@ def test_the_command_exits_with_three_if_a_case_fails(monkeypatch, capsys):
 
 
 def test_text_from_a_case_is_escaped_on_the_page():
-    page = report.html([outcome(title="<script>alert(1)</script>")], "1.0")
+    page = verify.html([outcome(title="<script>alert(1)</script>")], "1.0")
     assert "<script>" not in page and "&lt;script&gt;" in page
 
 

@@ -1,12 +1,19 @@
 """The reference of keys: every key of every table, no other, and a JSON schema that holds for the shipped scenarios."""
 
 import json
+import math
+import re
 import tomllib
+from dataclasses import MISSING
 
 import pytest
 
 from dembrick import cli
-from dembrick.scenario import keys, shipped
+from dembrick.errors import ScenarioError
+from dembrick.scenario import keys, shipped, toml
+from dembrick.scenario.controls import CONTROLS
+from dembrick.scenario.declared import key_of
+from dembrick.scenario.model import Material, Scenario
 
 
 @pytest.mark.parametrize("heading, table", keys.tables().items(), ids=lambda value: str(value)[:40])
@@ -16,7 +23,53 @@ def test_every_key_of_a_table_is_told_and_no_other(heading, table):
 
 
 def test_every_table_that_a_scenario_can_hold_is_told():
-    assert set(keys.tables().values()) == set(keys._TEXTS)
+    found, waiting = set(), [Scenario, Material, *CONTROLS.values()]
+    while waiting:
+        kind = waiting.pop()
+        found.add(kind)
+        waiting += {inner for inner, _ in toml._inner(kind).values()} - found
+    assert set(keys.tables().values()) == found
+
+
+CHECKED = [
+    pytest.param(table, field, id=f"{heading} {field.name}"[-40:])
+    for heading, table in keys.tables().items()
+    for field in keys.written_fields(table)
+    if (key := key_of(field)) and key.check
+]
+
+
+@pytest.mark.parametrize("table, field", CHECKED)
+def test_what_a_key_declares_is_what_its_check_holds_to(table, field):
+    """A number within the range that is told is taken, one just beyond is refused; a default always is taken."""
+    key = key_of(field)
+    default = keys.default_of(field)
+    if default not in (MISSING, None):
+        assert key.check(field.name, default, "") == default
+    for choice in key.choices:
+        assert key.check(field.name, choice, "") == choice
+    if key.choices:
+        assert key.allowed == ", ".join(key.choices)
+    if key.allowed == "true, false":
+        assert key.check(field.name, True, "") is True
+    ends = re.fullmatch(r"(-?[0-9.e-]+) to ([0-9.e-]+)", key.allowed)
+    least = re.fullmatch(r"(?:whole number )?(>=?) ([0-9]+)", key.allowed)
+    inside, outside = [], [math.nan, "1", None]
+    if ends:
+        low, high = map(float, ends.groups())
+        inside, outside = [0.5 * (low + high)], [*outside, low - 1e-9, high * (1.0 + 1e-9) + 1e-12]
+    elif least:
+        low, whole = int(least.group(2)), key.allowed.startswith("whole")
+        inside, outside = [low if least.group(1) == ">=" else 1e-300, low + 3], [*outside, low - 1]
+        outside += [low + 0.5] if whole else [low - 1e-9]
+        outside += [low] if least.group(1) == ">" else []
+    elif key.allowed != "a number":
+        outside = [math.nan]
+    for value in inside:
+        assert key.check(field.name, value, "") == value
+    for value in outside:
+        with pytest.raises(ScenarioError, match=re.escape(field.name)):
+            key.check(field.name, value, " of nobody")
 
 
 def valid(value, schema, where="scenario"):

@@ -68,7 +68,7 @@ def test_weight_is_the_column_and_thrust_that_of_its_height(state, ratio):
     assert loads.force[:, 2].sum() == pytest.approx(-18000.0 * 0.8 * column, rel=1e-9)
     rise = corner[10, 1]
     half = 18000.0 * 0.8 * ratio * (3.0**2 - (3.0 - rise) ** 2) / 2.0
-    left = loads.block < 10
+    left = loads.at.block < 10
     assert loads.force[left, 0].sum() == pytest.approx(half, rel=1e-9, abs=1e-6)
     assert loads.force[~left, 0].sum() == pytest.approx(-half, rel=1e-9, abs=1e-6)
     assert np.abs(loads.force[:, 1]).max() < 1e-6
@@ -79,7 +79,7 @@ def test_moment_is_that_of_the_stress_over_the_face():
     scenario = scene("coefficient = 0.4")
     assembly, corner = assemble(scenario), corners(scenario)
     loads = assembly.point_loads
-    point = assembly.position[loads.block] + loads.arm
+    point = assembly.position[loads.at.block] + loads.at.arm
     moment = np.cross(point, loads.force)[:, 1]
     expected = []
     for a, b in zip(corner[:-1], corner[1:], strict=True):
@@ -87,7 +87,7 @@ def test_moment_is_that_of_the_stress_over_the_face():
         at = [a, 0.5 * (a + b), b]
         levers = [18000.0 * 0.8 * (3.0 - z) * (x * dx + z * 0.4 * dz) for x, z in at]
         expected.append((levers[0] + 4.0 * levers[1] + levers[2]) / 6.0)
-    order = np.argsort(loads.block)
+    order = np.argsort(loads.at.block)
     assert moment[order] == pytest.approx(np.array(expected), rel=1e-9, abs=1e-3)
 
 
@@ -109,7 +109,7 @@ def test_limit_is_that_of_the_same_forces_by_hand():
     loads, names = assembly.point_loads, assembly.names
     by_hand = "".join(
         f'[[loads]]\nblock = "{names[b]}"\nforce = {f.tolist()}\npoint = {(assembly.position[b] + arm).tolist()}\n'
-        for b, arm, f in zip(loads.block, loads.arm * (1.0 - 1e-9), loads.force, strict=True)
+        for b, arm, f in zip(loads.at.block, loads.at.arm * (1.0 - 1e-9), loads.force, strict=True)
     )
     other = toml.loads(SCENE.format(fill=by_hand, heading=0.0))
     bound = dembrick.limit(filled).load_factor

@@ -90,8 +90,8 @@ def test_force_and_centre_of_a_fluid_on_a_face(z1, z2):
     force = 9810.0 * (top - z1) * (0.9 - 0.5 * (z1 + top))
     height = 9810.0 * (0.9 * (top**2 - z1**2) / 2 - (top**3 - z1**3) / 3) / force
     np.testing.assert_allclose(loads.force[row], [force, 0.0, 0.0], atol=1e-9)
-    np.testing.assert_allclose(loads.arm[row], [-0.3, 0.0, height - (z1 + 0.1)], atol=1e-12)
-    assert loads.block[row] == row + 1 and len(loads.block) == 5  # the course above the water feels nothing
+    np.testing.assert_allclose(loads.at.arm[row], [-0.3, 0.0, height - (z1 + 0.1)], atol=1e-12)
+    assert loads.at.block[row] == row + 1 and len(loads.at.block) == 5  # the course above the water feels nothing
 
 
 PUSH = 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]'
@@ -124,7 +124,7 @@ def test_a_covered_face_feels_no_pressure():
     turned = toml.loads(toml.dumps(upright).replace("direction = [-1.0, 0.0, 0.0]", "direction = [1.0, 0.0, 0.0]", 1))
     loads = assemble(turned).point_loads  # of the tall block only what stands out above the low one, and that whole
     np.testing.assert_allclose(sorted(loads.force[:, 0]), [-5000.0 * 0.7, -5000.0 * 0.5], rtol=1e-12)
-    np.testing.assert_allclose(loads.arm[loads.block == 1], [[0.3, 0.0, 0.5 + 0.35 - 0.6]], atol=1e-12)
+    np.testing.assert_allclose(loads.at.arm[loads.at.block == 1], [[0.3, 0.0, 0.5 + 0.35 - 0.6]], atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ import math
 import pytest
 
 from dembrick.views import summary
-from dembrick.views.summary import KeyNumber, key_numbers, with_error
+from dembrick.views.key_numbers import KeyNumber, key_numbers
+from dembrick.views.summary import with_error
 
 
 @pytest.mark.parametrize(
@@ -45,15 +46,15 @@ def test_brackets_are_named_for_what_they_are():
 
 def test_theory_and_collapse():
     theory = names({"theory": {"V": 216.05, "error": -3.1e-4, "discretisation_error": 4e-4}})["theory"]
-    assert theory == ("theory", "216.05 N", "simulation -0.031 %; the points miss the continuum by 0.04 %")
+    assert theory[:3] == ("theory", "216.05 N", "simulation -0.031 %; the points miss the continuum by 0.04 %")
     collapse = {"angle": 12.01, "load_factor": 0.2127, "mechanism": "rocking", "error_estimate": None}
     lines = names({"collapse": collapse})
-    assert lines["collapse angle"] == ("collapse angle", "12.01 deg", "no error bar (--refine gives one)")
+    assert lines["collapse angle"][:3] == ("collapse angle", "12.01 deg", "no error bar (--refine gives one)")
     assert lines["load factor"].value == "0.2127" and lines["mechanism"].value == "rocking"
     lines = names({"collapse": collapse | {"error_estimate": 5e-4}})
     assert lines["load factor"].value == "0.21270 ± 0.00050"
     # 5e-4 cos(12.01 deg)^2 in degrees
-    assert lines["collapse angle"] == ("collapse angle", "12.010 ± 0.027 deg", "")
+    assert lines["collapse angle"][:3] == ("collapse angle", "12.010 ± 0.027 deg", "")
 
 
 def test_a_load_factor_has_no_newtons():
@@ -66,7 +67,7 @@ def test_a_load_factor_has_no_newtons():
     ]  # fmt: skip
     assert lines[1].value == "0.370010 ± 0.000010" and lines[1].remark.endswith("0.37 and 0.37002")
     # 1e-5 cos(20.305 deg)^2 in degrees
-    assert "N" not in lines[2].value and lines[0][1:] == ("20.30498 ± 0.00050 deg", "indicator")
+    assert "N" not in lines[2].value and lines[0][1:3] == ("20.30498 ± 0.00050 deg", "indicator")
     assert lines[4].value == "rocking"
 
 

@@ -9,7 +9,7 @@ A search through equilibria knows no rate, and its forces no scale of stiffness,
 decides how joints are loaded on the way, and so to which limit friction without dilatancy is led. Nobody knows that
 ratio for a dry joint: the search is made for several, for both stiffnesses doubled and by steps half as long, and the
 least and greatest limit are the range that the structure's own path leaves open. Histories that lock forces in are
-tried beside them (`locked_in`).
+tried beside them (`path_dependence.histories`).
 
 Equilibria in the deformed geometry know no rate either: their error is that of the stiffness and of the steps of the
 path, which are halved; supports also move by half the acceleration on them.
@@ -35,7 +35,8 @@ from dembrick.assembly.actuators import effective_mass
 from dembrick.errors import ScenarioError
 from dembrick.runs.outcomes.result import Result
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import (
+from dembrick.scenario.model import JointLaw, Scenario
+from dembrick.scenario.regimes import (
     CONSTANT_RATE,
     DEAD_LOAD,
     DEFORMED_REST,
@@ -47,7 +48,6 @@ from dembrick.scenario.controls import (
     REAL_TIME,
     SETTLEMENT,
 )
-from dembrick.scenario.model import JointLaw, Scenario
 from dembrick.views.summary import known
 
 OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
@@ -88,7 +88,7 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
         paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario))]
         return (*paths, Refinement(scenario, 1.0, 0.5))
     found = [Refinement(stiffer(scenario), OF_STIFFNESS)]
-    if rate := getattr(control, "rate", None):
+    if rate := control.rate:
         slower = replace(scenario, control=replace(control, rate=0.5 * rate), text=None)
         found.append(Refinement(slower, OF_RATE))
     return tuple(found)

@@ -12,12 +12,13 @@ import numpy as np
 
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.outcomes.motion_result import MotionResult
-from dembrick.runs.outcomes.result import listed, printed
+from dembrick.runs.outcomes.result import printed
 from dembrick.runs.outcomes.statics_result import RestResult
 from dembrick.scenario.checks import present
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED
 from dembrick.simulation.statics.yield_point import YieldPoint
-from dembrick.views.summary import known, length, plain
+from dembrick.views.key_numbers import OF_SETTLEMENT, OF_WORK
+from dembrick.views.summary import known, length, listed, plain
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.load_path import LoadPathRun
@@ -275,23 +276,8 @@ class SettlementResult(MotionResult):
         return super().as_dict() | {"settlement": self.settlement, "simulated_time": None}
 
     def text(self) -> str:
-        found, motion = self.settlement, self.run.motion
         lines = self.heading_lines
         if self.collapse is not None:
             lines += collapse_lines(self.collapse)
-        bar = "no error bar: --refine gives one" if self.reaction_error is None else f"+- {self.reaction_error:.2g} N"
-        lines.append(
-            f"reaction      {found['reaction']:.6g} N along the motion ({bar}) at {found['displacement']:.6g} m"
-        )
-        for key in ("least", "greatest"):
-            at = found[key]
-            lines.append(f"  {key:8}    {at['reaction']:.6g} N at {at['displacement']:.4g} m")
-        lines.append(f"  at rest     {found['at_rest']:.6g} N")
-        lines += self.force_lines
-        lines.append(f"out of balance {self.run.unbalanced:.2g} of the joint forces, at the most")
-        lines.append(
-            f"equilibria    {found['equilibria']}, by {motion.steps} steps of relaxation, loop "
-            f"{self.run.loop_seconds:.3g} s"
-        )
-        lines.append(f"history       {self.history}")
-        return "\n".join(lines)
+        lines += [*self.lines_of(OF_SETTLEMENT), *self.force_lines, *self.lines_of(OF_WORK)]
+        return "\n".join([*lines, f"history       {self.history}"])

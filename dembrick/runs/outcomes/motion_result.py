@@ -12,7 +12,8 @@ import numpy as np
 
 from dembrick.runs import left_out
 from dembrick.runs.collapse import collapse_lines
-from dembrick.runs.outcomes.result import RunResult, listed
+from dembrick.runs.outcomes.result import RunResult
+from dembrick.views.key_numbers import OF_MOTION, OF_WORK
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -74,7 +75,7 @@ class MotionResult(RunResult):
     @cached_property
     def left_out(self) -> list[LeftOut]:
         """Remarks on impacts that the joint laws soften; empty if nothing rocked on such joints."""
-        if getattr(self.scenario.control, "restitution", None) is None:
+        if self.scenario.control.restitution is None:
             return []
         return left_out.rolled_over(self.assembly, self.run.turned)
 
@@ -127,16 +128,6 @@ class MotionResult(RunResult):
             "residual_displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
         }
 
-    def _shaken_lines(self) -> list[str]:
-        told = self._shaken()
-        if not told:
-            return []
-        lines = [f"outcome       {told['outcome']}"]
-        if told["drift"] is not None:
-            value, block = told["drift"].values()
-            lines.append(f"drift         {100.0 * value:.3g} % at the most: displacement over height of {block}")
-        return lines
-
     def _tied(self) -> list[dict]:
         """The ties with their peaks (N), as seen at the rows."""
         peaks = self.run.peak_tension.tolist()
@@ -144,32 +135,11 @@ class MotionResult(RunResult):
 
     def text(self) -> str:
         """Text of the command line."""
-        motion = self.run.motion
         lines = self.heading_lines
         if self.collapse is not None:
             lines += collapse_lines(self.collapse)
-        lines += self._shaken_lines()
-        bar = "" if self.displacement_error is None else f" +- {self.displacement_error:.2g}"
-        away = np.linalg.norm(self.displacement, axis=1)
-        for when, ways, error in (("at the most", self.run.furthest, ""), ("at the end", away, bar)):
-            most = int(np.argmax(ways))
-            which = f"of the centroid of {self.assembly.names[most]}"
-            name = "residual     " if when == "at the end" and self.scenario.control.shakes else "displacement "
-            lines.append(f"{name} {ways[most]:.5g}{error} m {when}, {which}")
-        lines.append(f"fallen        {listed(self.fallen) or 'none'}")
-        if self.not_standing:
-            lines.append(f"not standing  {listed(self.not_standing)}: no equilibrium under the dead loads")
-        lines += [f"left out      {one.text}" for one in self.left_out]
-        lines += self.force_lines
-        lines.append(f"simulated     {motion.time:.6g} s")
-        lines.append(
-            f"time step     {motion.time_step:.3g} s (critical {motion.critical_time_step:.3g} s), "
-            f"{motion.steps} steps, loop {self.run.loop_seconds:.3g} s"
-        )
-        if self.energy is not None:
-            lines.append(f"energy        balance off by {self.energy.relative_residual:.1e} of what was put in")
-        lines.append(f"history       {self.history}")
-        return "\n".join(lines)
+        lines += [*self.lines_of(OF_MOTION), *self.force_lines, *self.lines_of(OF_WORK)]
+        return "\n".join([*lines, f"history       {self.history}"])
 
 
 STOOD, FELL = "stood", "fell"

@@ -23,7 +23,8 @@ from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
-from dembrick.views.summary import cycle_numbers, limit_text, plain
+from dembrick.views.key_numbers import Declared, cycle_numbers, key_numbers, told_by
+from dembrick.views.summary import limit_text, plain
 
 if TYPE_CHECKING:
     import pandas
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 
 ROUNDING = 1e-7  # of the largest: a force or a moment that is none
-NAMED = 5  # blocks that a line names
 SHOWN = 8  # supports whose reactions, and ties whose tensions, the command line prints
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
@@ -103,8 +103,7 @@ class RunResult:
     @property
     def cycle_lines(self) -> list[str]:
         """Lines that the command line prints of the cycles of a protocol."""
-        numbers = cycle_numbers(self.cycles, self.curve.unit)
-        return [plain(f"{number.name:13} {number.value}; {number.remark}") for number in numbers]
+        return [number.line for number in cycle_numbers(self.cycles, self.curve.unit)]
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
@@ -117,6 +116,11 @@ class RunResult:
     def force_lines(self) -> list[str]:
         """Lines of the command line on the reactions of supports and on the ties."""
         return self.cycle_lines + reaction_lines(self.reactions) + tie_lines(self._tied())
+
+    def lines_of(self, *tables: Sequence[Declared]) -> list[str]:
+        """Lines of the command line on the key numbers of ``tables``."""
+        results = self.as_dict()
+        return [number.line for table in tables for number in told_by(table, results)]
 
     @property
     def heading_lines(self) -> list[str]:
@@ -187,9 +191,7 @@ class RunResult:
 
     def __repr__(self) -> str:
         """The title and the first key number with its error bar."""
-        from dembrick.views import summary
-
-        first = [f"{number.name} {number.value}" for number in summary.key_numbers(self.as_dict(), self.curve.unit)[:1]]
+        first = [f"{number.name} {number.value}" for number in key_numbers(self.as_dict(), self.curve.unit)[:1]]
         return f"<{type(self).__name__} {self.scenario.title!r}: {', '.join([self.status, *first])}>"
 
     def _repr_html_(self) -> str:
@@ -204,12 +206,6 @@ def printed(values: Iterable[float], largest: float) -> list[str]:
     return [f"{value:.6g}" if abs(value) > ROUNDING * largest else "0" for value in values]
 
 
-def listed(names: list[str]) -> str:
-    """Names in a line, the first few of many; "none" of none."""
-    more = len(names) - NAMED
-    return f"{', '.join(names[:NAMED]) or 'none'}{f' and {more} more' if more > 0 else ''}"
-
-
 def heading(scenario: Scenario) -> dict:
     """First entries in the JSON object of any run or limit analysis."""
     return {"scenario": scenario.path or "", "title": scenario.title, "formulation": scenario.joint.formulation}
@@ -218,7 +214,7 @@ def heading(scenario: Scenario) -> dict:
 def tied(assembly: Assembly, **values: np.ndarray) -> list[dict]:
     """The blocks of every tie and its ``values`` by name: tension (N), the elongation (m) that it keeps."""
     ties, names = assembly.ties, assembly.names
-    numbers = zip(ties.block_a, ties.block_b, *(own.tolist() for own in values.values()), strict=True)
+    numbers = zip(*ties.ends.block.T, *(own.tolist() for own in values.values()), strict=True)
     return [{"between": [names[a], names[b]]} | dict(zip(values, own, strict=True)) for a, b, *own in numbers]
 
 
@@ -356,7 +352,7 @@ class Result(SearchResult):
             if found is None or control.ends_with != YIELD or self.scenario.joint.points is not None:
                 return None
             gap = found
-        return gap if abs(gap) > getattr(control, "tolerance", math.inf) else None
+        return gap if abs(gap) > (control.tolerance or math.inf) else None
 
     def agrees(self) -> bool:
         """Whether theory lies in the bracket and, for a limit load, V is within the tolerance of it."""
@@ -369,7 +365,7 @@ class Result(SearchResult):
         inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)
         if self.scenario.control.ends_with != YIELD:
             return inside or point.bracket != "certified"
-        asked = getattr(self.scenario.control, "tolerance", 0.0)
+        asked = self.scenario.control.tolerance or 0.0
         close = self.theory.error is not None and abs(self.theory.error) <= asked
         return close and (inside or point.bracket != "certified")
 

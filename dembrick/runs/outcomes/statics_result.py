@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dembrick.runs.outcomes.result import RunResult, SearchResult
 from dembrick.simulation.statics.dead_load import DECIDES, does_not_stand, undecided
+from dembrick.views.key_numbers import OF_WORK
 
 if TYPE_CHECKING:
     from dembrick.simulation.statics.dead_load import Standing
@@ -38,11 +39,8 @@ class RestResult(RunResult):
 
     def text(self) -> str:
         """Text of the command line."""
-        unbalanced, steps = self.statics["unbalanced"], self.as_dict()["steps"]
         lines = [*self.heading_lines, f"answer        {self.plain_answer}", *self.force_lines]
-        lines.append(f"out of balance {unbalanced:.2g} of the joint forces after {steps} steps")
-        lines.append(f"history       {self.history}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.lines_of(OF_WORK), f"history       {self.history}"])
 
 
 @dataclasses.dataclass(repr=False)

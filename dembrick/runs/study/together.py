@@ -76,7 +76,7 @@ class _Case:
         actuators = assembly.actuators
         self.polygon, self.law = np.asarray(joint.polygon), scenario.joint
         self.dead = theory_check.wrench(axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
-        self.point = (actuators.arm - arm) @ axes.T
+        self.point = (actuators.at.arm - arm) @ axes.T
         self.direction = actuators.direction @ axes.T
         self.weight = actuators.weight
         force = self.direction * self.weight[:, None]

@@ -1,11 +1,12 @@
-"""Run verification cases and compare: value with error bar against the reference."""
+"""Verification cases: run them, compare value with error bar and reference, and report as text and as an HTML page."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from html import escape
 
 from dembrick.errors import DembrickError
 from dembrick.runs.outcomes.result import fell
@@ -121,3 +122,94 @@ _READ: dict[str, Callable[..., Measured]] = {
     "reaction": lambda result: _with_bar(result.settlement, "reaction"),
     "settlement": _settlement,
 }
+
+
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #1b1f24; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+th, td { padding: .3rem .6rem; border-bottom: 1px solid #d8dde3; text-align: left; vertical-align: top; }
+td.n { text-align: right; white-space: nowrap; } td.bad { color: #b3261e; font-weight: 600; }
+small { color: #57606a; } code { font-size: .9em; }
+@media (prefers-color-scheme: dark) { body { background: #14171a; color: #e6e8ea; } th, td { border-color: #333a41; }
+small { color: #9aa4ae; } td.bad { color: #ff8a80; } }
+"""
+
+
+def verdict(outcome: Outcome) -> str:
+    """In a few words: ok, FAILED, or ok by the limit of the case while its own error bar leaves the reference out."""
+    if not outcome.passed:
+        return "FAILED"
+    return "ok, but outside its bar" if outcome.bar_holds is False else "ok"
+
+
+def value_text(outcome: Outcome) -> str:
+    """Value with its half-width, as many digits as are worth it."""
+    if outcome.value is None:
+        return "none"
+    value = f"{outcome.value:.7g}"
+    if outcome.lower is None or outcome.upper is None:
+        return value
+    return f"{value} +- {0.5 * (outcome.upper - outcome.lower):.1g}"
+
+
+def error_text(outcome: Outcome) -> str:
+    """Relative error in per cent; of a bound how far below it the value lies."""
+    if outcome.error is None:
+        return "-"
+    return f"{100.0 * outcome.error:+.2g} %" if outcome.case.reference else f"{outcome.error:+.2g}"
+
+
+def text_row(outcome: Outcome) -> str:
+    """One line of the table on the terminal."""
+    case = outcome.case
+    reference = f"{'<= ' if case.relation == 'at most' else ''}{case.reference:.7g}"
+    unit = "" if case.unit == "1" else f" {case.unit}"
+    return (
+        f"{case.name:28} {reference + unit:>16} {value_text(outcome):>22} {error_text(outcome):>10} "
+        f"{outcome.seconds:6.2f} s  {verdict(outcome)}"
+    )
+
+
+def text_header() -> str:
+    """The heads of the columns of :func:`text_row`."""
+    return f"{'case':28} {'reference':>16} {'dembrick':>22} {'error':>10} {'time':>8}"
+
+
+def summary(outcomes: Sequence[Outcome]) -> str:
+    """How many passed, and how the error bars did."""
+    passed = sum(outcome.passed for outcome in outcomes)
+    bars = [outcome.bar_holds for outcome in outcomes if outcome.bar_holds is not None]
+    seconds = sum(outcome.seconds for outcome in outcomes)
+    held = f"{sum(bars)} of {len(bars)} error bars hold the reference"
+    return f"{passed} of {len(outcomes)} cases pass, {held}, {seconds:.1f} s"
+
+
+def html(outcomes: Sequence[Outcome], version: str) -> str:
+    """The page of the report."""
+    rows = "\n".join(_html_row(outcome) for outcome in outcomes)
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>dembrick {escape(version)}: verification</title><style>{STYLE}</style></head>
+<body><h1>Verification of dembrick {escape(version)}</h1>
+<p>{escape(summary(outcomes))}. An error bar is the bracket of the limit load, or in real time the estimate of
+<code>--refine</code>. Run any case again with <code>dembrick verify CASE</code>.</p>
+<table><thead><tr><th>case</th><th>source</th><th>reference</th><th>dembrick</th><th>error</th><th>time</th><th></th></tr>
+</thead><tbody>
+{rows}
+</tbody></table></body></html>
+"""
+
+
+def _html_row(outcome: Outcome) -> str:
+    case = outcome.case
+    changes = "".join(f" --set {escape(change)}" for change in case.set)
+    remark = f"<br><small>{escape(case.remark or outcome.failure)}</small>" if case.remark or outcome.failure else ""
+    unit = "" if case.unit == "1" else f" {case.unit}"
+    reference = f"{'at most ' if case.relation == 'at most' else ''}{case.reference:.7g}{unit}"
+    return (
+        f"<tr><td>{escape(case.title)}<br><small><code>{escape(case.name)}: {escape(case.scenario)}{changes}</code>"
+        f"</small></td><td>{escape(case.source)}{remark}</td><td class=n>{escape(reference)}</td>"
+        f"<td class=n>{escape(value_text(outcome))}</td><td class=n>{escape(error_text(outcome))}</td>"
+        f"<td class=n>{outcome.seconds:.2f} s</td>"
+        f"<td class='{'' if outcome.passed else 'bad'}'>{verdict(outcome)}</td></tr>"
+    )

@@ -3,20 +3,35 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dembrick.scenario.blocks import Block, Quaternion, Vector, Voussoir
-from dembrick.scenario.checks import assign, present, real, require, require_type
+from dembrick.scenario.checks import present, real, require
+from dembrick.scenario.declared import Key, count, declare, positive, truth
 from dembrick.scenario.generators.stacks import (
+    GROUP,
+    HEADING,
+    MATERIAL,
+    NAME,
+    POSITION,
     Frame,
     about_y,
     about_z,
-    check_common,
-    check_count,
-    check_lengths,
+    check_generator,
     product,
     stone_of,
 )
+
+
+def degrees(most: float, meaning: str, bound: str, closed: bool = False) -> dict[str, Key]:
+    """Metadata of an angle (deg) between 0 and ``most``, which is taken if the range is ``closed``."""
+
+    def check(key: str, value, label: str) -> float:
+        angle = real(key + label, value)
+        require(0.0 < angle < most or (closed and angle == most), key + label, angle, bound)
+        return angle
+
+    return declare(f"0 to {most:g}", meaning, "deg", check)
 
 
 def _reach(radius: float, thickness: float) -> float:
@@ -38,30 +53,29 @@ class Arch:
     -x) to the right; the abutments name.left and name.right.
     """
 
-    name: str
-    material: str
-    radius: float
-    thickness: float
-    depth: float
-    voussoirs: int
-    angle: float = 180.0
-    curved: bool = False
-    abutments: bool = True
-    position: Vector = (0.0, 0.0, 0.0)
-    heading: float = 0.0
-    group: str | None = None
+    name: str = field(metadata=NAME)
+    material: str = field(metadata=MATERIAL)
+    radius: float = field(metadata=positive("m", "mean radius"))
+    thickness: float = field(metadata=positive("m", "thickness of the ring, below twice the radius"))
+    depth: float = field(metadata=positive("m", "length out of the plane"))
+    voussoirs: int = field(metadata=count(2, "number of stones"))
+    angle: float = field(
+        default=180.0,
+        metadata=degrees(
+            360.0, "angle of embrace; 180 is a semicircle", "the angle of embrace lies between 0 and 360 deg"
+        ),
+    )
+    curved: bool = field(default=False, metadata=truth("weight, centroid and inertia of pieces of a ring"))
+    abutments: bool = field(default=True, metadata=truth("a fixed stone under each springing"))
+    position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
+    heading: float = field(default=0.0, metadata=HEADING)
+    group: str | None = field(default=None, metadata=GROUP)
 
     def __post_init__(self):
-        label = check_common(self, "arch")
-        check_lengths(self, label, "radius", "thickness", "depth")
+        label = check_generator(self, "arch")
         require(self.thickness < 2.0 * self.radius, f"thickness{label}", self.thickness, "it must be below 2 radius")
-        check_count(self, label, "voussoirs", 2)
-        angle = real(f"angle{label}", self.angle)
-        require(0.0 < angle < 360.0, f"angle{label}", angle, "the angle of embrace lies between 0 and 360 deg")
-        require(angle < 180.0 * self.voussoirs, f"angle{label}", angle, "a voussoir spans less than 180 deg")
-        assign(self, angle=angle)
-        for key in ("curved", "abutments"):
-            require_type(isinstance(getattr(self, key), bool), f"{key}{label}", getattr(self, key), "true or false")
+        each = self.angle / self.voussoirs
+        require(each < 180.0, f"angle{label}", self.angle, "a voussoir spans less than 180 deg")
 
     def count(self) -> int:
         return self.voussoirs + 2 * self.abutments
@@ -103,36 +117,40 @@ class Dome:
     ``name``.ring.number, rings from the springing up; the key stone name.key; the fixed ones name.springing.number.
     """
 
-    name: str
-    material: str
-    radius: float
-    thickness: float
-    rings: int
-    blocks: int
-    angle: float = 90.0
-    oculus: float | None = None
-    key: float | None = None
-    springing: bool = True
-    position: Vector = (0.0, 0.0, 0.0)
-    heading: float = 0.0
-    group: str | None = None
+    name: str = field(metadata=NAME)
+    material: str = field(metadata=MATERIAL)
+    radius: float = field(metadata=positive("m", "mean radius"))
+    thickness: float = field(metadata=positive("m", "thickness of the shell, below twice the radius"))
+    rings: int = field(metadata=count(1, "number of rings"))
+    blocks: int = field(metadata=count(3, "stones in a ring"))
+    angle: float = field(
+        default=90.0,
+        metadata=degrees(
+            120.0,
+            "from the axis down to the springing; 90 is a hemisphere",
+            "it lies between 0 and 120; 90 is a hemisphere",
+            closed=True,
+        ),
+    )
+    oculus: float | None = field(
+        default=None, metadata=degrees(60.0, "from the axis to the rim of an open eye", "it must lie between 0 and 60")
+    )
+    key: float | None = field(
+        default=None,
+        metadata=degrees(60.0, "or from the axis to the rim of the key stone", "it must lie between 0 and 60"),
+    )
+    springing: bool = field(default=True, metadata=truth("a ring of fixed stones below"))
+    position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
+    heading: float = field(default=0.0, metadata=HEADING)
+    group: str | None = field(default=None, metadata=GROUP)
 
     def __post_init__(self):
-        label = check_common(self, "dome")
-        check_lengths(self, label, "radius", "thickness")
+        label = check_generator(self, "dome")
         require(self.thickness < 2.0 * self.radius, f"thickness{label}", self.thickness, "it must be below 2 radius")
-        check_count(self, label, "rings")
-        check_count(self, label, "blocks", 3)
-        angle = real(f"angle{label}", self.angle)
-        require(0.0 < angle <= 120.0, f"angle{label}", angle, "it lies between 0 and 120; 90 is a hemisphere")
-        assign(self, angle=angle)
         one = (self.oculus is None) != (self.key is None)
         require(one, f"oculus{label}", self.oculus, "give either oculus (an open eye) or key (a key stone), in deg")
-        which = "key" if self.oculus is None else "oculus"
-        rim = real(f"{which}{label}", getattr(self, which))
-        require(0.0 < rim < min(angle, 60.0), f"{which}{label}", rim, f"it must lie between 0 and {min(angle, 60.0):g}")
-        assign(self, **{which: rim})
-        require_type(isinstance(self.springing, bool), f"springing{label}", self.springing, "true or false")
+        which, rim = ("key", present(self.key)) if self.oculus is None else ("oculus", self.oculus)
+        require(rim < self.angle, f"{which}{label}", rim, f"it must lie between 0 and {min(self.angle, 60.0):g}")
 
     def count(self) -> int:
         return self.blocks * (self.rings + self.springing) + (self.key is not None)

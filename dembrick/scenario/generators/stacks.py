@@ -5,21 +5,30 @@ vertical and moved.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Prism, Quaternion, Vector
-from dembrick.scenario.checks import (
-    assign,
-    assign_positive,
-    check_name,
-    one_line,
-    present,
-    real,
-    require,
-    require_type,
-    vector,
-)
+from dembrick.scenario.checks import check_name, one_line, present, require, vector
+from dembrick.scenario.declared import Key, check_keys, count, declare, naming, number, positive, table, vector_of
+
+# keys of every generator
+NAME = naming("text", "name of the structure, and the beginning of the names of its blocks")
+MATERIAL = naming("a material", "what its blocks are made of")
+POSITION = vector_of("m", "where it stands")
+HEADING = number("deg", "direction of its axis about z; zero is along x")
+GROUP = naming("text", "a further group that its blocks belong to")
+
+
+def edges(meaning: str) -> dict[str, Key]:
+    """Metadata of the lengths of the edges of a box (m)."""
+
+    def check(key: str, value, label: str) -> Vector:
+        x, y, z = found = vector(key, value, label=label)
+        require(min(found) > 0.0, f"{key}{label}", found, "every edge must be longer than 0 m")
+        return x, y, z
+
+    return declare("3 numbers > 0", meaning, "m", check)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,27 +41,20 @@ class Stack:
     bottom, the slab name.base.
     """
 
-    name: str
-    material: str
-    blocks: int
-    box: Vector | None = None
-    prism: Prism | None = None
-    base: float | None = None
-    position: Vector = (0.0, 0.0, 0.0)
-    heading: float = 0.0
-    group: str | None = None
+    name: str = field(metadata=NAME)
+    material: str = field(metadata=MATERIAL)
+    blocks: int = field(metadata=count(1, "number of blocks"))
+    box: Vector | None = field(default=None, metadata=edges("edge lengths of each"))
+    prism: Prism | None = field(default=None, metadata=table(Prism, "or a prism each, as for drums"))
+    base: float | None = field(default=None, metadata=positive("m", "thickness of a fixed slab below"))
+    position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
+    heading: float = field(default=0.0, metadata=HEADING)
+    group: str | None = field(default=None, metadata=GROUP)
 
     def __post_init__(self):
-        label = check_common(self, "stack")
-        check_count(self, label, "blocks")
+        label = check_generator(self, "stack")
         if (self.box is None) == (self.prism is None):
             raise ScenarioError(f"a shape is missing or given twice{label}; give it one of box, prism")
-        if self.box is not None:
-            assign(self, box=vector("box", self.box, label=label))
-            require(min(self.box) > 0.0, f"box{label}", self.box, "every edge must be longer than 0 m")
-        else:
-            require_type(isinstance(self.prism, Prism), f"prism{label}", self.prism, "a Prism")
-        check_lengths(self, label, "base")
 
     def count(self) -> int:
         return self.blocks + (self.base is not None)
@@ -119,35 +121,13 @@ class Frame:
         return (ox + c * x - s * y, oy + s * x + c * y, oz + z)
 
 
-def check_common(generator, kind: str) -> str:
-    """Check what every generator has: name, material, group, position, heading; returns the label for messages."""
+def check_generator(generator, kind: str) -> str:
+    """Check the keys of a generator of a ``kind``; returns the label for messages, which has its name."""
     label = f" of {kind} '{one_line('name', check_name('name', generator.name))}'"
-    check_name(f"material{label}", generator.material)
-    if generator.group is not None:
-        check_name(f"group{label}", generator.group)
-    assign(
-        generator,
-        position=vector("position", generator.position, label=label),
-        heading=real(f"heading{label}", generator.heading),
-    )
+    check_keys(generator, label)
     return label
 
 
 def stone_of(generator, name: str, **description) -> Block:
     """A block of a generator, of its material and group, with its name before its own."""
     return Block(f"{generator.name}.{name}", generator.material, group=generator.group, **description)
-
-
-def check_lengths(generator, label: str, *keys: str) -> None:
-    """Each of ``keys`` is a length (m) above 0, or None if that is allowed."""
-    for key in keys:
-        if getattr(generator, key) is not None:
-            assign_positive(generator, key, "m", label)
-
-
-def check_count(generator, label: str, key: str, least: int = 1) -> None:
-    """``key`` is a whole number of at least ``least``."""
-    value = getattr(generator, key)
-    whole = isinstance(value, int) and not isinstance(value, bool)
-    require_type(whole, f"{key}{label}", value, "a whole number")
-    require(value >= least, f"{key}{label}", value, f"it must be at least {least}")

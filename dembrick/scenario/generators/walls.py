@@ -7,12 +7,23 @@ corners and patterns meet in one place, and a piece that would be too short to l
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
-from dembrick.scenario.checks import assign, members_of, one_of, present, real, require, require_type, show, vector
-from dembrick.scenario.generators.stacks import Frame, check_common, check_count, check_lengths, stone_of
+from dembrick.scenario.checks import assign, present, require, require_type, show, vector
+from dembrick.scenario.declared import check_keys, choice, count, declare, positive, tables, within
+from dembrick.scenario.generators.stacks import (
+    GROUP,
+    HEADING,
+    MATERIAL,
+    NAME,
+    POSITION,
+    Frame,
+    check_generator,
+    edges,
+    stone_of,
+)
 
 ENDS = ("half", "quoin", "toothed")
 PATTERN = {"1": (1.0, True), "h": (0.5, True), "q": (1.5, True), "o": (1.0, False), ".": (0.5, False)}
@@ -30,9 +41,17 @@ class Opening:
     ``lintel`` (m) spans it by one long block in the course above, with that much bearing on both sides.
     """
 
-    span: tuple[float, float]
-    courses: tuple[int, int]
-    lintel: float | None = None
+    span: tuple[float, float] = field(
+        metadata=declare(
+            "2 numbers",
+            "from where to where, from the left end of the wall; in a return from the outer face of the wall",
+            "m",
+        )
+    )
+    courses: tuple[int, int] = field(metadata=declare("2 whole numbers", "first and last course, from 1", "1"))
+    lintel: float | None = field(
+        default=None, metadata=positive("m", "bearing of a lintel on either side; left out, there is none")
+    )
 
     def __post_init__(self):
         span = vector("span", self.span, 2)
@@ -43,7 +62,7 @@ class Opening:
         require_type(whole, "courses", self.courses, "a list of 2 whole numbers")
         require(1 <= courses[0] <= courses[1], "courses", courses, "at least 1, and the last not below the first")
         assign(self, span=span, courses=courses)
-        check_lengths(self, "", "lintel")
+        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +71,13 @@ class Return:
     (front: towards -y of a wall along x), ``blocks`` long from the outer face of the wall; ``openings``: of its
     own, behind the wall."""
 
-    end: str
-    side: str
-    blocks: int
-    openings: tuple[Opening, ...] = ()
+    end: str = field(metadata=choice(("left", "right"), "at which end of the wall"))
+    side: str = field(metadata=choice(("front", "back"), "to which side; front is towards -y of a wall along x"))
+    blocks: int = field(metadata=count(2, "its length in blocks, from the outer face of the wall"))
+    openings: tuple[Opening, ...] = field(default=(), metadata=tables(Opening, "doors and windows of the return"))
 
     def __post_init__(self):
-        one_of("end", self.end, ("left", "right"))
-        one_of("side", self.side, ("front", "back"))
-        check_count(self, "", "blocks", 2)
-        assign(self, openings=members_of("openings", self.openings, Opening))
+        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,25 +98,34 @@ class Wall:
     name.base.
     """
 
-    name: str
-    material: str
-    block: Vector
-    courses: int | None = None
-    blocks: int | None = None
-    pattern: tuple[str, ...] | None = None
-    bond: float = 0.5
-    ends: str = "half"
-    openings: tuple[Opening, ...] = ()
-    returns: tuple[Return, ...] = ()
-    base: float | None = None
-    position: Vector = (0.0, 0.0, 0.0)
-    heading: float = 0.0
-    group: str | None = None
+    name: str = field(metadata=NAME)
+    material: str = field(metadata=MATERIAL)
+    block: Vector = field(metadata=edges("length, thickness and height of a block"))
+    courses: int | None = field(default=None, metadata=count(1, "number of courses"))
+    blocks: int | None = field(default=None, metadata=count(1, "blocks in a course"))
+    pattern: tuple[str, ...] | None = field(
+        default=None,
+        metadata=declare(
+            "texts", "courses from the bottom, repeated: 1 a block, h half, q one and a half, o a gap of one, . of half"
+        ),
+    )
+    bond: float = field(
+        default=0.5,
+        metadata=within(
+            0.25, 0.75, "1", "shift of every second course, as a part of a block",
+            "it must lie between 0.25 and 0.75 of a block",
+        ),
+    )  # fmt: skip
+    ends: str = field(default="half", metadata=choice(ENDS, "how shifted courses end"))
+    openings: tuple[Opening, ...] = field(default=(), metadata=tables(Opening, "doors and windows"))
+    returns: tuple[Return, ...] = field(default=(), metadata=tables(Return, "walls that turn the corner"))
+    base: float | None = field(default=None, metadata=positive("m", "thickness of a fixed slab below"))
+    position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
+    heading: float = field(default=0.0, metadata=HEADING)
+    group: str | None = field(default=None, metadata=GROUP)
 
     def __post_init__(self):
-        label = check_common(self, "wall")
-        assign(self, block=vector("block", self.block, label=label))
-        require(min(self.block) > 0.0, f"block{label}", self.block, "every edge must be longer than 0 m")
+        label = check_generator(self, "wall")
         if self.pattern is None:
             for key in ("courses", "blocks"):
                 if getattr(self, key) is None:
@@ -111,16 +136,6 @@ class Wall:
             assign(self, pattern=_checked_pattern(self.pattern, label))
         if self.courses is None:
             assign(self, courses=len(present(self.pattern)))
-        check_count(self, label, "courses")
-        if self.blocks is not None:
-            check_count(self, label, "blocks")
-        bond = real(f"bond{label}", self.bond)
-        require(0.25 <= bond <= 0.75, f"bond{label}", bond, "it must lie between 0.25 and 0.75 of a block")
-        assign(self, bond=bond)
-        one_of(f"ends{label}", self.ends, ENDS)
-        assign(self, openings=members_of("openings", self.openings, Opening))
-        assign(self, returns=members_of("returns", self.returns, Return))
-        check_lengths(self, label, "base")
         self._check_extras(label)
 
     def _check_extras(self, label: str) -> None:

@@ -1,20 +1,33 @@
-"""Checkpoints of a run in real time: what is written, and how the run goes on from it."""
+"""State that a run in real time begins on: a checkpoint of its own, or what a stage before it left.
+
+Positions, the memory of joints, and ties, which stay, come and go.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import HistoryError
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
+from dembrick.kernels.joint.ties import LENGTH, TENSION, YIELDED
+from dembrick.scenario.stages import TiesBefore
 from dembrick.simulation.checkpoint_arrays import flattened, restored
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.outcome import PEAK_TENSIONS, Extremes
 from dembrick.simulation.dynamics.pushover import PushController
-from dembrick.simulation.dynamics.tie_handover import take_ties, ties_given, ties_taken
-from dembrick.simulation.session import DEAD_LOADS, GoesOn, Progress, Snapshot, step_at
+from dembrick.simulation.dynamics.state import seen
+from dembrick.simulation.session import DEAD_LOADS, GoesOn, Kept, Progress, Snapshot, step_at
+
+if TYPE_CHECKING:
+    from dembrick.kernels.dynamics.rigid_bodies import Bodies
+    from dembrick.simulation.dynamics.state import MovingState
+    from dembrick.simulation.statics.state import State
+
 
 PARTS = ("bodies", "links", "corners", "faces", "ties")  # of the state, that a checkpoint holds
 LOAD_WORK = "energy.load"  # of every load, what it did last
@@ -133,3 +146,121 @@ class Past:
         for row, block in goes_on.gone:
             power = old[row, :3] @ bodies.velocity[block] + old[row, 3:] @ bodies.spin[block]
             table.total["loads"] += 0.5 * self.moving.time_step * power
+
+
+OTHER_JOINTS = (
+    "the joints or contact points of the run in real time are not those of the stage before: state joint.points of "
+    "distributed joints, and give blocks of several parts to stages of the same kind only"
+)
+
+
+def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = None) -> None:
+    """Put the blocks where ``left`` has them, at rest, and give their joints its memory. Nothing has moved yet.
+
+    A search or a quasi-static test leaves a `State`, a settlement the snapshot of its last equilibrium. ``before``:
+    which of its ties stay. Raises ScenarioError if the joints of both are not the same.
+    """
+    if isinstance(left, Kept):
+        _go_on_from(moving, left, before)
+    else:
+        _take(moving, left, before)
+
+
+def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
+    dashpots = moving.state.links.viscous  # of this run's time step and damping
+    laws = joint_families.strengths(moving.state)
+    try:
+        restore_scene(moving, left, True, PARTS if before is None else [part for part in PARTS if part != "ties"])
+    except HistoryError as error:  # of the same blocks, so what differs is how their joints were made
+        raise ScenarioError(OTHER_JOINTS) from error
+    joint_families.put_strengths(moving.state, laws)
+    if before is not None:
+        take_ties(moving.state, left, before)
+    moving.state.links.put("viscous", dashpots)
+    bodies = moving.state.bodies
+    bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
+    bodies.applied[:] = 0.0  # loads that act in this stage come with its first step
+    bodies.start[:] = bodies.position
+    moving.settled = True
+
+
+def _take(moving: Motion, left: State, before: TiesBefore | None) -> None:
+    state = moving.state
+    bodies, links = state.bodies, state.links
+    same = len(left.joints.block_a) == len(links.host)
+    same = same and joint_families.contact_points(state) == (0 if left.points is None else len(left.points.slip))
+    if not same:
+        raise ScenarioError(OTHER_JOINTS)
+    bodies.position[:] += left.blocks.displacement
+    bodies.orientation[:] = unit_quaternion(turned_by(left.blocks.rotation, left.blocks.orientation))
+    bodies.rotation[:] = rotation_matrix(bodies.orientation)
+    bodies.start[:] = bodies.position
+    joint_families.take_memory(state, left)
+    yielded, rest = (np.zeros(0), np.zeros(0)) if left.ties is None else (left.ties.yielded, left.ties.rest)
+    whole = TiesBefore(len(yielded), tuple(range(len(yielded)))) if before is None else before
+    drawn = np.zeros(len(yielded))
+    kept = [k >= 0 for k in whole.of]
+    drawn[[k for k in whole.of if k >= 0]] = state.ties.length[kept]
+    tie(state, yielded, drawn + rest, whole)
+    links.put_seen(seen(bodies, links))
+    links.kept[:] = links.seen[:, [0, 1, 3, 4]]
+
+
+def take_ties(state: MovingState, left: Snapshot, before: TiesBefore) -> None:
+    """Give the ties of a state, whose blocks are in place, what a snapshot of the run before holds of them."""
+    m = before.total
+    now = left.array("ties.now", np.zeros((m, 3)))
+    tie(state, now[:, YIELDED], left.array("ties.length", np.zeros(m)), before)
+    old = np.array(before.of, np.int64)
+    kept = old >= 0
+    ties = state.ties
+    for name, array in (("now", ties.now), ("before", ties.before), ("force", ties.force), ("arm", ties.arm)):
+        found = left.array(f"ties.{name}", np.zeros((m, *array.shape[1:])))
+        array[kept] = found[old[kept]]  # as of the last forces, which a step may lie behind
+
+
+def tie(state: MovingState, yielded: np.ndarray, length: np.ndarray, before: TiesBefore) -> None:
+    """Let ties of a state go on with what those before kept (m) and the lengths (m) with which they came; others come
+    now, with the length that they have."""
+    ties, bodies = state.ties, state.bodies
+    if not len(ties.length):
+        return
+    old = np.array(before.of, np.int64)
+    kept = old >= 0
+    ties.arm[:] = np.einsum("teij,tej->tei", bodies.rotation[ties.block], ties.lever)
+    line = bodies.position[ties.block[:, 1]] - bodies.position[ties.block[:, 0]] + ties.arm[:, 1] - ties.arm[:, 0]
+    now = np.linalg.norm(line, axis=1)
+    ties.length[:] = now
+    ties.length[kept], ties.now[kept, YIELDED] = length[old[kept]], yielded[old[kept]]
+    tension = ties.prestress + ties.stiffness * (now - ties.length - ties.now[:, YIELDED])
+    ties.now[:, LENGTH], ties.now[:, TENSION] = now, np.clip(tension, ties.least, ties.strength)
+    ties.before[:] = ties.now
+    ties.force[:] = (ties.now[:, TENSION] / now)[:, None] * line
+
+
+def ties_taken(left: Snapshot, before: TiesBefore, bodies: Bodies, dt: float) -> float:
+    """Energy (J) that goes with the ties of a snapshot that do not stay: what they hold, and half of their work over
+    the last step ``dt`` (s), which is that of the forces before and after it."""
+    m = before.total
+    gone = np.setdiff1d(np.arange(m), before.of)
+    now, force = left.array("ties.now", np.zeros((m, 3)))[gone], left.array("ties.force", np.zeros((m, 3)))[gone]
+    stiffness = left.array("ties.stiffness", np.zeros(m))[gone]
+    block, arm = left.array("ties.block", np.zeros((m, 2), np.int64)), left.array("ties.arm", np.zeros((m, 2, 3)))
+    stretched = _stretched(bodies, block[gone], arm[gone], dt)
+    return float((0.5 * now[:, TENSION] ** 2 / stiffness).sum() + 0.5 * (force * stretched).sum())
+
+
+def ties_given(state: MovingState, before: TiesBefore, dt: float) -> float:
+    """Energy (J) that comes with the ties of a state that were not there: what they hold, less half of their work over
+    the last step ``dt`` (s)."""
+    ties, new = state.ties, np.array(before.of, np.int64) < 0
+    held = 0.5 * ties.now[new, TENSION] ** 2 / ties.stiffness[new]
+    return float(
+        held.sum() - 0.5 * (ties.force[new] * _stretched(state.bodies, ties.block[new], ties.arm[new], dt)).sum()
+    )
+
+
+def _stretched(bodies: Bodies, block: np.ndarray, arm: np.ndarray, dt: float) -> np.ndarray:
+    """How the lines (t, 3) between the ends of ties have changed in a step ``dt`` (m)."""
+    end = bodies.velocity[block] + np.cross(bodies.spin[block], arm)
+    return dt * (end[:, 1] - end[:, 0])

@@ -246,7 +246,7 @@ def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarra
 def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tuple[float, float]:
     """Greatest out-of-balance force on a ``standing`` free block (n,) over the greatest joint force, and how small that
     can be asked to be: very stiff joints feel the rounding of positions."""
-    gravity, _ = driving.at(np.zeros(1), 1.0)
+    gravity, _ = driving.forces(np.zeros(1), 1.0)
     force, _ = out_of_balance(state, gravity[0])
     free = state.bodies.free[standing[state.bodies.free]]
     largest = math.sqrt(float((state.links.wrench[:, :3] ** 2).sum(axis=1).max()))

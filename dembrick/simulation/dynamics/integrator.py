@@ -224,7 +224,7 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
         times = (motion.steps + np.arange(most)) * dt
         supports = driving.prescribed(times, dt)
         loads = motion.ahead.of(driving, motion.steps, most, dt, supports) if most <= FEW_STEPS else None
-        gravity = driving.at(times[[0, -1]], dt)[0] if loads is None else loads.gravity[[0, most - 1]]
+        gravity = driving.forces(times[[0, -1]], dt)[0] if loads is None else loads.gravity[[0, most - 1]]
         fastest = float(np.sqrt(supports.moved.max(initial=0.0))) / dt
         n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
         status, done = advance_chunk(

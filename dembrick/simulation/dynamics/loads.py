@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.actuators import NO_VECTORS, NOWHERE, Attached
 from dembrick.assembly.surface_pressures import NO_POLYGONS, PressedPolygons
 from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.block_loads import PressedFaces
@@ -40,19 +41,18 @@ RESOLVED = 4.0  # time steps in the period of a load: fewer would make another l
 class Driving:
     """Gravity (3,), loads and the motion of the supports.
 
-    ``block`` (k,), ``lever`` (k, 3; body axes, m) and ``force`` (k, 3; N, world) of the loads, ``factor`` a curve for
-    each or None. ``tilt``: axis, and a curve of the angle, rad. ``support_velocity``: directions (3,), and curves of
-    the speed along them, m/s; the record shows the acceleration along the first. ``supports``: those that move
-    against the others, and ``share``: how much of their paths they have gone at a time. ``driven``: the load system
-    whose multiplier V, a function of time, a load path increases; the forces of its jacks are the last of the loads,
-    but for those of a table, which tilts to atan(V). ``pressed``: faces that pressures follow; ``middle`` (3,): the
-    world point that positions count from, m.
+    ``force`` (k, 3; N, world) of the loads at the points ``at``, ``factor`` a curve for each or None. ``tilt``:
+    axis, and a curve of the angle, rad. ``support_velocity``: directions (3,), and curves of the speed along them,
+    m/s; the record shows the acceleration along the first. ``supports``: those that move against the others, and
+    ``share``: how much of their paths they have gone at a time. ``driven``: the load system whose multiplier V, a
+    function of time, a load path increases; the forces of its jacks are the last of the loads, but for those of a
+    table, which tilts to atan(V). ``pressed``: faces that pressures follow; ``middle`` (3,): the world point that
+    positions count from, m.
     """
 
     gravity: np.ndarray
-    block: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    lever: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    at: Attached = NOWHERE
+    force: np.ndarray = field(default_factory=NO_VECTORS.copy)
     factor: tuple[Curve | None, ...] = ()
     tilt: tuple[np.ndarray, Curve] | None = None
     support_velocity: tuple[tuple[np.ndarray, Curve], ...] = ()
@@ -66,7 +66,7 @@ class Driving:
     @property
     def n_load(self) -> int:
         """Forces and pressed polygons: each has its own row in the energy balance."""
-        return len(self.block) + len(self.pressed.block)
+        return len(self.at) + len(self.pressed.block)
 
     @property
     def by_time_alone(self) -> bool:
@@ -80,10 +80,17 @@ class Driving:
 
     def loads(self, times: np.ndarray, dt: float, supports: PrescribedMotion | None = None) -> Loads:
         """All of it as the loop takes it, for the steps at ``times`` (s,); ``supports``: their motion, if known."""
-        gravity, force = self.at(times, dt)
+        gravity, force = self.forces(times, dt)
         supports = self.prescribed(times, dt) if supports is None else supports
         return Loads(
-            self.block, self.lever, force, gravity, *supports, self._faces, self.multiplier(times), self.height(times)
+            self.at.block,
+            self.at.lever,
+            force,
+            gravity,
+            *supports,
+            self._faces,
+            self.multiplier(times),
+            self.height(times),
         )
 
     def height(self, times: np.ndarray) -> np.ndarray:
@@ -95,7 +102,7 @@ class Driving:
             up = turned_back(up, axis, np.cos(angle(times))[:, None], np.sin(angle(times))[:, None])
         return np.column_stack([up, up @ self.middle])
 
-    def at(self, times: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def forces(self, times: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Gravity (s, 3) in m/s2 and load forces (s, k, 3) in N for the steps at ``times`` (s,)."""
         gravity, force = (np.repeat(vectors[None], len(times), axis=0) for vectors in (self.gravity, self.force))
         for k, curve in enumerate(self.factor):
@@ -107,7 +114,7 @@ class Driving:
             axis, angle = self.tilt
             cosine, sine = np.cos(angle(times)), np.sin(angle(times))
             gravity = turned_back(gravity, axis, cosine[:, None], sine[:, None])
-            if len(self.block):
+            if len(self.at):
                 force = turned_back(force, axis, cosine[:, None, None], sine[:, None, None])
         for direction, velocity in self.support_velocity:
             after, before = velocity(np.concatenate([times + 0.5 * dt, times - 0.5 * dt])).reshape(2, -1)
@@ -128,7 +135,7 @@ class Driving:
         if self.tilt is not None:
             return math.tan(min(float(self.tilt[1](np.array([time]))[0]), math.radians(89.999)))
         if self.support_velocity:
-            gravity = self.at(np.array([time]), dt)[0][0] if gravity is None else gravity
+            gravity = self.forces(np.array([time]), dt)[0][0] if gravity is None else gravity
             return float((self.gravity - gravity) @ self.support_velocity[0][0])
         return 0.0
 
@@ -187,7 +194,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     """
     assembly, time_step = moving.assembly, moving.time_step
     control = scenario.control
-    duration, place = getattr(control, "duration", 0.0), f"{scenario.path}: " if scenario.path else ""
+    duration, place = control.duration, f"{scenario.path}: " if scenario.path else ""
     loads, given = assembly.point_loads, assembly.point_loads.given >= 0
     factors: dict[int, Curve | None] = dict.fromkeys(range(len(scenario.loads) + len(scenario.fills)))
     for index, load in enumerate(scenario.loads):
@@ -206,8 +213,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
             )
     driving = {
         "gravity": np.array(scenario.gravity, float),
-        "block": loads.block[given],
-        "lever": np.einsum("kji,kj->ki", assembly.rotation[loads.block[given]], loads.arm[given]),
+        "at": loads.at[given],
         "force": loads.force[given],
         "factor": tuple(factors[index] for index in loads.given[given]),
         "pressed": assembly.pressed,
@@ -224,8 +230,8 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     if control.in_deformed_geometry and control.drives in (ACTUATORS, EVERY_BLOCK):
         driven = driving["driven"] = DrivenLoads.of(assembly, moving.state)
         if control.tilt_axis is None:
-            for key, more in driven.jacks.items():
-                driving[key] = np.concatenate([driving[key], more])
+            jacks, force = driven.jacks
+            driving["at"], driving["force"] = driving["at"].and_then(jacks), np.concatenate([driving["force"], force])
     if len(supports) and control.rate is not None:
         driving["share"] = lambda times: np.clip(control.rate / supports.length * times, 0.0, 1.0)
     return Driving(**driving)

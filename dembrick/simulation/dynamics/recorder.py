@@ -196,7 +196,7 @@ class Recorder:
         """Gravity (3,) of now, as the loads of the run have it."""
         moving, driving = self._moving, self._present()
         known = moving.ahead.gravity(driving, moving.steps, moving.time_step)
-        return driving.at(np.array([moving.time]), moving.time_step)[0][0] if known is None else known
+        return driving.forces(np.array([moving.time]), moving.time_step)[0][0] if known is None else known
 
     def _unbalanced(self, gravity: np.ndarray) -> float:
         state = self._moving.state

@@ -129,11 +129,11 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
     if not len(assembly.fixed) - np.sum(assembly.fixed):
         raise ScenarioError("every block is fixed: nothing can move; let one be free")
     may = control.in_deformed_geometry and control.drives != SUPPORTS
-    if len(assembly.actuators.block) and not may:
+    if len(assembly.actuators.at) and not may:
         remedy = "remove them, and actuator = true of [[pressures]]"
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
-    if control.in_deformed_geometry or hasattr(control, "damping"):
-        return motion(assembly, getattr(control, "damping", CONTACT_DAMPING), step_factor)
+    if control.restitution is None:
+        return motion(assembly, CONTACT_DAMPING if control.damping is None else control.damping, step_factor)
     damping = damping_of_restitution(control.restitution)
     return motion(assembly, damping, step_factor, IMPACTS, duration=control.duration)
 
@@ -330,7 +330,7 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     kept = [array.copy() for array in memory]
     state.links.put_seen(came_from)
     joint_forces(moving, driving)
-    gravity, _ = driving.at(np.zeros(1), dt)
+    gravity, _ = driving.forces(np.zeros(1), dt)
     inertia = _turned_inertia(moving)
     moving.energy.begin(state, velocity, spin, inertia, gravity[0], dt, moving.contact_detection.left_to_joints())
     for array, value in zip(memory, kept, strict=True):  # the first step looks again

@@ -108,16 +108,13 @@ def live_wrench(assembly: Assembly) -> np.ndarray:
     ScenarioError if there are none, or if they add up to nothing on every block.
     """
     actuators = assembly.actuators
-    if not len(actuators.block):
+    if not len(actuators.at):
         raise ScenarioError(
             "the scenario has no load to multiply: limit analysis needs [[actuators]], or a control of kind tilt or "
             "pushover"
         )
-    force = actuators.direction * actuators.weight[:, None]
-    each = np.concatenate([force, np.cross(actuators.arm, force)], axis=1)
-    wrench, size = np.zeros((len(assembly.names), 6)), np.zeros((len(assembly.names), 6))
-    np.add.at(wrench, actuators.block, each)
-    np.add.at(size, actuators.block, np.abs(each))
+    wrench, size = actuators.at.on_blocks(actuators.force, len(assembly.names)), np.zeros((len(assembly.names), 6))
+    np.add.at(size, actuators.at.block, np.abs(actuators.at.wrenches(actuators.force)))
     free = ~assembly.fixed
     if not (np.abs(wrench[free]) > _NOTHING * size[free].max(initial=0.0)).any():
         raise ScenarioError(

@@ -138,7 +138,7 @@ def plane_of_symmetry(
         return None
     normals = assembly.joints.axes[:, 2]
     ties = assembly.ties
-    ends = assembly.position[ties.block_a] + ties.arm_a - assembly.position[free].mean(axis=0)
+    ends = ties.ends[:, 0].start(assembly.position) - assembly.position[free].mean(axis=0)
     lines = np.concatenate([ties.direction, ends / size])
     directions = np.concatenate([place / size, forces / greatest, normals, lines, np.reshape(along, (-1, 3))])
     _, _, axes = np.linalg.svd(directions.T @ directions)
@@ -290,8 +290,8 @@ class Layout:
             turning = unit * areas.gyration[:, None] * normal[joint]
             parts.append(frame.wrenches(ends, place, np.zeros_like(turning), turning, column + 2))
         ties = self._assembly.ties
-        place = self._assembly.position[ties.block_a] + ties.arm_a  # the same line of action at the other end
-        ends, column = (ties.block_a, ties.block_b), self.tie_start + np.arange(len(ties))
+        place = ties.ends[:, 0].start(self._assembly.position)  # the same line of action at the other end
+        ends, column = tuple(ties.ends.block.T), self.tie_start + np.arange(len(ties))
         parts.append(frame.wrenches(ends, place, -ties.direction, None, column))
         return Entries.joined(*parts)
 

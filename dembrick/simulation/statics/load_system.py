@@ -80,7 +80,7 @@ class LoadSystem:
     """The actuators as one load system: unit load, compliance of the joints against it, actuator stiffness."""
 
     def __init__(self, assembly: Assembly, session: Session | None = None):
-        if not len(assembly.actuators.block):
+        if not len(assembly.actuators.at):
             raise ScenarioError("no [[actuators]]: a replay needs at least one actuator to push with")
         self.assembly = assembly
         self.state = starting_state(assembly, *((session.start, session.ties_before) if session else (None, None)))

@@ -54,7 +54,7 @@ class Recorder:
             ("reaction", "reaction", (int(support.max(initial=-1)) + 1, 6), True),
             ("tension", "tension", (n_tie,), n_tie > 0),
             ("yielded", "yielded", (n_tie,), n_tie > 0),
-            ("way", "control_point", (len(watched.block), 3), len(watched.block) > 0),
+            ("way", "control_point", (len(watched.at), 3), len(watched.at) > 0),
         )
         frames_of = (
             ("frame_time", "time", (), True),
@@ -84,9 +84,9 @@ class Recorder:
             every=np.array([rows_every, rows_every * frames_every], np.int64),
             count=np.zeros(2, np.int64),
             support=support,
-            watched=watched.block,
-            lever=watched.lever,
-            arm=watched.arm,
+            watched=watched.at.block,
+            lever=watched.at.lever,
+            arm=watched.at.arm,
             **{name: np.zeros((rows, *shape)) for name, shape in of_rows.items()},
             **{name: np.zeros((frames, *shape)) for name, shape in of_frames.items()},
         )

@@ -93,16 +93,14 @@ def rotations(state: State) -> np.ndarray:
 
 def _actuators(assembly: Assembly) -> Actuators:
     actuators = assembly.actuators
-    arm = np.array(actuators.arm, float).reshape(-1, 3)
-    rotation = assembly.rotation[actuators.block]
     return Actuators(
-        block=np.array(actuators.block, np.int64),
-        arm=arm,
-        lever=np.einsum("kji,kj->ki", rotation, arm),
-        start=arm.copy(),
+        block=actuators.at.block.copy(),
+        arm=actuators.at.arm.copy(),
+        lever=actuators.at.lever.copy(),
+        start=actuators.at.arm.copy(),
         direction=np.array(actuators.direction, float, order="C").reshape(-1, 3),
         weight=np.array(actuators.weight, float),
-        displacement=np.zeros(len(arm)),
+        displacement=np.zeros(len(actuators.at)),
         drive=np.zeros(6),
     )
 

@@ -53,10 +53,10 @@ def at_rest(assembly: Assembly) -> Ties | None:
     first /= np.sqrt((first * first).sum(axis=1))[:, None]
     axes = np.stack([first, np.cross(table.direction, first), table.direction], axis=1)
     return Ties(
-        block_a=table.block_a.copy(),
-        block_b=table.block_b.copy(),
-        seen_a=to_joint(axes, table.arm_a),
-        seen_b=to_joint(axes, table.arm_b),
+        block_a=table.ends.block[:, 0].copy(),
+        block_b=table.ends.block[:, 1].copy(),
+        seen_a=to_joint(axes, table.ends.arm[:, 0]),
+        seen_b=to_joint(axes, table.ends.arm[:, 1]),
         length=table.length.copy(),
         stiffness=table.stiffness.copy(),
         strength=table.strength.copy(),

@@ -27,8 +27,8 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history import History
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, block_quantities
 from dembrick.views.motion.joints import CHANNELS, STATES, JointFrames, JointMotion
+from dembrick.views.motion.loads import TieMotion
 from dembrick.views.motion.relative import RelativeMotion, torsion_centre
-from dembrick.views.motion.ties import TieMotion
 
 LAYERS = ("blocks", "joints", "contacts", "ties")  # contacts with the new ones, where there can be any
 

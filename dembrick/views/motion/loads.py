@@ -1,4 +1,6 @@
-"""Loads of a recorded run as arrows: where each ends on its block, so that it is seen outside the stone."""
+"""Loads and ties of a recorded run: where the arrow of a load ends on its block, so that it is seen outside the stone;
+the ends of ties in its frames, and what they carry.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +8,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dembrick.assembly.actuators import BODY_FORCE
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.scenario.pressures import PRESSURE
+from dembrick.views.motion.blocks import CarriedPoints, Poses
+from dembrick.views.motion.frames import nearest
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-BODY_FORCE = "load on "  # begins the name of the load of a block that is tilted or pushed as a whole
+
 _BEFORE = 0.05  # of a structure's extent: so far before it ends the arrow of the forces on all its blocks
 _ON_FACE = 1e-6  # of a block's size: a point so near to a face lies on it
 _ALONG = 0.05  # of a direction: what is less across a face goes along it
@@ -40,7 +44,7 @@ class Load(NamedTuple):
 def driven_loads(history: History) -> list[Load]:
     """The actuators and driven pressures, in the order of the history; forces on all blocks as one, their resultant."""
     actuators = history.actuators
-    if actuators and all(actuator["name"].startswith(BODY_FORCE) for actuator in actuators):
+    if all_of(history, BODY_FORCE):
         return _resultant(history)
     return [
         _load(
@@ -84,14 +88,9 @@ def dead_loads(history: History) -> list[Load]:
     return found
 
 
-def is_body_force(name: str) -> bool:
-    """Whether an actuator of that name is the load of a block of a structure that is tilted or pushed as a whole."""
-    return name.startswith(BODY_FORCE)
-
-
-def is_pressure(name: str) -> bool:
-    """Whether an actuator of that name is a driven pressure."""
-    return name.startswith(PRESSURE)
+def all_of(history: History, kind: str) -> bool:
+    """Whether there are actuators and all of them are of a ``kind``, of `assembly.actuators.KINDS`."""
+    return {actuator["kind"] for actuator in history.actuators} == {kind}
 
 
 def _load(history: History, block: int, arm: np.ndarray, force: np.ndarray) -> Load:
@@ -120,3 +119,26 @@ def arrow_place(history: History, block: int, arm: np.ndarray, way: np.ndarray) 
         if across < 0.0:
             entry = max(entry, inside / across)
     return Place(min(entry, 0.0) if np.isfinite(entry) else 0.0, False)
+
+
+class TieMotion:
+    """The t ties of a history, carried by their blocks."""
+
+    def __init__(self, history: History):
+        self._history, self.count = history, history.n_tie
+        block = np.array([tie["blocks"] for tie in history.ties], np.int64).reshape(-1)
+        point = np.array([tie["points"] for tie in history.ties], float).reshape(-1, 3)
+        turn = rotation_matrix(history.orientation0)[block]
+        body = np.einsum("nji,nj->ni", turn, point - history.position0[block])
+        self.blocks, self._ends = block.reshape(-1, 2), CarriedPoints(history, body, block)
+
+    def ends(self, poses: Poses, factor: float = 1.0) -> np.ndarray:
+        """Ends (f, 2 t, 3) m, one tie after the other, with the motion of the blocks times ``factor``."""
+        return self._ends.magnified(poses, factor)
+
+    def series(self, name: str, start: int, stop: int) -> np.ndarray:
+        """``tension`` (N) or ``yielded`` (m) of the frames start to stop (f, t)."""
+        history = self._history
+        if not history.n_row:
+            return np.zeros((stop - start, self.count))
+        return history.series(name)[nearest(history.time, history.frame_time[start:stop])]

@@ -19,7 +19,7 @@ import dembrick
 from dembrick import history as histories
 from dembrick.errors import OutputError
 from dembrick.history.files import check_output, write_whole
-from dembrick.views import summary
+from dembrick.views.key_numbers import key_numbers
 from dembrick.views.page import content
 
 if TYPE_CHECKING:
@@ -86,11 +86,11 @@ def fragment(result) -> str:
 
 def results_table(results: dict, unit: str = "N") -> str:
     """The key numbers of a run as an HTML table; ``unit`` of its load, "1" for a factor."""
-    lines = summary.key_numbers(results, unit)
+    lines = key_numbers(results, unit)
     if not lines:
         return "<p>There are no results yet: the run has not ended.</p>"
     rows = []
-    for name, value, remark in lines:
+    for name, value, remark, _ in lines:
         note = f'<br><small class="quiet">{escape(remark)}</small>' if remark else ""
         rows.append(f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}{note}</td></tr>')
     return f"<table>{''.join(rows)}</table>"

@@ -80,11 +80,12 @@ def _plan(source) -> Plan:
         built = assemble(source)
         if not built.actuators.names:
             raise ScenarioError("a loading layout needs an actuator, and this scenario has none")
-        if len(set(built.actuators.block.tolist())) > 1:
+        if len(set(built.actuators.at.block.tolist())) > 1:
             raise ScenarioError("the load acts on several blocks, and a loading layout is the plan of one")
-        block = int(built.actuators.block[0])
+        block = int(built.actuators.at.block[0])
         vertices, where = built.shapes[block].vertices @ built.rotation[block].T, built.position[block]
-        point, direction, weight = built.actuators.point, built.actuators.direction, built.actuators.weight
+        point = built.actuators.at.start(built.position)
+        direction, weight = built.actuators.direction, built.actuators.weight
         joint = next((j for j in built.joints if block in (j.block_a, j.block_b)), None)
         origin, centre, title = where if joint is None else joint.origin, None, source.title
     return Plan(

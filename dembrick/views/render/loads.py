@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.actuators import BODY_FORCE, PRESSURE
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views import summary
 from dembrick.views.motion import loads
 from dembrick.views.motion.blocks import CarriedPoints, Poses
 from dembrick.views.motion.frames import coming_down, nearest
+from dembrick.views.motion.loads import TieMotion
 from dembrick.views.render.force_arrows import ARROW, glyphs, put_glyphs
 
 if TYPE_CHECKING:
@@ -77,7 +79,7 @@ class DrawnLoads:
     def __init__(self, history: History, factor: float, length: float, extent: float):
         self._history, dead = history, loads.dead_loads(history)
         driven = loads.driven_loads(history)
-        self.of_bodies = bool(history.actuators) and all(loads.is_body_force(own["name"]) for own in history.actuators)
+        self.of_bodies = loads.all_of(history, BODY_FORCE)
         longest = _OF_BODIES * extent if self.of_bodies else _LONGEST * length
         self.driven = LoadArrows(history, driven, factor, longest, balls=not self.of_bodies)
         self.dead = LoadArrows(history, dead, factor, _LONGEST * length)
@@ -105,8 +107,7 @@ class DrawnLoads:
         return found
 
     def _what_drives(self) -> str:
-        history = self._history
-        if all(loads.is_pressure(actuator["name"]) for actuator in history.actuators):
+        if loads.all_of(self._history, PRESSURE):
             return "driven pressure"
         return "resultant of the body forces" if self.of_bodies else "actuators"
 
@@ -174,3 +175,40 @@ class DrawnReactions:
 
     def words(self) -> list[str]:
         return [f"dark: reactions, the longest {summary.load_text(self.largest)}"] if self._blocks else []
+
+
+COLOUR = "#D8008A"
+WIDTH = 5
+
+
+class DrawnTies:
+    """The ties of a ``history``, drawn with the motion of their blocks times ``factor``."""
+
+    def __init__(self, history: History, factor: float):
+        self._motion, self._factor, self._mesh = TieMotion(history), factor, None
+
+    def ends(self, poses: Poses) -> np.ndarray:
+        """Where they are drawn (2 t, 3)."""
+        return self._motion.ends(poses, self._factor)[0]
+
+    def build(self, plotter) -> None:
+        if not self._motion.count:
+            return
+        import pyvista
+
+        lines = np.column_stack([np.full(self._motion.count, 2), np.arange(2 * self._motion.count).reshape(-1, 2)])
+        self._mesh = pyvista.PolyData(np.zeros((2 * self._motion.count, 3)), lines=lines.ravel())
+        plotter.add_mesh(self._mesh, color=COLOUR, line_width=WIDTH, render_lines_as_tubes=True, lighting=False)
+
+    def show(self, poses: Poses) -> None:
+        if self._mesh is not None:
+            self._mesh.points[:] = self.ends(poses)
+
+    def words(self, frame: int) -> list[str]:
+        if not self._motion.count:
+            return []
+        tension = self._motion.series("tension", frame, frame + 1)[0]
+        least, most = float(tension.min()), float(tension.max())
+        if len(tension) == 1:
+            return [f"magenta: tie, {summary.load_text(most)}"]
+        return [f"magenta: ties, {summary.load_text(least)} to {summary.load_text(most)}"]

@@ -20,9 +20,8 @@ from dembrick.views.motion.moments import words
 from dembrick.views.plot.subject import chosen_joint, joint_names
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.force_arrows import GREEN, PURPLE, DrawnForces, ForceArrows, glyphs, put_glyphs
-from dembrick.views.render.loads import DrawnLoads, DrawnReactions
+from dembrick.views.render.loads import DrawnLoads, DrawnReactions, DrawnTies
 from dembrick.views.render.look import VIEWS, Colouring, Look, automatic_magnification
-from dembrick.views.render.ties import DrawnTies
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.actuators import PRESSURE, Attached
 from dembrick.simulation.dynamics.state import cross
 
 if TYPE_CHECKING:
@@ -24,12 +25,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class DrivenLoads:
-    """k loads: ``block`` (k,), ``lever`` (k, 3) from the centroid in body axes (m), ``start`` (k, 3) the points as
-    drawn or as the stage before left them, from the middle of the scene (m), ``direction`` (k, 3) unit, world, and
-    ``weight`` (k,): N for V = 1."""
+    """k loads: the points ``at`` which they act, and ``start`` (k, 3) where these are as drawn or as the stage before
+    left them, from the middle of the scene (m); ``direction`` (k, 3) unit, world; ``weight`` (k,): N for V = 1;
+    ``pressed`` (k,): driven pressures."""
 
-    block: np.ndarray
-    lever: np.ndarray
+    at: Attached
     start: np.ndarray
     direction: np.ndarray
     weight: np.ndarray
@@ -39,29 +39,26 @@ class DrivenLoads:
     def of(cls, assembly: Assembly, state: MovingState) -> DrivenLoads:
         """The load system of an assembly."""
         table = assembly.actuators
-        lever = np.einsum("kji,kj->ki", assembly.rotation[table.block], table.arm)
-        bodies = state.bodies
-        start = bodies.position[table.block] + np.einsum("kij,kj->ki", bodies.rotation[table.block], lever)
-        return cls(table.block, lever, start, table.direction, table.weight, table.pressed)
+        start = state.bodies.position[table.at.block] + table.at.arms(state.bodies.rotation)
+        pressed = np.array([kind == PRESSURE for kind in table.kind], bool)
+        return cls(table.at, start, table.direction, table.weight, pressed)
 
     @property
-    def jacks(self) -> dict[str, np.ndarray]:
-        """Block, lever and force (N, for V = 1) of those that are no pressures, as loads have them."""
+    def jacks(self) -> tuple[Attached, np.ndarray]:
+        """Points and forces (N, for V = 1) of those that are no pressures."""
         own = ~self.pressed
-        force = self.weight[own, None] * self.direction[own]
-        return {"block": self.block[own], "lever": self.lever[own], "force": force}
+        return self.at[own], self.weight[own, None] * self.direction[own]
 
     def displacements(self, bodies: Bodies) -> np.ndarray:
         """Of the points along their directions (k,), m, from the start of the stage."""
-        away = bodies.position[self.block] + self._arm(bodies) - self.start
+        away = bodies.position[self.at.block] + self.at.arms(bodies.rotation) - self.start
         return (away * self.direction).sum(axis=1)
 
     def velocity(self, bodies: Bodies) -> float:
         """The rate of the driven displacement (m/s)."""
-        moved, turned = bodies.velocity[self.block], bodies.spin[self.block]
-        return float(
-            self._share @ (moved * self.direction + turned * cross(self._arm(bodies), self.direction)).sum(axis=1)
-        )
+        moved, turned = bodies.velocity[self.at.block], bodies.spin[self.at.block]
+        arm = self.at.arms(bodies.rotation)
+        return float(self._share @ (moved * self.direction + turned * cross(arm, self.direction)).sum(axis=1))
 
     def displacement(self, bodies: Bodies) -> float:
         """The driven displacement (m), from the start of the stage."""
@@ -71,7 +68,3 @@ class DrivenLoads:
     def _share(self) -> np.ndarray:
         """Of each point in the driven displacement (k,)."""
         return self.weight / np.abs(self.weight).sum()
-
-    def _arm(self, bodies: Bodies) -> np.ndarray:
-        """From the centroids to the points (k, 3), world."""
-        return (bodies.rotation[self.block] @ self.lever[:, :, None])[:, :, 0]

@@ -79,7 +79,7 @@ class EquilibriumPath(ABC):
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
         self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
-        self.past, self.tolerance = Past(moving, None), getattr(control, "tolerance", TOLERANCE)
+        self.past, self.tolerance = Past(moving, None), control.tolerance or TOLERANCE
         self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
         self.slowness = 1
         self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)

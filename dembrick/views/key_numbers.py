@@ -1,0 +1,352 @@
+"""The key numbers of a run, declared once: what ``run`` and ``info`` print, pages, notebooks and ``repr`` show.
+
+They are found in the object of ``run --json``, and a history may hold anything in its place. A new number is a
+`Declared` in one of the tables here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from dembrick.views.summary import (
+    angle_text,
+    known,
+    length,
+    limit_text,
+    listed,
+    load_text,
+    mechanism,
+    number,
+    on_one_path,
+    part,
+    peak_text,
+    plain,
+    start_text,
+    texts,
+    with_error,
+    yield_point,
+)
+
+_CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
+_ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
+_NO_BAR = "no error bar (--refine gives one)"
+
+
+class KeyNumber(NamedTuple):
+    """One line of a summary: what it is, its value with unit and error bar, and what to know about it; the ``symbol``
+    names it in lines of ``run``, where that is shorter."""
+
+    name: str
+    value: str
+    remark: str = ""
+    symbol: str = ""
+
+    @property
+    def line(self) -> str:
+        """The same as a line of the command line."""
+        return plain(f"{self.symbol or self.name:13} {self.value}{f'; {self.remark}' if self.remark else ''}")
+
+
+class Told(NamedTuple):
+    """Value of a key number with unit and error bar, and what to know about it."""
+
+    value: str
+    remark: str = ""
+
+
+class Declared(NamedTuple):
+    """Declaration of a key number, of which ``run``, ``info``, pages and notebooks are made: its ``name``, the
+    ``symbol`` in lines of ``run``, and how results tell it, None if they do not (``of``).
+
+    ``only`` and ``unless``: a key that results must have, or must not.
+    """
+
+    name: str
+    symbol: str
+    of: Callable[[Mapping], Told | None]
+    only: str = ""
+    unless: str = ""
+
+
+def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
+    """Key numbers of a run: the limit load with its bracket, theory beside it, the mechanism, the collapse.
+
+    ``unit`` of the load of actuators, "1" for a factor.
+    """
+    lines = []
+    if isinstance(results.get("error"), str):
+        lines.append(KeyNumber("no answer", results["error"]))
+    if isinstance(results.get("answer"), str):
+        lines.append(KeyNumber("answer", results["answer"]))
+    point, collapse, path = yield_point(results), part(results, "collapse"), part(results, "path")
+    of_blocks = collapse or unit == "1"
+    at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
+    lines += _of_collapse(collapse, point)
+    if not isinstance(results.get("error"), str):  # what a run that failed had come to is no limit
+        lines += _of_yield(point, "" if of_blocks else unit, at_rate, path | collapse)
+    lines += cycle_numbers(results.get("cycles"), unit)
+    lines += _after(part(results, "after"))
+    lines += _of_theory(part(results, "theory"))
+    lines += told_by(OF_SETTLEMENT, results)
+    lines += told_by(OF_MOTION, results) if not (point or collapse or results.get("settlement")) else []
+    lines += told_by(OF_WORK, results)
+    return lines
+
+
+def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumber]:
+    """The limit load in N, or without a unit the load factor of a structure; ``at_rate``: of a constant-rate test;
+    ``path``: what stands beside the limit of an assembly."""
+    load = ("V", "limit load V") if unit else ("load factor", "load factor")
+    if "V" not in point:
+        return []
+    said, alone = limit_text(point, path, unit), on_one_path(path)
+    lower, upper = point.get("V_lower"), point.get("V_upper")
+    is_open = lower is None or upper is None or point.get("bracket", "open") == "open"
+    remark = said.kind
+    if alone:
+        bound = number(part(path, "associative").get("upper"))
+        remark += "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any"
+        remark += "; --refine gives the range"
+    elif not is_open:
+        remark = remark.replace("indicator", "indicator, not certified")
+        remark += "" if "meet" in remark else f": bounds {lower:.7g} and {upper:.7g} {unit}".rstrip()
+    lines = [KeyNumber(load[0] if is_open else load[1], said.value, remark)]
+    start = start_text(path, unit)
+    if start is not None:
+        lines.append(KeyNumber("start", start))
+    if "V_peak" in point:
+        lines.append(KeyNumber(f"largest {load[0]}", *peak_text(point, path, unit, at_rate)))
+    least = _ROUNDING * abs(point.get("N", 0.0))
+    shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
+    carried = [f"{name} = {shown[name]:.5g} {_CARRIED[name]}" for name in shown]
+    if carried:
+        lines.append(KeyNumber("the joint carries", ", ".join(carried), point.get("joint", "")))
+    if mechanism({"collapse": path}) != "none":
+        lines.append(KeyNumber("mechanism", mechanism({"collapse": path})))
+    elif "mechanism" in point:
+        centre = point.get("torsion_centre")
+        # + 0.0: a negative zero would only puzzle the reader
+        x, y = (0.0, 0.0) if centre is None else (round(1e3 * x, 4) + 0.0 for x in centre)
+        remark = "" if centre is None else f"turns about ({x:.5g}, {y:.5g}) mm from O"
+        lines.append(KeyNumber("mechanism", point["mechanism"], remark))
+    return lines
+
+
+def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
+    """The peaks of both halves of every cycle with their bars, and what it dissipates; ``unit`` of the load."""
+    lines = []
+    for count, cycle in enumerate(cycles if isinstance(cycles, list) else [], 1):
+        columns = [part({"": cycle}, "").get(name) for name in ("peak", "V_lower", "V_upper")]
+        if not all(isinstance(column, list) and [number(V) for V in column] == column for column in columns):
+            continue
+        peaks = [f"{known(V, 0.5 * (b - a))} ± {0.5 * (b - a):.1g}" for V, a, b in zip(*columns, strict=False)]
+        work, damping, residual = (number(cycle.get(name)) for name in ("dissipated", "damping", "residual"))
+        remark = "its loop does not close" if work is None else f"dissipated {work:.5g} J"
+        remark += "" if damping is None else f", damping {100.0 * damping:.3g} %"
+        remark += "" if residual is None else f", residual {1e3 * residual:.4g} mm"
+        lines.append(KeyNumber(f"cycle {count}", f"peaks {' and '.join(peaks)}{' N' if unit == 'N' else ''}", remark))
+    return lines
+
+
+def _after(after: dict) -> list[KeyNumber]:
+    """Line on the blocks that move on beyond the limit."""
+    moved, names = number(after.get("displacement")), after.get("blocks")
+    if moved is None or not isinstance(names, list) or not names:
+        return []
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return [KeyNumber("beyond the limit", f"{names[0]}{more}", f"by {after.get('mechanism')}, to {length(moved)}")]
+
+
+def _of_theory(theory: dict) -> list[KeyNumber]:
+    V, error = number(theory.get("V")), number(theory.get("error"))
+    if V is None:
+        return []
+    remark = "" if error is None else f"simulation {100.0 * error:+.2g} %"
+    gap = number(theory.get("discretisation_error"))
+    if gap is not None:
+        remark += f"{'; ' if remark else ''}the points miss the continuum by {100.0 * gap:.2g} %"
+    return [KeyNumber("theory", f"{V:.7g} N", remark)]
+
+
+def _outcome(results: Mapping) -> Told | None:
+    return Told(results["outcome"]) if isinstance(results.get("outcome"), str) else None
+
+
+def _drift(results: Mapping) -> Told | None:
+    drift = part(results, "drift")
+    value = number(drift.get("value"))
+    if value is None:
+        return None
+    return Told(f"{100.0 * value:.3g} %", f"displacement over height of {drift.get('block')}, at any time")
+
+
+def _greatest(results: Mapping) -> Told | None:
+    ways = {name: number(way) for name, way in part(results, "greatest_displacement").items()}
+    known_ways = {name: way for name, way in ways.items() if way is not None}
+    if not known_ways:
+        return None
+    furthest = max(known_ways, key=lambda name: known_ways[name])
+    return Told(length(known_ways[furthest]), f"of the centroid of {furthest}, at any time")
+
+
+def _at_the_end(results: Mapping) -> Told | None:
+    moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
+    if moved is None:
+        return None
+    value = length(moved) if error is None else with_error(moved, error, "m")
+    return Told(value, "of a centroid; " + (_NO_BAR if error is None else "from stiffer joints"))
+
+
+def _peak_tie(results: Mapping) -> Told | None:
+    peaks = [number(tie.get("peak")) for tie in results.get("ties") or () if isinstance(tie, Mapping)]
+    known_peaks = [peak for peak in peaks if peak is not None]
+    return Told(load_text(max(known_peaks)), "of all ties, at any time") if known_peaks else None
+
+
+def _fallen(results: Mapping) -> Told | None:
+    return Told(listed(texts(results["fallen"]))) if isinstance(results.get("fallen"), list) else None
+
+
+def _not_standing(results: Mapping) -> Told | None:
+    names = texts(results.get("not_standing"))
+    return Told(listed(names), "no equilibrium under the dead loads") if names else None
+
+
+def _left_out(results: Mapping) -> Told | None:
+    found = results.get("left_out")
+    said = [one.get("text") for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
+    return Told("; ".join(texts(said))) if texts(said) else None
+
+
+def _settled(results: Mapping) -> Told | None:
+    collapse = part(results, "collapse")
+    at, bar = number(collapse.get("settlement")), number(collapse.get("error_estimate"))
+    if at is None:
+        return None
+    text = f"{at:.5g} m" if bar is None else with_error(at, abs(bar), "m")
+    return Told(text, _NO_BAR if bar is None else "from runs refined")
+
+
+def _reaction(results: Mapping) -> Told | None:
+    found = part(results, "settlement")
+    reaction, bar, reached = (number(found.get(key)) for key in ("reaction", "reaction_error", "displacement"))
+    if reaction is None:
+        return None
+    text = f"{reaction:.6g} N" if bar is None else with_error(reaction, abs(bar), "N")
+    remark = "" if reached is None else f"at {length(reached)}; "
+    return Told(text, remark + (_NO_BAR if bar is None else "refined"))
+
+
+def _extreme_reaction(which: str, results: Mapping) -> Told | None:
+    one = part(part(results, "settlement"), which)
+    value, where = number(one.get("reaction")), number(one.get("displacement"))
+    return None if value is None or where is None else Told(f"{value:.6g} N", f"at {length(where)}")
+
+
+def _reaction_at_rest(results: Mapping) -> Told | None:
+    value = number(part(results, "settlement").get("at_rest"))
+    return None if value is None else Told(f"{value:.6g} N", "before the supports moved")
+
+
+def _equilibria(results: Mapping) -> Told | None:
+    count = number(part(results, "settlement").get("equilibria"))
+    return None if count is None else Told(f"{count:.0f}", "in the deformed geometry")
+
+
+def _unbalanced(results: Mapping) -> Told | None:
+    value = number(results.get("unbalanced"))
+    asked = bool(part(results, "statics") or part(results, "settlement"))
+    return Told(f"{value:.2g}", "of the joint forces") if asked and value is not None else None
+
+
+def _simulated(results: Mapping) -> Told | None:
+    seconds = number(results.get("simulated_time"))
+    return None if seconds is None else Told(f"{seconds:.6g} s")
+
+
+def _time_step(results: Mapping) -> Told | None:
+    step, critical = number(results.get("time_step")), number(results.get("critical_time_step"))
+    if step is None or critical is None or not step > 0.0 or results.get("simulated_time") is None:
+        return None
+    return Told(f"{step:.3g} s", f"critical {critical:.3g} s")
+
+
+def _energy(results: Mapping) -> Told | None:
+    audit = part(results, "energy")
+    residual, stepping = number(audit.get("relative_residual")), number(audit.get("step_error"))
+    if residual is None:
+        return None
+    remark = "residual over the energy put in"
+    if stepping is not None:
+        remark += f"; {stepping:.1e} of it went in joints that open or close within a step"
+    return Told(f"{residual:.1e}", remark)
+
+
+def _steps(results: Mapping) -> Told | None:
+    steps, seconds = number(results.get("steps")), number(part(results, "wall").get("loop"))
+    if steps is None:
+        return None
+    return Told(f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop")
+
+
+OF_MOTION = (
+    Declared("outcome", "outcome", _outcome),
+    Declared("drift", "drift", _drift),
+    Declared("greatest displacement", "displacement", _greatest),
+    Declared("displacement at the end", "at the end", _at_the_end, unless="outcome"),
+    Declared("residual displacement", "residual", _at_the_end, only="outcome"),
+    Declared("peak tie force", "peak tie force", _peak_tie),
+    Declared("fallen", "fallen", _fallen),
+    Declared("not standing", "not standing", _not_standing),
+    Declared("left out", "left out", _left_out),
+)
+OF_SETTLEMENT = (
+    Declared("settlement at collapse", "settlement", _settled),
+    Declared("reaction along the motion", "reaction", _reaction),
+    Declared("least reaction", "  least", partial(_extreme_reaction, "least")),
+    Declared("greatest reaction", "  greatest", partial(_extreme_reaction, "greatest")),
+    Declared("reaction at rest", "  at rest", _reaction_at_rest),
+    Declared("equilibria", "equilibria", _equilibria),
+)
+OF_WORK = (
+    Declared("out of balance", "out of balance", _unbalanced),
+    Declared("simulated time", "simulated", _simulated),
+    Declared("time step", "time step", _time_step),
+    Declared("energy balance", "energy balance", _energy),
+    Declared("steps", "steps", _steps),
+)
+
+
+def told_by(declared: Sequence[Declared], results: Mapping) -> list[KeyNumber]:
+    """Key numbers of results, those of a table that they have."""
+    found = []
+    for one in declared:
+        if (one.only and one.only not in results) or (one.unless and one.unless in results):
+            continue
+        told = one.of(results)
+        if told is not None:
+            found.append(KeyNumber(one.name, *told, one.symbol))
+    return found
+
+
+def _of_collapse(collapse: dict, point: dict) -> list[KeyNumber]:
+    """The angle of the table; and where no bracket tells it, the load factor with its estimate and the mechanism."""
+    lines = []
+    angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))
+    if angle is not None and "V" in point:
+        lines.append(KeyNumber("collapse angle", *angle_text(point, collapse)))
+    elif angle is not None:
+        # angle = atan(factor)
+        error = None if bar is None else math.degrees(abs(bar) * math.cos(math.radians(angle)) ** 2)
+        text = f"{known(angle, 0.0, 5)} deg" if error is None else with_error(angle, error, "deg")
+        lines.append(KeyNumber("collapse angle", text, _NO_BAR if error is None else ""))
+    if factor is not None and "V" not in point:
+        text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
+        source = "from the run refined" if bar is not None else "" if lines else _NO_BAR
+        lines.append(KeyNumber("load factor", text, source))
+    if isinstance(collapse.get("mechanism"), str) and "V" not in point:
+        lines.append(KeyNumber("mechanism", collapse["mechanism"]))
+    return lines
