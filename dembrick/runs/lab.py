@@ -28,6 +28,7 @@ from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
 from dembrick.theory.paper_tables import FRICTION, MID_HEIGHT, SETS, TABLE_1
 from dembrick.views import plot
 from dembrick.views.export import export
+from dembrick.views.plot import style
 
 TABLE_1_FORMULATIONS = ("convex", "concave")
 # What a second process compiles beside the first replays, of concave joints: all of convex joints, as kernels of one
@@ -306,9 +307,8 @@ def draw(replayed: LabReplay, folder: str, console) -> list[str]:
     }
     files = []
     for name, figure in figures.items():
-        for ending in ENDINGS:
-            files.append(plot.save(figure, os.path.join(folder, name + ending)))
-            figure.set_layout_engine("none")  # its parts stay where the first format has them
+        style.settle(figure)
+        files += [plot.save(figure, os.path.join(folder, name + ending)) for ending in ENDINGS]
     turning = [path for path in replayed.curves if TURNING[1] in os.path.basename(path)]
     if turning:
         from dembrick.views import render
