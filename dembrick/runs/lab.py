@@ -296,6 +296,12 @@ TURNING = ("4b", "convex")  # the replay whose block is shown turning
 
 def draw(replayed: LabReplay, folder: str, console) -> list[str]:
     """Draw all figures into ``folder``; returns the files. A 3D picture that cannot be drawn is left out, and said."""
+    from dembrick.views import render
+    from dembrick.views.render import screen
+
+    turning = [path for path in replayed.curves if TURNING[1] in os.path.basename(path)]
+    if turning:
+        screen.expect_drawing()
     plane = [row for row in replayed.rows if not row["load_height"]]
     layouts = {row["set"]: row for row in replayed.rows if row["load_height"]}  # that of the rig
     points = [history.read(row["history"]) for row in plane]
@@ -309,10 +315,7 @@ def draw(replayed: LabReplay, folder: str, console) -> list[str]:
     for name, figure in figures.items():
         style.settle(figure)
         files += [plot.save(figure, os.path.join(folder, name + ending)) for ending in ENDINGS]
-    turning = [path for path in replayed.curves if TURNING[1] in os.path.basename(path)]
     if turning:
-        from dembrick.views import render
-
         motion = history.read(turning[-1])
         files += export(motion, os.path.join(folder, "turning_block.vtkhdf"))
         path = os.path.join(folder, "turning_block.png")
