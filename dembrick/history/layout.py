@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import h5py
@@ -170,7 +171,7 @@ def create(
             if table.packed and table.value.size:
                 made = file.create_dataset(table.path, data=table.value, compression=1).id
             else:
-                made = _dataset(file, table.path, table.value.shape, table.value.dtype, h5p.create(h5p.DATASET_CREATE))
+                made = _dataset(file, table.path, table.value.shape, table.value.dtype, _untimed())
                 if table.value.size:
                     made.write(h5s.ALL, h5s.ALL, np.ascontiguousarray(table.value).reshape(table.value.shape))
             _describe(made, table.units, table.description)
@@ -187,25 +188,43 @@ def create(
 
 
 def _unwritten() -> h5p.PropDCID:
-    how = h5p.create(h5p.DATASET_CREATE)
+    how = _untimed()
     how.set_fill_time(h5d.FILL_TIME_NEVER)
     return how
 
 
-def _dataset(file: h5py.File, name: str, shape: tuple[int, ...], kind: np.dtype, how: h5p.PropDCID) -> h5d.DatasetID:
-    """A new dataset, with the groups above it."""
+def _untimed() -> h5p.PropDCID:
+    how = h5p.create(h5p.DATASET_CREATE)
     how.set_obj_track_times(False)  # equal runs make equal files
+    return how
+
+
+def _links() -> h5p.PropLCID:
+    """Links of which the groups above a dataset are made with it."""
     links = h5p.create(h5p.LINK_CREATE)
     links.set_create_intermediate_group(True)
     links.set_char_encoding(h5t.CSET_UTF8)
-    space = h5s.create_simple(shape) if shape else h5s.create(h5s.SCALAR)
-    return h5d.create(file.id, name.encode(), h5t.py_create(kind, logical=True), space, dcpl=how, lcpl=links)
+    return links
+
+
+_LINKS, _SCALAR, _KIND_OF_TEXT = _links(), h5s.create(h5s.SCALAR), h5t.py_create(_TEXT, logical=True)
+
+
+def _dataset(file: h5py.File, name: str, shape: tuple[int, ...], kind: np.dtype, how: h5p.PropDCID) -> h5d.DatasetID:
+    """A new dataset, with the groups above it."""
+    space = h5s.create_simple(shape) if shape else _SCALAR
+    return h5d.create(file.id, name.encode(), h5t.py_create(kind, logical=True), space, dcpl=how, lcpl=_LINKS)
 
 
 def _describe(made: h5d.DatasetID, units: str, description: str) -> None:
-    space, kind = h5s.create(h5s.SCALAR), h5t.py_create(_TEXT, logical=True)
     for name, text in ((b"units", units), (b"description", description)):
-        h5a.create(made, name, kind, space).write(np.array(text, dtype=_TEXT))
+        h5a.create(made, name, _KIND_OF_TEXT, _SCALAR).write(_as_text(text))
+
+
+@cache
+def _as_text(text: str) -> np.ndarray:
+    """A text as h5py writes it; files name the same few units and descriptions again and again."""
+    return np.array(text, dtype=_TEXT)
 
 
 def put(file, position: int, array: np.ndarray) -> None:

@@ -28,6 +28,7 @@ from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
 from dembrick.theory.paper_tables import FRICTION, MID_HEIGHT, SETS, TABLE_1
 from dembrick.views import plot
 from dembrick.views.export import export
+from dembrick.views.plot import style
 
 TABLE_1_FORMULATIONS = ("convex", "concave")
 # What a second process compiles beside the first replays, of concave joints: all of convex joints, as kernels of one
@@ -295,6 +296,12 @@ TURNING = ("4b", "convex")  # the replay whose block is shown turning
 
 def draw(replayed: LabReplay, folder: str, console) -> list[str]:
     """Draw all figures into ``folder``; returns the files. A 3D picture that cannot be drawn is left out, and said."""
+    from dembrick.views import render
+    from dembrick.views.render import screen
+
+    turning = [path for path in replayed.curves if TURNING[1] in os.path.basename(path)]
+    if turning:
+        screen.expect_drawing()
     plane = [row for row in replayed.rows if not row["load_height"]]
     layouts = {row["set"]: row for row in replayed.rows if row["load_height"]}  # that of the rig
     points = [history.read(row["history"]) for row in plane]
@@ -306,13 +313,9 @@ def draw(replayed: LabReplay, folder: str, console) -> list[str]:
     }
     files = []
     for name, figure in figures.items():
-        for ending in ENDINGS:
-            files.append(plot.save(figure, os.path.join(folder, name + ending)))
-            figure.set_layout_engine("none")  # its parts stay where the first format has them
-    turning = [path for path in replayed.curves if TURNING[1] in os.path.basename(path)]
+        style.settle(figure)
+        files += [plot.save(figure, os.path.join(folder, name + ending)) for ending in ENDINGS]
     if turning:
-        from dembrick.views import render
-
         motion = history.read(turning[-1])
         files += export(motion, os.path.join(folder, "turning_block.vtkhdf"))
         path = os.path.join(folder, "turning_block.png")

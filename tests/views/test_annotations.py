@@ -165,7 +165,7 @@ def test_where_there_is_no_line_of_thrust_that_is_said(tmp_path, drawing):
 def test_egl_is_asked_for_on_linux_only(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
-    monkeypatch.setattr(screen, "_works", lambda off: True)
+    monkeypatch.setattr(screen, "_works", lambda off, trial: True)
     for platform, asked in (("darwin", False), ("win32", False), ("linux", True)):
         monkeypatch.setattr("sys.platform", platform)
         screen.require_drawing.cache_clear()

@@ -173,3 +173,14 @@ def test_lines_of_a_study_over_formulations_have_their_colours(tmp_path):
 )
 def test_keys_have_their_units(key, unit):
     assert unit_of(key) == unit
+
+
+def test_a_settled_figure_is_the_one_that_saving_lays_out(tmp_path):
+    """To the last byte, and without an engine that would lay it out again."""
+    for name, settled in (("own.png", False), ("settled.png", True)):
+        figure = plot.force_displacement([result("convex"), result("concave")])
+        if settled:
+            style.settle(figure)
+            assert figure.get_layout_engine() is None
+        plot.save(figure, tmp_path / name)
+    assert (tmp_path / "own.png").read_bytes() == (tmp_path / "settled.png").read_bytes()

@@ -48,6 +48,8 @@ SETTINGS = {
     "font.size": 9.0,
     "axes.titlesize": 9.0,
     "legend.fontsize": 8.0,
+    "figure.autolayout": False,  # as a figure is laid out by what made it
+    "figure.constrained_layout.use": False,
     "axes.grid": True,
     "grid.linewidth": 0.4,
     "grid.color": "#D9D9D9",
@@ -145,6 +147,18 @@ def _write_out_controls(figure: Figure) -> None:
         if not all(sign.isprintable() or sign == "\n" for sign in shown):
             signs = (s if s.isprintable() or s == "\n" else s.encode("unicode_escape").decode("ascii") for s in shown)
             text.set_text("".join(signs))
+
+
+def settle(figure: Figure) -> None:
+    """Put the parts of a figure where they stay: whatever is then saved, in one format or several, draws it once each,
+    and not a first time to find out how much room each part takes."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        _write_out_controls(figure)
+        with settings():
+            figure.set_dpi(DOTS_PER_INCH)  # the room that letters take depends on it
+            engine.execute(figure)
+            figure.set_layout_engine(None)
 
 
 def save(figure: Figure, path: str | os.PathLike) -> str:

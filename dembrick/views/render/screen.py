@@ -1,6 +1,7 @@
 """Whether this machine can draw: off screen for pictures, on a display for the window.
 
-Where neither EGL nor OSMesa is installed VTK does not raise, it crashes: a child process tries first, once.
+Where neither EGL nor OSMesa is installed VTK does not raise, it crashes: a child process tries first, once. Whoever
+has something else to do before a picture lets it try meanwhile (`expect_drawing`).
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from functools import lru_cache
 
 from dembrick.errors import MissingDependency, needed
@@ -19,13 +21,25 @@ PROBE = (
 )
 
 
+class _Known:
+    trial: subprocess.Popen | None = None  # begun by `expect_drawing`
+
+
+def expect_drawing() -> None:
+    """Begin to try whether this machine can draw off screen; `require_drawing` waits for the answer."""
+    _prefer_egl()
+    if _Known.trial is None:
+        with suppress(OSError):
+            _Known.trial = _begun(off=1)
+
+
 @lru_cache(maxsize=1)
 def require_drawing() -> None:
     """MissingDependency unless pyvista is installed and this machine can draw off screen."""
-    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    _prefer_egl()
     needed("pyvista", "a picture of blocks")
-    if not _works(off=1):
+    trial, _Known.trial = _Known.trial, None
+    if not _works(off=1, trial=trial):
         linux = "install EGL and a driver (Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri) and try again"
         elsewhere = "its OpenGL driver is missing or too old; update it"
         remedy = linux if sys.platform.startswith("linux") else elsewhere
@@ -45,9 +59,26 @@ def require_display() -> None:
         )
 
 
-def _works(off: int) -> bool:
+def _prefer_egl() -> None:
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+
+
+def _begun(off: int) -> subprocess.Popen:
+    """The process that tries."""
+    silent = subprocess.DEVNULL
+    return subprocess.Popen([sys.executable, "-c", PROBE.format(off=off)], stdin=silent, stdout=silent, stderr=silent)
+
+
+def _works(off: int, trial: subprocess.Popen | None = None) -> bool:
+    """Whether drawing worked in a ``trial``, in a new one by default."""
     try:
-        command = [sys.executable, "-c", PROBE.format(off=off)]
-        return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode == 0
-    except (OSError, subprocess.TimeoutExpired):
+        trial = trial or _begun(off)
+    except OSError:
+        return False
+    try:
+        return trial.wait(timeout=60) == 0
+    except subprocess.TimeoutExpired:
+        trial.kill()
+        trial.wait()
         return False
