@@ -51,7 +51,11 @@ class ControlPoints:
 
     def displacement(self, moved: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Of the points (w, 3) where the centroids have ``moved`` (n, 3) and blocks stand as ``rotation`` (n, 3, 3)."""
-        return moved[self.block] + np.einsum("wij,wj->wi", rotation[self.block], self.lever) - self.arm
+        return self.displaced(moved[self.block], rotation[self.block])
+
+    def displaced(self, moved: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """The same, ``moved`` (..., w, 3) and ``rotation`` (..., w, 3, 3) being those of the block of each point."""
+        return moved + np.einsum("...wij,wj->...wi", rotation, self.lever) - self.arm
 
 
 NO_VECTORS = np.zeros((0, 3))
