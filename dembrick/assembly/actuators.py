@@ -101,7 +101,11 @@ class ControlPoints:
 
     def displacement(self, moved: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Of the points (w, 3) where the centroids have ``moved`` (n, 3) and blocks stand as ``rotation`` (n, 3, 3)."""
-        return moved[self.at.block] + self.at.arms(rotation) - self.at.arm
+        return self.displaced(moved[self.at.block], rotation[self.at.block])
+
+    def displaced(self, moved: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """The same, ``moved`` (..., w, 3) and ``rotation`` (..., w, 3, 3) being those of the block of each point."""
+        return moved + np.einsum("...wij,wj->...wi", rotation, self.at.lever) - self.at.arm
 
 
 NO_VECTORS = np.zeros((0, 3))

@@ -151,6 +151,15 @@ class Session:
             takes = f"{'at most' if at_most else 'about'} {expected_cost.duration(seconds)}"
             self.report(f"this run will take {takes} of computing on one core; to shorten it, {remedy}")
 
+    def undisturbed(self) -> float:
+        """Seconds until somebody wants a checkpoint, or a word on how far the run is."""
+        now, soon = time.monotonic(), [np.inf]
+        if self.tell is not None:
+            soon.append(self.last_told + TOLD_EVERY - now)
+        if self.keep is not None:
+            soon.append(self.last_kept + self.output.checkpoint - now)
+        return max(0.0, min(soon))
+
     def ended(self, run: Pausable) -> None:
         """At the end of a run, behind its last row."""
         if self.keep_last is not None:

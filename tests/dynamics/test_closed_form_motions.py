@@ -13,16 +13,14 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
-from dembrick.simulation.dynamics.integrator import (
-    NO_LIMIT,
-    advance,
-    damping_of_restitution,
-    motion,
-    restitution_of_damping,
-)
+from dembrick.simulation.dynamics.integrator import NO_LIMIT, advance, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.run import IMPACTS
-from dembrick.simulation.dynamics.time_step import stepped_dashpots
+from dembrick.simulation.dynamics.time_step import (
+    damping_of_restitution,
+    restitution_of_damping,
+    stepped_dashpots,
+)
 from helpers import motions as theory
 
 DENSITY = 2000.0

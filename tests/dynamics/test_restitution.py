@@ -10,7 +10,7 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Material, Output
-from dembrick.simulation.dynamics.integrator import damping_of_restitution, restitution_of_damping
+from dembrick.simulation.dynamics.time_step import damping_of_restitution, restitution_of_damping
 from helpers.impact_scenes import AWAY, FLOOR, G, scene
 from helpers.motions import housner_restitution
 

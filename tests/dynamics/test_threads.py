@@ -14,6 +14,7 @@ from dembrick.kernels.dynamics.loop import Limits
 from dembrick.simulation.dynamics import integrator
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.loads import Driving
+from helpers import rows
 from helpers.custom_laws import COULOMB
 from helpers.places import TESTS
 from helpers.walls import wall
@@ -35,7 +36,7 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
         moving.energy.open(moving.state)
         integrator.advance(moving, driving, 300, Limits(1.0, 1.0))
         ends.append(moving.state)
-        found.append(moving.energy.energies(moving.state, moving.time_step))
+        found.append(rows.energies(moving))
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     for end in ends[1:]:
         np.testing.assert_array_equal(end.bodies.position, ends[0].bodies.position)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from dembrick.assembly.build import assemble
+from dembrick.kernels.math.sums import room_for_halves, sum_in_pairs
 from dembrick.runs.drivers import _set_up
 from dembrick.scenario import shipped, toml
 from dembrick.simulation.dynamics import loads, recorder, run
 from dembrick.simulation.dynamics.loads import LoadsAhead
-from dembrick.simulation.dynamics.recorder import WaitingRows, joined
+from dembrick.simulation.dynamics.recorder import Recorder, joined
 from dembrick.simulation.session import Session
 
 SHAKEN = ["control.duration=0.05", "output.rows=300", "output.frames=40"]
@@ -92,14 +93,36 @@ def test_a_snapshot_finds_every_row_passed_on():
         assert n == count and last == pytest.approx(now, rel=1e-14)
 
 
-def test_large_rows_do_not_wait():
-    calls = []
-    waiting = WaitingRows(lambda rows, frames: calls.append(len(rows["time"])))
-    row = {"time": 0.0, "joint": np.zeros((recorder.MOST_WAITING // 8, 7)), "energy": {"kinetic": 1.0}}
-    assert waiting.add(row, {})
-    waiting.pass_on()
-    waiting.pass_on()
-    assert calls == [1]
+def test_large_rows_do_not_wait(monkeypatch):
+    monkeypatch.setattr(recorder, "MOST_WAITING", 100)
+    rows, _, calls = observed(toml.load(shipped.folder() / "newmark_pulse.toml", SHAKEN))
+    assert calls == len(rows["time"]) >= 300
+
+
+@pytest.mark.parametrize("channels", [("joints", "energy", "frames"), ("frames", "velocity")])
+def test_the_loop_writes_the_rows_that_it_passes(monkeypatch, channels):
+    """Python takes one now and then: the last, those where it is asked for, and those with frames of velocities."""
+    scenario = toml.load(shipped.folder() / "newmark_pulse.toml", SHAKEN)
+    scenario = dataclasses.replace(scenario, output=dataclasses.replace(scenario.output, channels=channels))
+    taken, take = [], Recorder.take
+
+    def counted(self, last=False, equilibrium=None):
+        taken.append(self._moving.steps)
+        take(self, last, equilibrium)
+
+    monkeypatch.setattr(Recorder, "take", counted)
+    monkeypatch.setattr(recorder, "HELD", 10.0)  # however slow the machine
+    rows, frames, _ = observed(scenario)
+    assert len(rows["time"]) >= 300 and len(frames["time"]) >= 40
+    assert len(taken) < (0.1 if "velocity" not in channels else 0.25) * len(rows["time"])
+    np.testing.assert_allclose(np.diff(rows["time"])[:-1], rows["time"][1], rtol=1e-9)
+    np.testing.assert_array_equal(frames["time"][:-1], rows["time"][:: 300 // 40][: len(frames["time"]) - 1])
+
+
+@pytest.mark.parametrize("n", [0, 1, 7, 8, 100, 129, 1000, 5003])
+def test_sums_in_pairs_are_those_of_numpy(n):
+    values = np.random.default_rng(n).normal(size=n) * 10.0 ** np.arange(n % 7, n % 7 + n).clip(0, 9)
+    assert sum_in_pairs(values, room_for_halves()) == values.sum()
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from dembrick.simulation.dynamics.integrator import joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, with_contact_forces
+from helpers import rows
 from helpers.resting_blocks import GRAVITY, about, place
 from helpers.walls import wall
 
@@ -74,7 +75,7 @@ def test_a_joint_carries_what_it_would_carry_alone(formulation):
     shake(moving, driving, range(n))
     found, forces = joint_resultants(moving.state), contact_forces(moving.state, np.ones(n))
     per = len(forces) // n
-    energies = moving.energy.energies(moving.state, moving.time_step)
+    energies = rows.energies(moving)
     sums = dict.fromkeys(("elastic", "friction", "dashpots", "released"), 0.0)
     alone, driving_alone = pairs(1, formulation)
     kept = [*alone.state.arrays, *alone.energy.table]
@@ -89,7 +90,7 @@ def test_a_joint_carries_what_it_would_carry_alone(formulation):
         np.testing.assert_allclose(
             forces[i * per : (i + 1) * per], contact_forces(alone.state, np.ones(1)), rtol=1e-5, atol=1e-4
         )
-        own = alone.energy.energies(alone.state, alone.time_step)
+        own = rows.energies(alone)
         sums = {name: value + own[name] for name, value in sums.items()}
     assert (found[:, 0] == 0.0).any() and found[:, 0].max() > 200.0 and np.ptp(found[:, 1]) > 10.0
     for name, value in sums.items():

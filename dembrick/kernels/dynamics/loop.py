@@ -24,11 +24,12 @@ from dembrick.kernels.dynamics.contact_forces import TOUCHED, Touching, clear_ap
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
+from dembrick.kernels.dynamics.record import Rows, Scene, calm, row_is_due
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, write_rotations
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, rotate
 
-RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
+RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED, AT_ROW = 0, 1, 2, 3, 4, 5, 6
 
 
 class Loads(NamedTuple):
@@ -58,7 +59,7 @@ class Limits(NamedTuple):
 
 
 class Course(NamedTuple):
-    """What ends a chunk of steps, and what damps it."""
+    """What ends a chunk of steps, what damps it, and the rows that are written on the way."""
 
     displacement: float  # m, see `Limits`
     longest: float  # m
@@ -67,6 +68,7 @@ class Course(NamedTuple):
         ndarray  # (2,) m, what any two blocks may still move against each other before a polygon could be stale; how
     )
     # far any one can have moved since the caller last put it to zero
+    rows: Rows
 
 
 class Contacts(NamedTuple):
@@ -118,7 +120,8 @@ def advance_bodies(
     Returns a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as the ``course``
     says), STALE (polygons must be cut again before the next step), DIVERGED, or what comes of new ``contacts``: MEETING
     (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
-    DEEP, CROWDED. ``energy_terms`` may be None.
+    DEEP, CROWDED; or AT_ROW, at a row which it does not write because somebody must look for contacts first.
+    ``energy_terms`` may be None.
 
     A joint writes its own wrench and a block gathers its joints in their order, so every number is, to the last bit,
     the same whatever the number of threads that ``shares`` are for. New contacts, few beside the joints, are one
@@ -132,6 +135,7 @@ def advance_bodies(
     away = shares.away
     damping = course.damping
     travel = course.travel
+    rows = course.rows
     touching = contacts.touching
     goal2 = course.displacement**2
     longest2 = course.longest**2
@@ -195,6 +199,14 @@ def advance_bodies(
         travel[1] += move
         if meeting:
             touching.room[0] -= move
+        if rows.row_at != 0 and row_is_due(rows.record):
+            if not calm(rows.record, bodies, travel):
+                return AT_ROW, step + 1
+            write_rotations(bodies, loads.support)
+            scene = Scene(bodies, links, corners, faces, ties, touching, energy_terms)
+            g = loads.gravity[step + 1]
+            moment = rows.record.next[0].step, dt, g[0], g[1], g[2]
+            call_at(rows.row_at, rows.record, scene, rows.extremes, moment)
     return RUNNING, n_steps
 
 

@@ -1,15 +1,104 @@
-"""The record of a run in real time: resultants of the joints, and the out-of-balance forces."""
+"""The record of a run in real time: its rows, and frames of motion, into given arrays.
+
+The loop writes the rows that it passes; where it stops, Python has one written by the same kernel. What follows from
+the places and forces of a row alone is found here; loads and what is driven are Python's.
+"""
 
 from math import isnan, nan, sqrt
+from typing import NamedTuple
 
-from dembrick._jit import jit
+import numpy as np
+from numpy import ndarray
+
+from dembrick._jit import entry, jit, jit_rounded
 from dembrick.kernels.dynamics import joint_families as families
+from dembrick.kernels.dynamics.energy import kinetic_energy, settle_all, take_stock
 from dembrick.kernels.dynamics.tiles import ACTION, W, sense_of, three, wrench_at
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
+from dembrick.kernels.joint.ties import TENSION, YIELDED, tie_energy
+from dembrick.kernels.math.sums import sum_in_pairs
 from dembrick.kernels.math.vectors import cross, rows_times
 
+# What the loop needs to know to write rows: steps between them, and until the next one; how many it may still write,
+# and the rows between two frames (0: no frames); the step of the next row; the speed (m/s) of a point, and the way (m)
+# of a block since contacts were looked for last, beyond which Python has to look before the loop goes on
+NEXT = np.dtype((np.record, [
+    *((name, np.int64) for name in ("every", "steps", "rows", "frames_every", "step")),
+    ("fastest", float), ("quiet", float),
+]))  # fmt: skip
 
-@jit
+# Energies (J) of a row, by the names of their channels
+BALANCE = np.dtype((np.record, [(name, float) for name in (
+    "kinetic", "elastic", "external", "friction", "dashpots", "released", "stepping", "new_contacts", "crushing",
+    "fracture", "yielding",
+)]))  # fmt: skip
+
+# Columns of `Record.number`: out-of-balance ratio, contacts that carry, longest displacement (m), gravity (3; m/s2)
+UNBALANCED, CARRYING, FURTHEST, GRAVITY = 0, 1, 2, 3
+
+
+class Record(NamedTuple):
+    """Rows and frames of a run, one entry a row or frame, and scratch. What is not asked for has no entries."""
+
+    next: ndarray  # (1,) record `NEXT`
+    count: ndarray  # (2,) int64, rows, frames so far
+    step: ndarray  # (r,) int64
+    number: ndarray  # (r, 6)
+    joint: ndarray  # (r, j or 0, 7), see `write_resultants`
+    support: ndarray  # (n,) int64, number of each block among those that support others, -1 if it does not
+    reaction: ndarray  # (r, s, 6) N, N m, see `write_reactions`
+    middle: ndarray  # (3,) m, what positions count from
+    tension: ndarray  # (r, t) N
+    yielded: ndarray  # (r, t) m
+    watched: ndarray  # (w,) int64, blocks of the control points
+    place: ndarray  # (r, w, 3) m, their centroids, counted as `Bodies.position`
+    turn: ndarray  # (r, w, 3, 3) their rotations
+    energy: ndarray  # (r or 0,) records `BALANCE`
+    energy_start: ndarray  # (2,) J, kinetic energy and energy in springs when time began
+    frame_step: ndarray  # (F,) int64
+    frame_position: ndarray  # (F, n, 3) m
+    frame_orientation: ndarray  # (F, n, 4)
+    frame_shift: ndarray  # (F, j or 0, 2) m
+    shift: ndarray  # (j, 2) m, where O of each joint is now on its host, from where it was at the start
+    held: ndarray  # (a, 3) scratch: see `take_stock`
+    of_joints: ndarray  # (j,) scratch
+    pulled: ndarray  # (s, 6) scratch
+    halves: ndarray  # scratch, see `sum_in_pairs`
+
+
+class Extremes(NamedTuple):
+    """The greatest values of a run so far, noted at every row."""
+
+    furthest: ndarray  # (n,) m, displacement of each centroid
+    quiet: ndarray  # (n,) s, when its mean acceleration from row to row was last below the threshold
+    last: ndarray  # (n + 1, 3) m/s, the velocities of the row before; the first number of the last row: its time (s)
+    tension: ndarray  # (t,) N, of each tie
+    turned: ndarray  # (n,) cosine of half the greatest turn of each block
+    threshold: ndarray  # (1,) m/s2
+    upright: ndarray  # (n, 4) orientations that turns count from
+
+
+class Scene(NamedTuple):
+    """What rows are written of; ``energy_terms`` and families of joints are None where there are none."""
+
+    bodies: tuple
+    links: tuple
+    corners: tuple | None
+    faces: tuple | None
+    ties: tuple
+    touching: tuple
+    energy_terms: tuple | None
+
+
+class Rows(NamedTuple):
+    """What the loop needs to write rows."""
+
+    row_at: int  # the address of `write_row`, zero if it shall write none
+    record: Record
+    extremes: Extremes
+
+
+@entry
 def write_resultants(bodies, links, corners, faces, out):
     """N, V_1, V_2, M_T, M_1, M_2 (action on b about O) and slip of every joint into ``out`` (j, 7), of the last forces.
 
@@ -61,7 +150,7 @@ def write_resultants(bodies, links, corners, faces, out):
             out[joint_of(corners, faces, family, i), 6] = families.mean_slip(corners, faces, family, i)
 
 
-@jit
+@entry
 def unbalanced_ratio(bodies, links, g1, g2, g3):
     """Greatest out-of-balance force on a free block under gravity g, over the greatest joint force; 1 without any.
 
@@ -88,3 +177,282 @@ def unbalanced_ratio(bodies, links, g1, g2, g3):
     if isnan(total):
         return nan
     return sqrt(worst / largest) if largest > 0.0 else 1.0
+
+
+@jit_rounded
+def add_six(out, sense, a, b):
+    """Add a vector (3) and another (3), times ``sense``, to a row of six numbers."""
+    for i in range(3):
+        out[i] += sense * a[i]
+        out[3 + i] += sense * b[i]
+
+
+@jit_rounded
+def plain_cross(a, b):
+    """a x b, each product rounded by itself."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@jit_rounded
+def add_contacts(bodies, touching, support, middle, out):
+    """Add what supports exert through new contacts: see `write_reactions`."""
+    owner = touching.parts.owner
+    for side in range(2):
+        parts = touching.second if side else touching.first
+        sense = -1.0 if side else 1.0
+        for t in range(touching.first.size):
+            b = owner[parts[t]]
+            if touching.normal[t] > 0.0 and support[b] >= 0:
+                x = bodies.position[b]
+                c = touching.point[t]
+                f = touching.force[t]
+                m = touching.torque[t]
+                # the point of a history, which counts from the origin of the world
+                a1 = c[0] + middle[0] - middle[0] - x[0]
+                a2 = c[1] + middle[1] - middle[1] - x[1]
+                a3 = c[2] + middle[2] - middle[2] - x[2]
+                r = plain_cross((a1, a2, a3), f)
+                add_six(out[support[b]], sense, f, (m[0] + r[0], m[1] + r[1], m[2] + r[2]))
+
+
+@jit_rounded
+def take_pulls(ties, support, pulled, out):
+    """Take away what ties exert on the supports; ``pulled`` (s, 6) is scratch."""
+    pulled[:] = 0.0
+    for side in range(2):
+        for t in range(ties.stiffness.size):
+            s = support[ties.block[t, side]]
+            if s >= 0:
+                f = ties.force[t]
+                add_six(pulled[s], 1.0 - 2.0 * side, f, plain_cross(ties.arm[t, side], f))
+    for s in range(out.shape[0]):
+        for i in range(6):
+            out[s, i] -= pulled[s, i]
+
+
+@entry
+def write_reactions(record, bodies, links, ties, touching, out):
+    """Force (N) and moment (N m, about its centroid at the start) of each support on the structure, into ``out``
+    (s, 6): through its joints, ties and new contacts, of the last forces. World axes; of a block that is held in some
+    directions what its guides exert on it, about its centroid."""
+    support = record.support
+    out[:] = 0.0
+    for j in range(links.host.size):
+        s = support[links.host[j]]
+        if s >= 0:
+            w = links.wrenches[wrench_at(links, j)]
+            add_six(out[s], -1.0, w[:3], w[3:6])
+    for j in range(links.other.size):
+        s = support[links.other[j]]
+        if s >= 0:
+            w = links.wrenches[wrench_at(links, j)]
+            add_six(out[s], 1.0, w[:3], (-w[6], -w[7], -w[8]))
+    add_contacts(bodies, touching, support, record.middle, out)
+    if ties.stiffness.size > 0:
+        take_pulls(ties, support, record.pulled, out)
+    for b in range(support.size):
+        s = support[b]
+        if s >= 0:
+            add_carried(bodies, b, out[s])
+    for g in range(bodies.guided.size):
+        for i in range(6):
+            out[support[bodies.guided[g]], i] = bodies.guide[g, i]
+
+
+@jit_rounded
+def add_carried(bodies, b, out):
+    """Make moments about the centroid of block ``b`` now such about where it was at the start."""
+    x = bodies.position[b]
+    x0 = bodies.start[b]
+    m = plain_cross((x[0] - x0[0], x[1] - x0[1], x[2] - x0[2]), out)
+    for i in range(3):
+        out[3 + i] += m[i]
+
+
+@jit_rounded
+def length_of(a1, a2, a3):
+    """|a|."""
+    return sqrt(a1 * a1 + a2 * a2 + a3 * a3)
+
+
+@jit_rounded
+def away(bodies, b):
+    """How far (m) the centroid of block ``b`` is from its start."""
+    x = bodies.position[b]
+    x0 = bodies.start[b]
+    return length_of(x[0] - x0[0], x[1] - x0[1], x[2] - x0[2])
+
+
+@jit_rounded
+def note(extremes, bodies, ties, time):
+    """Take the present state into the ``extremes``; at time zero, when nothing has moved, the ties alone."""
+    for t in range(ties.stiffness.size):
+        extremes.tension[t] = max(extremes.tension[t], ties.now[t, TENSION])
+    if time <= 0.0:
+        return
+    n = extremes.furthest.size
+    passed = time - extremes.last[n, 0]
+    for b in range(n):
+        extremes.furthest[b] = max(extremes.furthest[b], away(bodies, b))
+        q = bodies.orientation[b]
+        p = extremes.upright[b]
+        half = abs((q[0] * p[0] + q[2] * p[2]) + (q[1] * p[1] + q[3] * p[3]))
+        extremes.turned[b] = min(extremes.turned[b], half)
+        v = bodies.velocity[b]
+        u = extremes.last[b]
+        if passed > 0.0 and length_of(v[0] - u[0], v[1] - u[1], v[2] - u[2]) / passed <= extremes.threshold[0]:
+            extremes.quiet[b] = time
+        for i in range(3):
+            u[i] = v[i]
+    extremes.last[n, 0] = time
+
+
+@jit_rounded
+def sum_of_losses(record, energy_terms):
+    """Sums over all joints of what friction, springs let go, steps, crushing and broken bonds took (J)."""
+    lost = energy_terms.lost
+    each = record.of_joints
+    halves = record.halves
+    for j in range(lost.size):
+        each[j] = lost[j].friction
+    friction = sum_in_pairs(each, halves)
+    for j in range(lost.size):
+        each[j] = lost[j].released
+    released = sum_in_pairs(each, halves)
+    for j in range(lost.size):
+        each[j] = lost[j].stepping
+    stepping = sum_in_pairs(each, halves)
+    for j in range(lost.size):
+        each[j] = lost[j].crushing
+    crushing = sum_in_pairs(each, halves)
+    for j in range(lost.size):
+        each[j] = lost[j].fracture
+    return friction, released, stepping, crushing, sum_in_pairs(each, halves)
+
+
+@jit_rounded
+def write_energies(record, bodies, links, corners, faces, ties, energy_terms, dt, out):
+    """Write the energies of the last forces into the record `BALANCE` ``out``."""
+    if energy_terms.begun[0] == 0.0:
+        out.kinetic = record.energy_start[0]
+        out.elastic = out.external = out.friction = out.dashpots = out.released = out.stepping = 0.0
+        out.new_contacts = out.crushing = out.fracture = out.yielding = 0.0
+        return
+    settle_all(energy_terms, links)
+    g = energy_terms.gravity
+    total = energy_terms.total[0]
+    each = record.of_joints
+    take_stock(links, corners, faces, record.held, each)
+    for j in range(each.size):
+        each[j] *= energy_terms.share[j]
+    springs = sum_in_pairs(each, record.halves)
+    friction, released, stepping, crushing, fracture = sum_of_losses(record, energy_terms)
+    out.kinetic = kinetic_energy(bodies, links.wrenches, g[0], g[1], g[2], dt)
+    out.elastic = springs + tie_energy(ties) - record.energy_start[1]
+    out.external = sum_in_pairs(energy_terms.fallen, record.halves) + total.loads
+    out.friction = friction
+    out.dashpots = sum_in_pairs(energy_terms.damped, record.halves)
+    out.released = released + total.handed
+    out.stepping = stepping + total.ties_stepped
+    out.new_contacts = -total.contacts
+    out.crushing = crushing
+    out.fracture = fracture
+    out.yielding = total.ties_yielded
+
+
+@jit
+def write_frame(record, step, bodies):
+    """Add a frame to the record."""
+    frame = record.count[1]
+    record.frame_step[frame] = step
+    for b in range(record.frame_position.shape[1]):
+        for i in range(3):
+            record.frame_position[frame, b, i] = bodies.position[b, i]
+        for i in range(4):
+            record.frame_orientation[frame, b, i] = bodies.orientation[b, i]
+    for j in range(record.frame_shift.shape[1]):
+        record.frame_shift[frame, j, 0] = record.shift[j, 0]
+        record.frame_shift[frame, j, 1] = record.shift[j, 1]
+    record.count[1] = frame + 1
+
+
+@jit
+def fill_row(record, bodies, links, corners, faces, ties, touching, energy_terms, row, moment):
+    """Fill a row with what holds at a ``moment``: time step (s), gravity (3; m/s2)."""
+    dt, g1, g2, g3 = moment
+    number = record.number[row]
+    number[UNBALANCED] = unbalanced_ratio(bodies, links, g1, g2, g3)
+    carrying = 0
+    for t in range(touching.first.size):
+        carrying += touching.normal[t] > 0.0
+    number[CARRYING] = carrying
+    furthest = 0.0
+    for b in range(bodies.mass.size):
+        furthest = max(furthest, away(bodies, b))
+    number[FURTHEST] = furthest
+    number[GRAVITY] = g1
+    number[GRAVITY + 1] = g2
+    number[GRAVITY + 2] = g3
+    if record.joint.shape[1] > 0:
+        write_resultants(bodies, links, corners, faces, record.joint[row])
+    write_reactions(record, bodies, links, ties, touching, record.reaction[row])
+    for t in range(ties.stiffness.size):
+        record.tension[row, t] = ties.now[t, TENSION]
+        record.yielded[row, t] = ties.now[t, YIELDED]
+    for w in range(record.watched.size):
+        b = record.watched[w]
+        for i in range(3):
+            record.place[row, w, i] = bodies.position[b, i]
+            for k in range(3):
+                record.turn[row, w, i, k] = bodies.rotation[b, i, k]
+    if energy_terms is not None:
+        if record.energy.size > 0:
+            write_energies(record, bodies, links, corners, faces, ties, energy_terms, dt, record.energy[row])
+
+
+@entry
+def write_row(record, scene, extremes, moment):
+    """Add a row of the present state of a `Scene` to the record, and a frame where one is due; there must be room.
+
+    ``moment``: step, time step (s), gravity (3; m/s2). The matrices of rotation must be those of the orientations.
+    """
+    bodies, links, corners, faces, ties, touching, energy_terms = scene
+    step, dt, g1, g2, g3 = moment
+    row = record.count[0]
+    every = record.next[0].frames_every
+    note(extremes, bodies, ties, step * dt)
+    record.step[row] = step
+    fill_row(record, bodies, links, corners, faces, ties, touching, energy_terms, row, (dt, g1, g2, g3))
+    record.count[0] = row + 1
+    if every > 0 and step // record.next[0].every % every == 0:
+        write_frame(record, step, bodies)
+    return 0
+
+
+@jit
+def row_is_due(record):
+    """Whether the loop has come to a row that it writes; to be asked after every step."""
+    following = record.next[0]
+    following.steps -= 1
+    if following.steps > 0:
+        return False
+    following.steps = following.every
+    following.step += following.every
+    following.rows -= 1
+    return following.rows >= 0
+
+
+@jit
+def calm(record, bodies, travel):
+    """Whether nobody need look for contacts before the next row, by how fast blocks are and how far they have gone;
+    ``travel``: see `Course`."""
+    following = record.next[0]
+    if not travel[1] < following.quiet:
+        return False
+    for b in range(bodies.mass.size):
+        v = bodies.velocity[b]
+        w = bodies.spin[b]
+        speed = sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) + bodies.reach[b] * sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+        if not speed <= following.fastest:
+            return False
+    return True

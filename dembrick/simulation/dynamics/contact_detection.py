@@ -108,6 +108,15 @@ class ContactDetection:
         fastest, far = max(fastest, float(speed.max())), 0.5 * self.patience
         return max(1.0, 2.0 * far / (fastest + np.sqrt(fastest**2 + 2.0 * gravity * far) + 1e-300) / dt)
 
+    def calm_for(self, steps: int, gravity: float, dt: float) -> tuple[float, float]:
+        """The speed (m/s) of a point up to which `steps_to_go` are certainly so many, and the way (m) of a block from
+        which on `follow` has something to do."""
+        if self.touching is not None:
+            return np.inf, np.inf
+        far = 0.5 * self.patience
+        mean = far / (steps * dt)
+        return (1.0 - 1e-6) * (mean - 0.5 * gravity * steps * dt), -1.0 if len(self._far_turned) else self._quiet
+
     def follow(self, state: MovingState, polygons: Polygons, called: bool, travel: np.ndarray) -> None:
         """Look for pairs where that is due: because the loop ``called`` for it, or blocks or joints have moved.
 

@@ -9,19 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.kernels.dynamics.energy import kinetic_energy, settle_all, take_stock
+from dembrick.kernels.dynamics.energy import settle_all, take_stock
 from dembrick.kernels.dynamics.energy_terms import CARRIED, LEDGER, LOST, PRESSURE, TOTAL, EnergyTerms
 from dembrick.kernels.dynamics.tiles import put_in_lanes, rows_of_lanes
 from dembrick.kernels.joint.ties import tie_energy
-from dembrick.simulation.channels import energies
 from dembrick.simulation.checkpoint_arrays import plain
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.known_types import KnownTypes
 from dembrick.simulation.dynamics.state import MovingState, cross, out_of_balance, seen
 from dembrick.simulation.energy_audit import Sums
-
-ENERGIES = energies(real_time=True)
 
 FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, errors are rounding
 
@@ -101,34 +98,6 @@ class MotionEnergy:
         self._known.call(state, take_stock, state.links, state.corners, state.faces, held, energy)
         return held, energy
 
-    def energies(self, state: MovingState, dt: float) -> dict[str, float]:
-        """The energies of the last forces (J): kinetic, elastic since the start, work of gravity and loads, friction,
-        dashpots, springs let go, contacts that opened or closed within a step, work done on new contacts."""
-        if not self.wanted:
-            return {}
-        if not self.table.begun[0]:
-            return dict.fromkeys(ENERGIES, 0.0) | {"kinetic": float(self.start[0])}
-        table, known = self.table, self._known
-        known.call(state, settle_all, table, state.links)
-        lost = _sums_of(table.lost)
-        kinetic = known.call(
-            state, kinetic_energy, state.bodies, state.links.wrenches, *table.gravity.tolist(), float(dt)
-        )
-        total = table.total[0]
-        return {
-            "kinetic": kinetic,
-            "elastic": float((table.share * self._springs(state)[1]).sum()) + _of_ties(state) - float(self.start[1]),
-            "external": float(table.fallen.sum()) + float(total.loads),
-            "friction": lost["friction"],
-            "dashpots": float(table.damped.sum()),
-            "released": lost["released"] + float(total.handed),
-            "stepping": lost["stepping"] + float(total.ties_stepped),
-            "new_contacts": -float(total.contacts),
-            "crushing": lost["crushing"],
-            "fracture": lost["fracture"],
-            "yielding": float(total.ties_yielded),
-        }
-
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
         """Sums for the audit; None if nothing was counted. ``rounding`` (J): less is no error of the run."""
         if not self.wanted:
@@ -149,11 +118,6 @@ class MotionEnergy:
 def _sums_of(lost: np.ndarray) -> dict[str, float]:
     """Losses (J) of all joints together, by name."""
     return {name: float(lost[name].sum()) for name in LOST.names or ()}
-
-
-def _of_ties(state: MovingState) -> float:
-    """Energy (J) in the ties."""
-    return tie_energy(state.ties) if len(state.ties.stiffness) else 0.0
 
 
 def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -45,7 +46,8 @@ from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.loads import Driving, LoadsAhead
 from dembrick.simulation.dynamics.memory_order import without_rounding
 from dembrick.simulation.dynamics.pace import LONGEST_CHUNK, Pace
-from dembrick.simulation.dynamics.state import MovingState, moving_state, reactions
+from dembrick.simulation.dynamics.row_arrays import no_rows, reactions
+from dembrick.simulation.dynamics.state import MovingState, moving_state
 from dembrick.simulation.dynamics.time_step import (
     contact_time_step,
     critical_time_step,
@@ -55,10 +57,11 @@ from dembrick.simulation.dynamics.time_step import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.dynamics.contact_forces import Touching
+    from dembrick.kernels.dynamics.record import Rows
     from dembrick.simulation.dynamics.support_motion import PrescribedMotion
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
@@ -69,26 +72,6 @@ NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
 BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved", "multiplier", "height")  # of loads
 BETWEEN = ("dead_load", "contact_search", "geometry", "record", "driving")  # what a run does beside its steps
-
-
-def damping_of_restitution(restitution: float) -> float:
-    """The damping ratio of a spring and dashpot that never pull, from which a mass bounces at ``restitution`` times
-    its speed (the contact ends when the force does; Schwager and Poeschel, Granular Matter 9 (2007) 465)."""
-    low, high = 0.0, 1.0 - 1e-12
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if restitution_of_damping(middle) > restitution else (low, middle)
-    return 0.5 * (low + high)
-
-
-def restitution_of_damping(ratio: float) -> float:
-    """Bounce speed over impact speed for a damping ratio below 1."""
-    if ratio <= 0.0:
-        return 1.0
-    root = math.sqrt(1.0 - ratio * ratio)
-    # the force ends at the phase where spring and dashpot cancel, in the second half of the swing
-    phase = math.pi - math.atan2(2.0 * ratio * root, 1.0 - 2.0 * ratio * ratio)
-    return math.exp(-ratio / root * phase)
 
 
 @dataclass
@@ -123,12 +106,14 @@ class Motion:
     _types: object = None
     _shares: dict = field(default_factory=dict)  # see `_loops`
     ahead: LoadsAhead = field(default_factory=LoadsAhead)
+    rows: Rows = field(init=False)  # that the loop writes now
     _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
 
     def __post_init__(self):
         self.contact_detection = ContactDetection(self.assembly, self.damping)
         self.energy = MotionEnergy(self.state)
         self.falling = np.zeros(len(self.assembly.names), bool)
+        self.rows = no_rows(self)
 
     @property
     def state(self) -> MovingState:
@@ -172,8 +157,8 @@ class Motion:
 
     @property
     def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6), see `dynamics.state.reactions`."""
-        return reactions(self.state, self.assembly.supporting, self.contact_detection.pressed(self.state.middle))
+        """Of the supports (s, 6), see `write_reactions`."""
+        return reactions(self)
 
 
 def motion(
@@ -198,6 +183,14 @@ def motion(
     return moving
 
 
+@contextmanager
+def driving_time(motion: Motion) -> Iterator[None]:
+    """What takes time within, and is not booked elsewhere, goes into what drives the run."""
+    began, before = time.perf_counter(), motion.seconds
+    yield
+    motion.phases["driving"] += time.perf_counter() - began - (motion.seconds - before)
+
+
 def advance(
     motion: Motion, driving: Driving, n_steps: int, limits: Limits, damping: float = 0.0, step: float = 1.0
 ) -> int:
@@ -206,11 +199,8 @@ def advance(
     Quasi-static work takes local ``damping``, and a ``step`` below the time step of the run.
     Raises DivergedError, and NotConvergedError if blocks press too deep into each other.
     """
-    began, before = time.perf_counter(), motion.seconds
-    try:
+    with driving_time(motion):
         return _advance(motion, driving, n_steps, limits, damping, step)
-    finally:
-        motion.phases["driving"] += time.perf_counter() - began - (motion.seconds - before)
 
 
 def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, damping: float, step: float) -> int:
@@ -230,21 +220,29 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
         status, done = advance_chunk(
             motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching, supports, loads
         )  # fmt: skip
-        motion.steps += done
-        if status == DIVERGED:
-            worst = motion.assembly.names[int(np.argmax(np.abs(motion.state.bodies.velocity).max(axis=1)))]
-            raise DivergedError(
-                f"the motion diverged at t = {motion.time:.6g} s (block {show(worst)} moves by more than "
-                f"{LONGEST_MOVE:g} of a block in a step of {dt:.3g} s): lower solver.step_factor"
-            )
-        if status in (DEEP, CROWDED):
-            raise NotConvergedError(_trouble(motion, status))
-        if status == OVERLOADED:
-            _examine(motion)
-        _follow(motion, called=status == MEETING)
-        if status == REACHED:
+        if after_chunk(motion, status, done, dt) == REACHED:
             return REACHED
     return RUNNING
+
+
+def after_chunk(motion: Motion, status: int, done: int, dt: float) -> int:
+    """Count the steps ``done`` and do what the ``status`` of a chunk asks for; REACHED, or RUNNING.
+
+    Raises DivergedError and NotConvergedError.
+    """
+    motion.steps += done
+    if status == DIVERGED:
+        worst = motion.assembly.names[int(np.argmax(np.abs(motion.state.bodies.velocity).max(axis=1)))]
+        raise DivergedError(
+            f"the motion diverged at t = {motion.time:.6g} s (block {show(worst)} moves by more than "
+            f"{LONGEST_MOVE:g} of a block in a step of {dt:.3g} s): lower solver.step_factor"
+        )
+    if status in (DEEP, CROWDED):
+        raise NotConvergedError(_trouble(motion, status))
+    if status == OVERLOADED:
+        _examine(motion)
+    _follow(motion, called=status == MEETING)
+    return REACHED if status == REACHED else RUNNING
 
 
 def _follow(motion: Motion, called: bool) -> None:
@@ -426,7 +424,7 @@ def _in_loop(motion: Motion, touch_at: int, n_steps: int, dt: float, state: Movi
     if state.order is not None:
         arguments = state.order.enter(*arguments)
     in_loop, ties, loads, near = arguments
-    course, contacts = Course(*limits, damping, travel), Contacts(touch_at, near)
+    course, contacts = Course(*limits, damping, travel, motion.rows), Contacts(touch_at, near)
     return (n_steps, dt, in_loop, *state[1:4], ties, loads, course, contacts, table, own), near
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.kernels.joint.ties import TENSION
+from dembrick.kernels.dynamics.record import Extremes as Noted
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import PushController
@@ -29,63 +29,38 @@ OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it 
 
 @dataclass
 class Extremes:
-    """Noted at every row.
+    """The greatest values of a run so far, which every row notes into the arrays of ``noted`` (`write_row`)."""
 
-    ``furthest`` (n,) m: the greatest displacement of each centroid so far; ``quiet`` (n,) s: when its mean acceleration
-    from row to row was last below ``threshold`` (m/s2); ``last`` (n + 1, 3): the velocities (m/s) of the row before,
-    and in the last row its time (s); ``tension`` (t,) N: the greatest tension of each tie so far;
-    ``turned`` (n,): the cosine of half the greatest turn of each block.
-    """
-
-    furthest: np.ndarray
-    quiet: np.ndarray
-    last: np.ndarray
-    tension: np.ndarray
-    turned: np.ndarray
-    threshold: float = field(default=0.0)
+    noted: Noted
 
     @classmethod
     def of(cls, moving: Motion) -> Extremes:
-        n = len(moving.assembly.names)
-        gravity = float(np.linalg.norm(moving.assembly.gravity))
-        tension = np.full(len(moving.state.ties.stiffness), -math.inf)
-        return cls(np.zeros(n), np.zeros(n), np.zeros((n + 1, 3)), tension, np.ones(n), OFF_BALANCE * gravity)
-
-    def note(self, moving: Motion) -> None:
-        """Take in the present state; the rows come at the same times however often a run is stopped."""
-        away = moving.displacement
-        np.maximum(self.furthest, np.sqrt((away * away).sum(axis=1)), out=self.furthest)
-        self.note_ties(moving)
-        half = np.abs(np.einsum("nk,nk->n", moving.state.bodies.orientation, moving.assembly.orientation))
-        np.minimum(self.turned, half, out=self.turned)
-        velocity, time = moving.state.bodies.velocity, moving.time
-        passed = time - self.last[-1, 0]
-        if passed > 0.0:
-            gained = velocity - self.last[:-1]
-            acceleration = np.sqrt((gained * gained).sum(axis=1)) / passed
-            self.quiet[acceleration <= self.threshold] = time
-        self.last[:-1], self.last[-1, 0] = velocity, time
+        n, tie = len(moving.assembly.names), len(moving.state.ties.stiffness)
+        return cls(Noted(
+            furthest=np.zeros(n),
+            quiet=np.zeros(n),
+            last=np.zeros((n + 1, 3)),
+            tension=np.full(tie, -math.inf),
+            turned=np.ones(n),
+            threshold=np.array([OFF_BALANCE * float(np.linalg.norm(moving.assembly.gravity))]),
+            upright=np.array(moving.assembly.orientation, float),
+        ))  # fmt: skip
 
     @property
     def turn(self) -> np.ndarray:
         """The greatest turn of each block so far (n,), rad."""
-        return 2.0 * np.arccos(np.minimum(self.turned, 1.0))
-
-    def note_ties(self, moving: Motion) -> None:
-        """Take in the present tensions, as at the row of the start."""
-        if len(self.tension):
-            np.maximum(self.tension, moving.state.ties.now[:, TENSION], out=self.tension)
+        return 2.0 * np.arccos(np.minimum(self.noted.turned, 1.0))
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
-        kept = {"furthest": self.furthest, "quiet": self.quiet, "last": self.last, "turned": self.turned}
-        return {PEAK_TENSIONS: self.tension} | {f"extremes.{name}": array for name, array in kept.items()}
+        kept = {name: getattr(self.noted, name) for name in ("furthest", "quiet", "last", "turned")}
+        return {PEAK_TENSIONS: self.noted.tension} | {f"extremes.{name}": array for name, array in kept.items()}
 
     def go_on_with(self, peaks: np.ndarray, before: TiesBefore) -> None:
         """Take the greatest tensions (N) of the ties that were there before, of those that stay."""
         old = np.array(before.of, np.int64)
-        self.tension[old >= 0] = peaks[old[old >= 0]]
+        self.noted.tension[old >= 0] = peaks[old[old >= 0]]
 
 
 def fallen(moving: Motion) -> np.ndarray:
@@ -138,7 +113,7 @@ def collapse_of(
     angle = control.rate * time if controller is None else None
     return {
         "angle": angle,
-        "onset": control.rate * float(extremes.quiet[blocks].min()) if controller is None else None,
+        "onset": control.rate * float(extremes.noted.quiet[blocks].min()) if controller is None else None,
         "load_factor": math.tan(math.radians(angle)) if controller is None else float(controller.peak[0]),
         "time": time,
         "displacement": worst,
@@ -153,7 +128,7 @@ def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray
     time ``onset`` (s), when the first of the blocks that fell left its balance for good."""
     away = np.linalg.norm(moving.displacement, axis=1)
     blocks = np.flatnonzero(fallen(moving))
-    onset = float(extremes.quiet[blocks].min())
+    onset = float(extremes.noted.quiet[blocks].min())
     return settlement_collapse(moving, at_rest, blocks) | {
         "onset": onset,
         "settlement": float(driving.share(np.array([onset]))[0]) * driving.supports.length,

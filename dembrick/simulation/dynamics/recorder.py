@@ -1,31 +1,49 @@
-"""Rows and frames of a run in real time, for the observer of a session, who gets some of them together."""
+"""Rows and frames of a run in real time, for the observer of a session, who gets some of them together.
+
+One kernel writes all rows (`kernels.dynamics.record`). The loop calls it at the rows that it passes, which takes a
+hundredth of the time that Python takes for a row. It stops at a row where Python has more to do than to write it: look
+for contacts, keep a checkpoint, tell how far the run is, take a frame of velocities.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dembrick.kernels.dynamics.record import unbalanced_ratio, write_resultants
-from dembrick.kernels.joint.ties import TENSION, YIELDED
-from dembrick.scenario.checks import present
+from dembrick._jit import address
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.kernels.dynamics.record import BALANCE, CARRYING, FURTHEST, GRAVITY, UNBALANCED, Rows, write_row
 from dembrick.simulation.channels import NO_BOUND
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.integrator import Motion, present_velocities
+from dembrick.simulation.dynamics.integrator import (
+    Motion,
+    advance,
+    advance_chunk,
+    after_chunk,
+    driving_time,
+    present_velocities,
+)
 from dembrick.simulation.dynamics.known_types import KnownTypes
 from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.outcome import Extremes
+from dembrick.simulation.dynamics.pace import LONGEST_CHUNK
 from dembrick.simulation.dynamics.pushover import PushController
+from dembrick.simulation.dynamics.row_arrays import bytes_of_row, record_of, scene_of
 from dembrick.simulation.dynamics.state import contact_arms, contact_forces
 from dembrick.simulation.session import Session
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
 
+TOGETHER = 64  # rows, at the most
+MOST_WAITING = 1 << 20  # bytes of them
+HELD = 0.05  # s, for which rows wait at the most while others come
 NO_ACTUATORS = np.zeros(0)
 
 
@@ -35,48 +53,144 @@ def _in_frames(pressed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 class Recorder:
-    """Hands rows and frames of a run to the observer of a session."""
+    """Hands rows and frames of a run to the observer of a session, and has every row noted by the ``extremes``.
+
+    ``rows_every``: steps between rows, ``frames_every``: rows between frames. With ``equilibria`` rows are those of a
+    path, which has no energy balance.
+    """
 
     def __init__(
-        self, moving: Motion, driving: Driving, session: Session, rows_every: int, frames_every: int,
-        controller: PushController | None,
+        self, moving: Motion, driving: Driving, session: Session, extremes: Extremes, rows_every: int,
+        frames_every: int, controller: PushController | None = None, equilibria: bool = False,
     ):  # fmt: skip
-        self._moving, self.driving, self._session = moving, driving, session
+        self._moving, self.driving, self._session, self._extremes = moving, driving, session, extremes.noted
         self._rows_of_moved = np.searchsorted(np.flatnonzero(moving.assembly.supporting), driving.supports.block)
-        self._controller = controller
+        self._controller, channels = controller, session.output.channels
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
         self._any_fixed = bool(np.any(moving.assembly.fixed))
-        self._waiting = WaitingRows(self._observe)
+        # frames that Python takes, which steps on or asks for more than where blocks are
+        self._slow_frames = bool({"velocity", "contacts"} & set(channels)) or joint_families.has_strengths(moving.state)
+        quick_frames = self.takes_frames and not self._slow_frames and not equilibria
+        wanted = channels if session.observe is not None else ()
+        balanced = moving.energy.wanted and not equilibria and session.observe is not None
+        asked = wanted, balanced, quick_frames
+        most = min(TOGETHER, MOST_WAITING // bytes_of_row(record_of(moving, 1, *asked)))
+        self._room = 1 if equilibria else max(1, most)
+        self._record = record_of(moving, self._room, *asked)
+        self._record.next[0].every = rows_every
+        self._curve: list[tuple[float, float]] = []  # displacement and load of the rows that wait
+        self._frames: list[dict] = []
         self._known = KnownTypes()
-
-    def _observe(self, rows: Mapping, frames: Mapping) -> None:
-        if self._session.observe is not None:
-            self._session.observe(rows, frames)
+        self._passed_on = -math.inf
+        self._last = -1  # step of the last row
+        self._seconds_a_row = HELD
+        self._no_rows = moving.rows
 
     def compile(self) -> None:
         """Compile what rows take, or load it; after the loop, beside which a second process compiles (`_ahead`)."""
         began = time.perf_counter()
-        if self._session.observe is not None:
-            self._unbalanced(self._gravity())
-            self._resultants()
+        self._row_at = address(write_row, *self._arguments(self._gravity()))
         self._moving.compile_seconds += time.perf_counter() - began
+
+    def _arguments(self, gravity: np.ndarray) -> tuple:
+        """Of `write_row`, for a row of now."""
+        moving = self._moving
+        moment = moving.steps, moving.time_step, *gravity.tolist()
+        return self._record, scene_of(moving), self._extremes, moment
 
     def take(self, last: bool = False, equilibrium: int | None = None) -> None:
         """A row of the present state, and a frame where one is due; of an ``equilibrium`` with that number."""
+        began, moving, record = time.perf_counter(), self._moving, self._record
+        compiled, row, gravity = moving.compile_seconds, int(record.count[0]), self._gravity()
+        self._last, record.next[0].frames_every = moving.steps, 0
+        self._known.call(moving.state, write_row, *self._arguments(gravity))
         if self._session.observe is None:
-            return
-        began, moving = time.perf_counter(), self._moving
-        compiled = moving.compile_seconds
-        rows, frames = self._row(equilibrium), {}
-        if self.takes_frames:
-            row = moving.steps // self._rows_every if equilibrium is None else equilibrium
-            due = last or row % self._frames_every == 0
-            frames = self.frame(rows["time"]) if due else {}
-        due = self._waiting.add(rows, frames)
+            record.count[0] = 0
+        else:
+            self._curve.append(self.curve(record.reaction[row], gravity))
+            if self.takes_frames:
+                number = moving.steps // self._rows_every if equilibrium is None else equilibrium
+                if last or number % self._frames_every == 0:
+                    self._frames.append(self.frame(moving.time if equilibrium is None else float(equilibrium)))
         moving.phases["record"] += time.perf_counter() - began - (moving.compile_seconds - compiled)
-        if due or last or equilibrium is not None:
+        if last or equilibrium is not None or self._is_due():
+            self.pass_on(equilibrium)
+
+    @property
+    def is_at_row(self) -> bool:
+        """Whether the present state must have a row that it does not have: the loop, too, may stop behind one."""
+        return self._moving.steps % self._rows_every == 0 and self._moving.steps != self._last
+
+    def rows_ahead(self, stride: int, total: int) -> int:
+        """How many rows the loop may write from now on, a row, before one that Python takes: none where Python has to
+        do with every step, or is asked for soon. ``stride``: steps in a row, of ``total`` of the run."""
+        moving, every = self._moving, self._rows_every
+        if self._controller is not None or not self.driving.by_time_alone or moving.steps % every:
+            return 0
+        rows = min(stride, LONGEST_CHUNK, total - moving.steps - 1) // every - 1
+        rows = min(rows, self._room - int(self._record.count[0]) - 1)
+        if self._slow_frames and self.takes_frames:
+            rows = min(rows, -(moving.steps // every + 1) % self._frames_every)
+        soon = min(HELD, self._session.undisturbed())
+        return max(0, min(rows, int(soon / self._seconds_a_row)))
+
+    def pass_rows(self, rows: int, limits: Limits) -> int:
+        """Go on through so many rows, which the loop writes, to the one after; less far where contacts must be looked
+        for. Returns RUNNING, or REACHED, and raises what `advance` does."""
+        moving, record, every = self._moving, self._record, self._rows_every
+        began, before = time.perf_counter(), int(record.count[0])
+        with driving_time(moving):
+            steps, dt = (rows + 1) * every, moving.time_step
+            times = (moving.steps + np.arange(steps)) * dt
+            supports = self.driving.prescribed(times, dt)
+            loads = moving.ahead.of(self.driving, moving.steps, steps + 1, dt, supports)
+            greatest = float(np.abs(loads.gravity[: steps + 1]).max())
+            detection, following = moving.contact_detection, record.next[0]
+            if detection.steps_to_go(moving.state, greatest, dt) < every:
+                return advance(moving, self.driving, every, limits)
+            following.steps, following.rows, following.step = every, rows, moving.steps
+            following.frames_every = self._frames_every if len(record.frame_step) else 0
+            following.fastest, following.quiet = detection.calm_for(every, greatest, dt)
+            moving.rows = Rows(self._row_at, record, self._extremes)
+            try:
+                status, done = advance_chunk(
+                    moving, moving.state.bodies, self.driving, times, limits, 0.0, dt, detection.touching, supports,
+                    loads,
+                )  # fmt: skip
+            finally:
+                moving.rows = self._no_rows
+            status = after_chunk(moving, status, done, dt)
+        self._take_over(before)
+        passed = int(record.count[0]) - before
+        self._seconds_a_row = (time.perf_counter() - began) / max(1, passed)
+        if self._is_due():
             self.pass_on()
+        return status
+
+    def _take_over(self, before: int) -> None:
+        """Give the rows that the loop has written, after those ``before``, what it does not know."""
+        began, moving, record = time.perf_counter(), self._moving, self._record
+        rows = slice(before, int(record.count[0]))
+        self._last = int(record.step[rows][-1]) if rows.stop > before else self._last
+        times, numbers = (record.step[rows] * moving.time_step).tolist(), record.number[rows]
+        for at, furthest, gravity in zip(times, numbers[:, FURTHEST].tolist(), numbers[:, GRAVITY:], strict=True):
+            self._curve.append((furthest, self.driving.load(at, moving.time_step, gravity)))
+        if n := int(record.count[1]):
+            frames = {
+                "time": record.frame_step[:n] * moving.time_step,
+                "displacement": record.frame_position[:n] - self._origin,
+                "orientation": record.frame_orientation[:n].copy(),
+            }
+            if "joints" in self._session.output.channels:
+                frames["joint_shift"] = record.frame_shift[:n].copy()
+            self._frames.append(frames)
+            record.count[1] = 0
+        moving.phases["record"] += time.perf_counter() - began
+
+    def _is_due(self) -> bool:
+        """Whether it is time to pass on what waits."""
+        return int(self._record.count[0]) == self._room or time.monotonic() - self._passed_on >= HELD
 
     @contextmanager
     def gathering(self) -> Iterator[None]:
@@ -86,52 +200,55 @@ class Recorder:
         finally:
             self.pass_on()
 
-    def pass_on(self) -> None:
-        """Let the observer have the rows and frames that wait for others."""
-        self._waiting.pass_on()
+    def pass_on(self, equilibrium: int | None = None) -> None:
+        """Let the observer have the rows and frames that wait for others; a row may be of an ``equilibrium``."""
+        if int(self._record.count[0]) and self._session.observe is not None:
+            rows, frames = self._rows(equilibrium), joined(self._frames)
+            self._record.count[0], self._curve, self._frames = 0, [], []
+            self._session.observe(rows, frames)
+            self._passed_on = time.monotonic()
 
-    def _row(self, equilibrium: int | None) -> dict:
-        """A row of the present state, of an ``equilibrium`` with that number."""
-        moving = self._moving
-        counts, reaction, gravity = equilibrium is not None, moving.reactions, self._gravity()
-        displacement, load = self.curve(reaction, gravity)
-        row = {
-            "time": float(present(equilibrium)) if counts else moving.time,
-            "load": load,
-            "displacement": displacement,
-            "unbalanced": self._unbalanced(gravity),
-            "lower": 0.0,
-            "upper": 0.0,
-            "actuator_displacement": NO_ACTUATORS,
-            "actuator_force": NO_ACTUATORS,
-            **self._of_actuators(load),
-            "energy": {} if counts else moving.energy.energies(moving.state, moving.time_step),
-            "new_contacts": float(moving.contact_detection.carrying),
+    def _rows(self, equilibrium: int | None) -> dict[str, Any]:
+        """The rows that wait, each channel an array with one entry a row; ``equilibrium``: the number of the only
+        one."""
+        moving, record = self._moving, self._record
+        n, curve = int(record.count[0]), np.array(self._curve).reshape(-1, 2)
+        rows = {
+            "time": record.step[:n] * moving.time_step if equilibrium is None else np.full(n, float(equilibrium)),
+            "load": curve[:, 1],
+            "displacement": curve[:, 0],
+            "unbalanced": record.number[:n, UNBALANCED].copy(),
+            "lower": np.zeros(n),
+            "upper": np.zeros(n),
+            "actuator_displacement": np.tile(NO_ACTUATORS, (n, 1)),
+            "actuator_force": np.tile(NO_ACTUATORS, (n, 1)),
+            **self._of_actuators(curve[:, 1]),
+            "energy": {name: record.energy[name][:n].copy() for name in BALANCE.names or () if len(record.energy)},
+            "new_contacts": record.number[:n, CARRYING].copy(),
         }
         if self._any_fixed:
-            row["reaction"] = reaction
+            rows["reaction"] = record.reaction[:n].copy()
         watched = moving.assembly.control_points
         if watched.names:
-            moved = moving.state.bodies.position - self._origin
-            row["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)
+            moved = record.place[:n] - self._origin[watched.at.block]
+            rows["control_point"] = watched.displaced(moved, record.turn[:n])
         if len(moving.state.ties.stiffness):
-            now = moving.state.ties.now
-            row["tension"], row["yielded"] = now[:, TENSION], now[:, YIELDED]
+            rows["tension"], rows["yielded"] = record.tension[:n].copy(), record.yielded[:n].copy()
         if "joints" in self._session.output.channels:
-            row["joint"] = self._resultants()
-        return row
+            rows["joint"] = record.joint[:n].copy()
+        return rows
 
-    def _of_actuators(self, load: float) -> dict:
-        """Displacement and force of every actuator of a load path, and the bounds of its limit: the load itself, and
-        none."""
+    def _of_actuators(self, load: np.ndarray) -> dict:
+        """Displacement and force of every actuator of a load path, a row an equilibrium with its ``load``, and the
+        bounds of its limit: the load itself, and none."""
         driven = self.driving.driven
         if driven is None:
             return {}
         return {
-            "actuator_displacement": driven.displacements(self._moving.state.bodies),
-            "actuator_force": load * driven.weight,
+            "actuator_displacement": np.tile(driven.displacements(self._moving.state.bodies), (len(load), 1)),
+            "actuator_force": load[:, None] * driven.weight,
             "lower": load,
-            "upper": NO_BOUND,
+            "upper": np.full(len(load), NO_BOUND),
         }
 
     def frame(self, time: float) -> dict:
@@ -160,9 +277,8 @@ class Recorder:
     def follow_up(self, frames: list[dict]) -> None:
         """Frames after the last equilibrium, of what is none and has no row."""
         if self._session.observe is not None:
-            none = no_rows(self._row(0))
             for frame in frames:
-                self._session.observe(none, frame)
+                self._session.observe(self._rows(0), frame)
 
     @property
     def takes_frames(self) -> bool:
@@ -197,86 +313,6 @@ class Recorder:
         moving, driving = self._moving, self._present()
         known = moving.ahead.gravity(driving, moving.steps, moving.time_step)
         return driving.forces(np.array([moving.time]), moving.time_step)[0][0] if known is None else known
-
-    def _unbalanced(self, gravity: np.ndarray) -> float:
-        state = self._moving.state
-        return self._known.call(state, unbalanced_ratio, state.bodies, state.links, *gravity.tolist())
-
-    def _resultants(self) -> np.ndarray:
-        """See `dynamics.state.joint_resultants`."""
-        state = self._moving.state
-        out = np.empty((len(state.links.host), 7))
-        self._known.call(state, write_resultants, state.bodies, state.links, state.corners, state.faces, out)
-        return out
-
-
-TOGETHER = 64  # rows, at the most
-MOST_WAITING = 1 << 20  # bytes of them
-HELD = 0.05  # s, for which rows wait at the most while others come
-
-
-class WaitingRows:
-    """Gathers rows and frames for ``observe``, each call of which takes longer than the steps to a row of one block.
-
-    ``rows`` are by name, each a number or an array, or a mapping of these; what the observer gets has one entry a row
-    in each. Whoever keeps a checkpoint, or ends the run, passes on what waits before.
-    """
-
-    def __init__(self, observe: Callable[[Mapping, Mapping], None]):
-        self._observe = observe
-        self._rows: dict[str, Any] = {}
-        self._frames: list[dict] = []
-        self._count, self._room, self._passed_on = 0, 0, -math.inf
-
-    def add(self, row: Mapping[str, Any], frames: dict) -> bool:
-        """Take a row, and the frames that are due with it; returns whether it is time to pass them on."""
-        if not self._rows:
-            self._room = max(1, min(TOGETHER, MOST_WAITING // _bytes(row)))
-            self._rows = _room_for(row, self._room)
-        _put(self._rows, self._count, row)
-        self._count += 1
-        if frames:
-            self._frames.append(frames)
-        return self._count == self._room or time.monotonic() - self._passed_on >= HELD
-
-    def pass_on(self) -> None:
-        """Let the observer have all that waits."""
-        if not self._count:
-            return
-        rows, frames = _first(self._rows, self._count), joined(self._frames)
-        self._rows, self._frames, self._count = {}, [], 0
-        self._observe(rows, frames)
-        self._passed_on = time.monotonic()
-
-
-def _bytes(row: Mapping[str, Any]) -> int:
-    return sum(_bytes(value) if isinstance(value, Mapping) else 8 * np.size(value) for value in row.values())
-
-
-def _room_for(row: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """Arrays for so many rows like that one."""
-    return {
-        name: _room_for(value, count) if isinstance(value, Mapping) else np.empty((count, *np.shape(value)))
-        for name, value in row.items()
-    }
-
-
-def _put(rows: Mapping[str, Any], place: int, row: Mapping[str, Any]) -> None:
-    for name, value in row.items():
-        if isinstance(value, dict):
-            _put(rows[name], place, value)
-        else:
-            rows[name][place] = value
-
-
-def _first(rows: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """The first so many of the rows."""
-    return {name: _first(value, count) if isinstance(value, Mapping) else value[:count] for name, value in rows.items()}
-
-
-def no_rows(row: Mapping[str, Any]) -> dict[str, Any]:
-    """None of the rows like that one."""
-    return _first(_room_for(row, 1), 0)
 
 
 def joined(parts: Sequence[Mapping]) -> Mapping:

@@ -22,15 +22,7 @@ from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.energy import MotionEnergy
-from dembrick.simulation.dynamics.integrator import (
-    MOST_STEPS,
-    NO_LIMIT,
-    Motion,
-    advance,
-    damping_of_restitution,
-    joint_forces,
-    motion,
-)
+from dembrick.simulation.dynamics.integrator import MOST_STEPS, NO_LIMIT, Motion, advance, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import CARRIED, collapse_of, collapse_of_settlement, fallen
 from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
@@ -41,6 +33,7 @@ from dembrick.simulation.dynamics.state import (
     with_contact_forces,
 )
 from dembrick.simulation.dynamics.support_motion import AT_REST
+from dembrick.simulation.dynamics.time_step import damping_of_restitution
 from dembrick.simulation.energy_audit import Sums
 from dembrick.simulation.expected_cost import fall_seconds, heap_seconds, motion_seconds
 from dembrick.simulation.session import Kept, Plan, Session
@@ -208,7 +201,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     controller = _controller(moving, control)
     past = Past(moving, controller)
     if len(driving.supports):
-        past.extremes.threshold *= CARRIED
+        past.extremes.noted.threshold[:] *= CARRIED
     start(moving, control, driving, past, session)
     goal = control.displacement if to_collapse else NO_LIMIT
     steps = past.longest = most_steps(moving, control, controller, driving)
@@ -223,23 +216,24 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     stride = held * max(1, AT_ONCE // (len(moving.assembly.names) + len(moving.assembly.joints)) // held)
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
-    recorder = Recorder(moving, driving, session, every, frames_every, controller)
+    recorder = Recorder(moving, driving, session, past.extremes, every, frames_every, controller)
     recorder.compile()
     past.pass_on = recorder.pass_on
     if not moving.steps:
-        past.extremes.note_ties(moving)
         recorder.take()
     status = None
     with interrupts.deferred(), recorder.gathering():
         while moving.steps < steps and status != REACHED:
             n = min(stride, every - moving.steps % every, steps - moving.steps)
-            if controller is None:
-                status = advance(moving, driving, n, limits)
-            else:
+            rows = recorder.rows_ahead(stride, steps)
+            if controller is not None:
                 status = _push(moving, controller, driving, n, limits)
+            elif rows:
+                status = recorder.pass_rows(rows, limits)
+            else:
+                status = advance(moving, driving, n, limits)
             over = status == REACHED or moving.steps >= steps
-            if over or moving.steps % every == 0:
-                past.extremes.note(moving)
+            if over or recorder.is_at_row:
                 recorder.take(last=over)
             if over:
                 session.ended(past)
@@ -261,8 +255,8 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
         status=COMPLETED if collapse is None else COLLAPSE,
         collapse=collapse,
         unbalanced=float(past.unbalanced[0]),
-        furthest=past.extremes.furthest,
-        peak_tension=past.extremes.tension,
+        furthest=past.extremes.noted.furthest,
+        peak_tension=past.extremes.noted.tension,
         turned=past.extremes.turn,
         fallen=fallen(moving),
         settings=settings,

@@ -5,7 +5,6 @@ Positions count from the middle of the scene, so that a wall far from the origin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from dembrick.kernels.dynamics.tiles import FIXED, SEEN, WRENCHES, Links, W, row
 from dembrick.kernels.joint.ties import Ties
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.memory_order import LoopOrder, in_turn, memory_order, ways, without_rounding
-from dembrick.simulation.moving_ties import at_ends, moving_ties
+from dembrick.simulation.moving_ties import moving_ties
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -215,25 +214,6 @@ def joint_resultants(state: MovingState) -> np.ndarray:
     out = np.empty((len(state.links.host), 7))
     write_resultants(state.bodies, state.links, state.corners, state.faces, out)
     return out
-
-
-def reactions(state: MovingState, supporting: np.ndarray, contacts: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Force (N) and moment (N m, about its centroid at the start) of each ``supporting`` block (n,) on the structure
-    (s, 6), through its joints, ties and new ``contacts`` (see `ContactDetection.pressed`), of the last forces; of a
-    block that is held in some directions what its guides exert on it, about its centroid. World axes."""
-    bodies, links = state.bodies, state.links
-    total, wrench = np.zeros((len(supporting), 6)), links.wrench
-    np.add.at(total, links.host, -wrench[:, :6])
-    np.add.at(total, links.other, np.concatenate([wrench[:, :3], -wrench[:, 6:9]], axis=1))
-    for side, sense in ((0, 1.0), (1, -1.0)) if len(contacts["force"]) else ():
-        block, force = contacts["blocks"][:, side], contacts["force"]
-        arm = contacts["point"] - state.middle - bodies.position[block]
-        np.add.at(total, block, sense * np.concatenate([force, contacts["torque"] + cross(arm, force)], axis=1))
-    if len(state.ties.stiffness):
-        total -= at_ends(state.ties, len(supporting))
-    total[:, 3:] += cross(bodies.position - bodies.start, total[:, :3])
-    total[bodies.guided] = bodies.guide
-    return total[supporting]
 
 
 def with_contact_forces(state: MovingState) -> MovingState:

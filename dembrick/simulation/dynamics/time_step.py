@@ -239,3 +239,23 @@ def _fastest(part: Polyhedron, number: int, place, k_n: float, k_s: float, mass:
     to_face[3:, 3:] = root
     to_face[:3, 3:] = np.cross(root, arm[:, None], axis=0)
     return float(np.linalg.eigvalsh(to_face.T @ stiffness @ to_face)[-1])
+
+
+def damping_of_restitution(restitution: float) -> float:
+    """The damping ratio of a spring and dashpot that never pull, from which a mass bounces at ``restitution`` times
+    its speed (the contact ends when the force does; Schwager and Poeschel, Granular Matter 9 (2007) 465)."""
+    low, high = 0.0, 1.0 - 1e-12
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if restitution_of_damping(middle) > restitution else (low, middle)
+    return 0.5 * (low + high)
+
+
+def restitution_of_damping(ratio: float) -> float:
+    """Bounce speed over impact speed for a damping ratio below 1."""
+    if ratio <= 0.0:
+        return 1.0
+    root = math.sqrt(1.0 - ratio * ratio)
+    # the force ends at the phase where spring and dashpot cancel, in the second half of the swing
+    phase = math.pi - math.atan2(2.0 * ratio * root, 1.0 - 2.0 * ratio * ratio)
+    return math.exp(-ratio / root * phase)

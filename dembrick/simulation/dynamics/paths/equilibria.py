@@ -89,7 +89,7 @@ class EquilibriumPath(ABC):
         self.collapse: dict | None = None
         self.fall: list[dict] | None = None
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
-        self.recorder = Recorder(moving, driving, session, 1, 1, None)
+        self.recorder = Recorder(moving, driving, session, self.past.extremes, 1, 1, equilibria=True)
         self.dt = STEP * moving.time_step
 
     # --- what a kind of path says
@@ -263,7 +263,6 @@ class EquilibriumPath(ABC):
     def _note(self, parameter: float, ratio: float) -> None:
         """Keep an equilibrium and record it."""
         self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()
-        self.past.extremes.note(self.moving)
         self.recorder.driving = self._at(parameter)
         self.reaction = self.moving.reactions
         displacement, load = self.recorder.curve(self.reaction)
@@ -382,8 +381,8 @@ class EquilibriumPath(ABC):
             status=COMPLETED if self.collapse is None else COLLAPSE,
             collapse=self.collapse,
             unbalanced=float(path[:, 2].max()),
-            furthest=self.past.extremes.furthest,
-            peak_tension=self.past.extremes.tension,
+            furthest=self.past.extremes.noted.furthest,
+            peak_tension=self.past.extremes.noted.tension,
             turned=self.past.extremes.turn,
             fallen=np.isin(moving.assembly.names, [] if self.collapse is None else self.collapse["blocks"]),
             settings={

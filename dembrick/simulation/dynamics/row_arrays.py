@@ -1,0 +1,78 @@
+"""Arrays that rows of a run in real time are written into, and what they are written of."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.kernels.dynamics.record import BALANCE, NEXT, Extremes, Record, Rows, Scene, write_reactions
+from dembrick.kernels.math.sums import room_for_halves
+from dembrick.simulation.dynamics import joint_families
+
+if TYPE_CHECKING:
+    from dembrick.simulation.dynamics.integrator import Motion
+
+
+def record_of(moving: Motion, room: int, channels: Container[str] = (), balanced: bool = False, frames: bool = False):
+    """A `Record` with room for so many rows with the ``channels`` of an output, energies if they are ``balanced``, and
+    ``frames``."""
+    state, assembly, watched = moving.state, moving.assembly, moving.assembly.control_points
+    n, j, w, t = len(assembly.names), len(state.links.host), len(watched.names), len(state.ties.stiffness)
+    supporting = assembly.supporting
+    s, joints = int(np.count_nonzero(supporting)), j if "joints" in channels else 0
+    framed = room if frames else 0
+    return Record(
+        next=np.zeros(1, NEXT),
+        count=np.zeros(2, np.int64),
+        step=np.zeros(room, np.int64),
+        number=np.zeros((room, 6)),
+        joint=np.zeros((room, joints, 7)),
+        support=np.where(supporting, np.cumsum(supporting) - 1, -1),
+        reaction=np.zeros((room, s, 6)),
+        middle=state.middle,
+        tension=np.zeros((room, t)),
+        yielded=np.zeros((room, t)),
+        watched=np.asarray(watched.at.block, np.int64),
+        place=np.zeros((room, w, 3)),
+        turn=np.zeros((room, w, 3, 3)),
+        energy=np.zeros(room if balanced else 0, BALANCE),
+        energy_start=moving.energy.start,
+        frame_step=np.zeros(framed, np.int64),
+        frame_position=np.zeros((framed, n, 3)),
+        frame_orientation=np.zeros((framed, n, 4)),
+        frame_shift=np.zeros((framed, joints, 2)),
+        shift=moving.polygons.shift,
+        held=np.zeros((len(joint_families.convex_joints(state)), 3)),
+        of_joints=np.zeros(j),
+        pulled=np.zeros((s, 6)),
+        halves=room_for_halves(),
+    )
+
+
+def bytes_of_row(record: Record) -> int:
+    """Memory of a row and its frame in a record."""
+    fields = ("step", "number", "joint", "reaction", "tension", "yielded", "place", "turn", "energy", "frame_position",
+              "frame_orientation", "frame_shift")  # fmt: skip
+    return sum(getattr(record, name).nbytes for name in fields) // len(record.step)
+
+
+def scene_of(moving: Motion) -> Scene:
+    """What a row is written of."""
+    state, touching = moving.state, moving.contact_detection.touching
+    return Scene(*state[:5], moving.no_contacts if touching is None else touching, moving.energy.table)
+
+
+def no_rows(moving: Motion) -> Rows:
+    """Rows for the loop that it does not write."""
+    nothing = Extremes(*(np.zeros(shape) for shape in (0, 0, (1, 3), 0, 0, 1, (0, 4))))
+    return Rows(0, record_of(moving, 0), nothing)
+
+
+def reactions(moving: Motion) -> np.ndarray:
+    """Of the supports (s, 6), see `write_reactions`."""
+    record, scene = record_of(moving, 0), scene_of(moving)
+    out = np.empty((int(record.support.max(initial=-1)) + 1, 6))
+    write_reactions(record, scene.bodies, scene.links, scene.ties, scene.touching, out)
+    return out
