@@ -44,6 +44,7 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
     checked_columns,
 )
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
+from dembrick.scenario.generators.corners import lay
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Fill, Pressure
@@ -283,8 +284,8 @@ class Scenario(Generic[AControl]):
         """Build what the generators describe, if memory holds it, and gather the groups."""
         generators = [generator for key in GENERATORS for generator in getattr(self, key)]
         check_memory([(generator.name, generator.count()) for generator in generators], len(self.blocks))
-        blocks = list(self.blocks)
-        for generator in generators:
+        blocks = [*self.blocks, *lay(self.walls)]
+        for generator in (*self.stacks, *self.arches, *self.domes):
             blocks += generator.build()
         for model in self.models:
             solids, remarks = model.build(self.path_of(model.file))
