@@ -56,7 +56,7 @@ loads | | tables | dead loads, constant or varying in time
 actuators | | tables | actuators; all of them are one load system with the multiplier V
 solver | | table | numerical choices
 output | | table | what is recorded
-walls | | tables | walls of coursed blocks
+walls | | tables | walls of coursed blocks; where two lie in one another with their ends they meet in bond
 stacks | | tables | equal blocks on one another
 arches | | tables | circular arches
 domes | | tables | spherical domes
@@ -162,7 +162,7 @@ bond | 1 | 0 to 1 | shift of every second course, as a part of a block
 ends | | half, quoin, toothed | how shifted courses end
 openings | | tables | doors and windows
 returns | | tables | walls that turn the corner
-base | m | > 0 | thickness of a fixed slab below
+base | m | > 0 | thickness of a fixed slab below; of walls that meet, one for all
 """,
     Opening: """
 span | m | 2 numbers | from where to where, from the left end of the wall; in a return from the outer face of the wall
