@@ -235,10 +235,12 @@ class DeformedRestResult(RestResult, MotionResult):
 @dataclasses.dataclass(repr=False)
 class SettlementResult(MotionResult):
     """Result of a quasi-static settlement: equilibria in the deformed geometry, up to the end or to the last before the
-    structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs."""
+    structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs. ``allowed``: its
+    least and greatest value (N) before the supports move, by limit analysis, if that was asked for."""
 
     run: EquilibriaRun
     reaction_error: float | None = None
+    allowed: dict | None = None
 
     @property
     def settlement(self) -> dict:
@@ -255,6 +257,7 @@ class SettlementResult(MotionResult):
             "least": {"reaction": float(least[1]), "displacement": float(least[0])},
             "greatest": {"reaction": float(greatest[1]), "displacement": float(greatest[0])},
             "equilibria": len(path),
+            "limit_analysis": self.allowed,
         }
 
     @property
@@ -287,6 +290,9 @@ class SettlementResult(MotionResult):
             at = found[key]
             lines.append(f"  {key:8}    {at['reaction']:.6g} N at {at['displacement']:.4g} m")
         lines.append(f"  at rest     {found['at_rest']:.6g} N")
+        if self.allowed is not None:
+            low, high = ("no limit" if end is None else f"{end:.6g} N" for end in self.allowed.values())
+            lines.append(f"  allowed     {low} to {high} before the supports move (limit analysis)")
         lines += self.force_lines
         lines.append(f"out of balance {self.run.unbalanced:.2g} of the joint forces, at the most")
         lines.append(
