@@ -32,6 +32,7 @@ LOOKS: dict[str, dict] = {  # what shows the structure best
     "ferris_tinloi_2": {"view": "front"},
     "ferris_tinloi_3": {"view": "front"},
     "wall_corner": {"view": "iso-front"},
+    "house": {"view": "iso-front"},
     "arch": {"view": "front", "thrust": True, "color": "utilisation"},
     "arch_filled": {"view": "front", "thrust": True, "color": "utilisation"},
     "arch_tied": {"view": "front", "thrust": True, "color": "utilisation"},

@@ -23,7 +23,7 @@ from dembrick.scenario import keys, shipped
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "gallery"
 FIRST = ("wall_door", "arch_spread", "set4a")  # a wall, an arch and a joint
 GALLERY = {  # subject: how the names of its scenarios begin
-    "Walls": ("wall_", "ferris_tinloi_"),
+    "Walls": ("wall_", "house", "ferris_tinloi_"),
     "Arches, domes and piers": ("arch", "oppenheim", "dome", "pier_"),
     "Dams and slopes": ("dam", "slope_"),
     "Joints in the laboratory": ("set", "shear", "table1_"),

@@ -29,7 +29,7 @@ VERBS = {
     "yield": "yield points out of histories",
     "joints": "what every joint carries: N, V, M_T, eccentricity, slip, utilisation",
     "plot": "force-displacement curves of histories",
-    "export": "a history for ParaView (.vtkhdf, .pvd) or as text (.csv)",
+    "export": "a history as other files: ParaView, CSV, picture, curve, page, each by its ending",
     "render": "a picture, a movie or a web page of a history",
     "view": "a window on a history, with a time slider",
     "restart": "go on with a run that was killed or interrupted",

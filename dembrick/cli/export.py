@@ -1,31 +1,142 @@
-"""``dembrick export FILE.h5 --to FILE.vtkhdf`` (or ``.pvd``, ``.csv``)."""
+"""``dembrick export FILE.h5 --to FILE ...``: a history as other files, each by the ending of its name.
+
+The same names follow ``--to`` of the commands that run: ``--to wall.png curve.pdf wall.vtkhdf page.html``.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from dembrick.cli.paths import add_force
 
-
-def add_arguments(parser) -> None:
-    parser.add_argument("history", metavar="FILE.h5", help="history file")
-    parser.add_argument("--to", metavar="FILE", required=True, help="output; .vtkhdf, .pvd or .csv")
-    add_force(parser)
-    layers = ["blocks", "joints", "contacts", "ties"]
-    parser.add_argument("--layers", nargs="+", choices=layers, default=layers, help="what to write (default: all)")
+LAYERS = ("blocks", "joints", "contacts", "ties")  # of .vtkhdf, .pvd and .csv
 
 
-def run(options, console) -> int:
+def add_to(parser, **how) -> None:
+    """The option ``--to``; ``how``: further words on it for argparse."""
+    told = "; ".join(f"{', '.join(endings)}: {what}" for what, endings, _ in WRITERS)
+    parser.add_argument(
+        "--to", metavar="FILE", nargs="+", action="extend", help=f"write these files, each by its ending: {told}", **how
+    )
+
+
+def check_names(paths: Sequence[str]) -> None:
+    """OutputError for a name with an ending that nothing is written with, or given twice: before anything runs."""
+    from dembrick.errors import OutputError
+
+    for number, path in enumerate(paths):
+        ending = os.path.splitext(path)[1].lower()
+        if ending not in BY_ENDING:
+            known = ", ".join(BY_ENDING)
+            raise OutputError(f"{path}: nothing is written with the ending '{ending}'; let it be one of {known}")
+        if os.path.realpath(path) in map(os.path.realpath, paths[:number]):
+            raise OutputError(f"{path}: this file is named twice after --to; leave one out")
+
+
+def write(
+    paths: Iterable[str], file, console, layers: Sequence[str] = LAYERS, force: bool = False
+) -> Iterator[list[str]]:
+    """Write each of ``paths`` from a history; yields the files of each, once they are there."""
     from dembrick import history
-    from dembrick.views.export import export
 
-    with history.read(options.history) as found:
-        kind = "export " + " ".join(options.layers)
-        with history.product(kind, [found.scenario_text], [options.history], options.force):
-            written = export(found, options.to, console.remark, options.layers)
+    for path in paths:
+        what, writer = BY_ENDING[os.path.splitext(path)[1].lower()]
+        kind = "export " + " ".join(layers) if writer is _export else what
+        with history.product(kind, [file.scenario_text], [file.path], force):
+            if writer in (_picture, _page):
+                console.meter.busy("drawing")
+            written = writer(file, path, console, layers)
+        yield written
+
+
+def told(written: Sequence[str]) -> str:
+    """What was written, in lines: frames of a series are counted."""
     frames = [path for path in written if path.endswith(".vtu")]
     lines = [path for path in written if not path.endswith(".vtu")]
     if frames:
         lines.append(f"{len(frames)} frames in {os.path.dirname(frames[0])}")
-    console.result({"files": written}, "\n".join(lines))
+    return "\n".join(f"written       {line}" for line in lines)
+
+
+def _looked_at(file) -> dict:
+    """How a history is drawn where nothing else is asked for: arches alone from the front, with their line of thrust
+    and their hinges."""
+    import tomllib
+
+    given = tomllib.loads(file.scenario_text)
+    channels = given.get("output", {}).get("channels", ["joints"])
+    arched = "arches" in given and not {"walls", "domes", "models"} & given.keys() and "joints" in channels
+    return {"view": "front", "thrust": True} if arched else {}
+
+
+def _picture(file, path: str, console, layers) -> list[str]:
+    from dembrick.views import render
+
+    return [render.picture(file, path, **_looked_at(file))]
+
+
+def _movie(file, path: str, console, layers) -> list[str]:
+    from dembrick.views import render
+
+    def progress(done: int, total: int) -> None:
+        console.progress(done, total, "frames")
+
+    return [render.movie(file, path, progress=progress)]
+
+
+def _page(file, path: str, console, layers) -> list[str]:
+    from dembrick.views import page
+
+    page.write(file, path)
+    return [path]
+
+
+def _figure(file, path: str, console, layers) -> list[str]:
+    from dembrick.views import plot
+
+    plot.save(plot.force_displacement([file], None), path)
+    return [path]
+
+
+def _export(file, path: str, console, layers) -> list[str]:
+    from dembrick.views.export import export
+
+    return export(file, path, console.remark, list(layers))
+
+
+Writer = Callable[..., list[str]]
+WRITERS: tuple[tuple[str, tuple[str, ...], Writer], ...] = (
+    ("picture", (".png",), _picture),
+    ("movie", (".gif", ".mp4"), _movie),
+    ("page", (".html", ".htm"), _page),
+    ("curve", (".pdf", ".svg"), _figure),
+    ("ParaView", (".vtkhdf", ".pvd"), _export),
+    ("table", (".csv",), _export),
+)
+BY_ENDING: dict[str, tuple[str, Writer]] = {
+    ending: (what, writer) for what, endings, writer in WRITERS for ending in endings
+}
+
+
+def add_arguments(parser) -> None:
+    parser.add_argument("history", metavar="FILE.h5", help="history file")
+    add_to(parser, required=True)
+    add_force(parser)
+    layers = list(LAYERS)
+    parser.add_argument(
+        "--layers", nargs="+", choices=layers, default=layers, help="what goes into ParaView's files (default: all)"
+    )
+
+
+def run(options, console) -> int:
+    from dembrick import history
+
+    check_names(options.to)
+    files: list[str] = []
+    with history.read(options.history) as found:
+        for written in write(options.to, found, console, options.layers, options.force):
+            files += written
+            console.part(told(written))
+    console.result({"files": files}, "")
     return 0

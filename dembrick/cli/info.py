@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dembrick.cli.paths import FRAME, frame_of
+
 
 def add_arguments(parser) -> None:
     parser.add_argument("history", metavar="FILE.h5", help="history file")
+    one = parser.add_argument_group("what all joints carry, beside").add_mutually_exclusive_group()
+    one.add_argument("--frame", type=frame_of, metavar="{peak,last,N}", help=FRAME)
+    one.add_argument("--time", type=float, metavar="SECONDS", help="at the row nearest to this time")
     parser.add_argument("--scenario", action="store_true", help="print the scenario text instead")
     parser.add_argument("--profile", action="store_true", help="where the time of the run went")
 
@@ -58,8 +63,25 @@ def _report(file, options, console) -> int:
         lines.append(plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}"))
     lines += [f"{part:14}{seconds:.6f} s" for part, seconds in wall.items() if _is_number(seconds)]
     lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))
+    lines += _run_again(file, options.history)
+    if options.time is not None or options.frame is not None:
+        from dembrick.cli.joints import state
+
+        data["at"], told = state(file, options.frame, options.time, whole=True)
+        lines += ["", told]
     console.result(data, "\n".join(lines))
     return 0
+
+
+def _run_again(file, path: str) -> list[str]:
+    """How the run of a history is made again, and with a change; or why no command makes it."""
+    if isinstance(file.settings.get("custom_law"), dict):
+        return ["run again     in Python only, as its joint law is a function that the file does not hold"]
+    with_files = f", with {len(file.inputs)} file{'s' * (len(file.inputs) > 1)} that it holds" if file.inputs else ""
+    return [
+        f"scenario      dembrick info {path} --scenario",
+        f"run again     dembrick run {path} --set KEY.PATH=VALUE --out NEW.h5{with_files}",
+    ]
 
 
 def _profile(file, results: dict, console) -> int:

@@ -33,27 +33,34 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     from dembrick import history
     from dembrick.runs.lab import write_csv
+
+    with history.read(options.history) as found:
+        data, text = state(found, options.frame, options.time, whole=options.all)
+        given = found.scenario_text
+    if options.csv:
+        require_ending(options.csv, [".csv"], "a table")
+        with history.product("joints", [given], [options.history], options.force):
+            write_csv(data["joints"], options.csv)
+    console.result({"history": options.history, **data}, text)
+    return 0
+
+
+def state(file, frame: int | str | None, time: float | None, whole: bool = False) -> tuple[dict, str]:
+    """What joints and supports of a history carry at a moment, as JSON and as text: all, or those most utilised."""
     from dembrick.views.motion.moments import words, words_of_row
     from dembrick.views.motion.table import REACTION, joint_table, moment, reaction_table
 
-    with history.read(options.history) as found:
-        rows = joint_table(found, options.frame, options.time)
-        reactions = reaction_table(found, options.frame, options.time)
-        text, at = found.scenario_text, moment(found, options.frame, options.time)
-        told = words(found, at.frame) if options.time is None else words_of_row(found, at.row)
-        if options.time is not None and at.frame_time != at.time:
-            told.append(f"openings of the frame at {at.frame_time:.4g} s")
-    if options.csv:
-        require_ending(options.csv, [".csv"], "a table")
-        with history.product("joints", [text], [options.history], options.force):
-            write_csv(rows, options.csv)
-    text = f"{', '.join(told)}\n\n{_text(rows, len(rows) if options.all else MOST)}"
+    rows, reactions = joint_table(file, frame, time), reaction_table(file, frame, time)
+    at = moment(file, frame, time)
+    told = words(file, at.frame) if time is None else words_of_row(file, at.row)
+    if time is not None and at.frame_time != at.time:
+        told.append(f"openings of the frame at {at.frame_time:.4g} s")
+    text = f"{', '.join(told)}\n\n{_text(rows, len(rows) if whole else MOST)}"
     if reactions:
-        text += "\n\n" + _text_of_reactions(reactions, len(reactions) if options.all else MOST)
+        text += "\n\n" + _text_of_reactions(reactions, len(reactions) if whole else MOST)
     of_supports = {row["support"]: [row[name] for name in REACTION] for row in reactions}
-    shown = {"history": options.history, "time": at.time, "frame": at.frame, "frame_time": at.frame_time}
-    console.result(shown | {"joints": rows, "reactions": of_supports}, text)
-    return 0
+    shown = {"time": at.time, "frame": at.frame, "frame_time": at.frame_time}
+    return shown | {"joints": rows, "reactions": of_supports}, text
 
 
 def _text(rows: list[dict], most: int) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
+
+from dembrick.cli import export
 from dembrick.cli.paths import add_force, require_ending
 from dembrick.errors import ScenarioError
 
@@ -23,6 +26,7 @@ def add_arguments(parser) -> None:
         "makes the change from the start",
     )
     parser.add_argument("--out", metavar="NEW.h5", help="with --at: the new history")
+    export.add_to(parser, default=[])
     add_force(parser)
 
 
@@ -31,6 +35,7 @@ def run(options, console) -> int:
     from dembrick.cli.run import HISTORIES, answer
     from dembrick.runs.simulate import restart, restart_at
 
+    export.check_names(options.to)
     shown = {"report": console.remark, "progress": console.meter.run}
     if options.at is None:
         if options.set or options.out:
@@ -40,9 +45,10 @@ def run(options, console) -> int:
                 "--set and --out go with --at T, the time from which the run goes on; for the whole run with a change: "
                 f"dembrick run {options.history} {changes} --out {new}"
             )
-        return answer(lambda: restart(options.history, **shown), options.history, console)
+        return answer(lambda: restart(options.history, **shown), options.history, console, options.to)
     if not options.out:
         raise ScenarioError("--at T writes a new history and leaves the old one as it is; name it: --out NEW.h5")
     require_ending(options.out, HISTORIES, "a history")
     given = {"changes": options.set, "force": options.force, **shown}
-    return answer(lambda: restart_at(options.history, options.at, options.out, **given), options.out, console)
+    went_on = partial(restart_at, options.history, options.at, options.out, **given)
+    return answer(went_on, options.out, console, options.to, options.force)

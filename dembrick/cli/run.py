@@ -1,11 +1,12 @@
-"""``dembrick run SCENARIO.toml``, or the history of an earlier run."""
+"""``dembrick run SCENARIO.toml``, or the history of an earlier run; ``--to`` shows what came of it."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from dembrick.cli import export
 from dembrick.cli.paths import add_force, default_output, require_ending
 
 HISTORIES = (".h5", ".hdf5")
@@ -27,8 +28,10 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--bound",
         action="store_true",
-        help="of a search: the associative bound of limit analysis, which no path exceeds, whatever it costs",
+        help="what limit analysis says, whatever it costs: of a search the associative bound, which no path exceeds; "
+        "of supports that settle the least and the greatest reaction before they move",
     )
+    export.add_to(parser, default=[])
     add_force(parser)
 
 
@@ -39,6 +42,7 @@ def run(options, console) -> int:
     from dembrick.runs.simulate import simulate
     from dembrick.scenario.files import inputs_of
 
+    export.check_names(options.to)
     changes = list(options.set)
     if options.tolerance is not None:
         changes.append(f"control.tolerance={options.tolerance!r}")
@@ -51,7 +55,9 @@ def run(options, console) -> int:
         path, force = _default_path(scenario, console), options.force or history.OWN
     shown = {"report": console.remark, "progress": console.meter.run}
     asked = {"refine": options.refine, "bound": options.bound}
-    return answer(lambda: simulate(scenario, path, force=force, **asked, **shown), path, console)
+    return answer(
+        lambda: simulate(scenario, path, force=force, **asked, **shown), path, console, options.to, options.force
+    )
 
 
 def _default_path(scenario, console) -> str:
@@ -80,8 +86,8 @@ def _default_path(scenario, console) -> str:
     return path
 
 
-def answer(simulated: Callable, path: str, console) -> int:
-    """Carry a run out and print what came of it; returns the exit code."""
+def answer(simulated: Callable, path: str, console, to: Sequence[str] = (), force: bool = False) -> int:
+    """Carry a run out, print what came of it and write the files ``to``; returns the exit code."""
     from dembrick.errors import DembrickError, UndecidedError
     from dembrick.simulation.interrupts import Interrupted
 
@@ -101,7 +107,12 @@ def answer(simulated: Callable, path: str, console) -> int:
     for phase, seconds in {**result.wall, **(result.run.phases or {})}.items():
         if isinstance(seconds, float):
             console.detail(f"{phase.replace('_', ' ')}: {seconds:.3g} s")
-    console.result(result.as_dict(), _text(result))
+    console.part(_text(result))
+    files: list[str] = []
+    try:
+        _show(path, to, force, files, console)
+    finally:
+        console.result(result.as_dict() | ({"files": files} if to else {}), "")
     if result.status == UndecidedError.status:
         console.error(result.plain_answer)
         return 1
@@ -119,6 +130,18 @@ def answer(simulated: Callable, path: str, console) -> int:
         "theory and replay disagree: V lies outside the tolerance of theory, or theory outside the certified bracket"
     )
     return 3
+
+
+def _show(path: str, to: Sequence[str], force: bool, files: list[str], console) -> None:
+    """Write the files ``to`` from the history at ``path``; ``files`` gathers all that are there."""
+    if not to:
+        return
+    from dembrick import history
+
+    with history.read(path) as found:
+        for written in export.write(to, found, console, force=force):
+            files += written
+            console.part(export.told(written))
 
 
 def _text(result) -> str:

@@ -161,6 +161,14 @@ def _searched(bound: bool = False, **fields) -> Result:
     return Result(**fields, theory=expected, fallen=fallen, path=path, others=others)
 
 
+def _settled(bound: bool = False, **fields) -> SettlementResult:
+    """Equilibria of supports that move; ``bound``: with the reactions that limit analysis allows at the start."""
+    from dembrick.runs import limit  # and its solver: where it is asked for only
+
+    allowed = limit.range_along(fields["scenario"], fields["assembly"]) if bound else None
+    return SettlementResult(**fields, allowed=allowed)
+
+
 # --- the limit of a load on every block, equilibrium by equilibrium
 
 
@@ -316,6 +324,6 @@ DRIVERS = {
     LOAD_PATH.name: Driver(_plan_equilibria, _find_equilibria, LoadPathResult, _refined_path),
     DRIVEN_PATH.name: Driver(_plan_equilibria, _find_equilibria, DrivenPathResult, _refined_path),
     DEFORMED_REST.name: Driver(_plan_equilibria, _find_equilibria, DeformedRestResult),
-    SETTLEMENT.name: Driver(_plan_equilibria, _find_equilibria, SettlementResult, _refined_path),
+    SETTLEMENT.name: Driver(_plan_equilibria, _find_equilibria, _settled, _refined_path),
     REAL_TIME.name: Driver(_plan_motion, _live_through, MotionResult),
 }

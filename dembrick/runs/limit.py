@@ -15,7 +15,8 @@ from dembrick.assembly import build as assemblies
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
-from dembrick.runs.limit_cases import StandingResult, assembled, names_of, stands
+from dembrick.runs.limit_cases import StandingResult, assembled, at_start, names_of, stands
+from dembrick.runs.logger import heard_by
 from dembrick.runs.outcomes.result import heading, tie_lines, tied
 from dembrick.runs.reading import load
 from dembrick.scenario.checks import nearest, present, show
@@ -302,13 +303,17 @@ def reaction(
 ) -> ReactionResult:
     """Least and greatest reaction of a ``support``, a fixed block or a group, along ``direction`` under the dead loads.
 
-    Errors as for :func:`limit`.
+    Of a scenario with stages that leave the geometry of the start, before the first of them. Errors as for
+    :func:`limit`.
     """
     began = time.perf_counter()
     way = np.array(direction, float)
     if way.shape != (3,) or not np.isfinite(way).all() or not way.any():
         raise ScenarioError(f"direction = {direction!r} must be three numbers, not all of them 0")
-    given, assembly, built = assembled(scenario, began, report)
+    start, remark = at_start(scenario if isinstance(scenario, Scenario) else load(scenario))
+    given, assembly, built = assembled(start, began, report)
+    if remark and (heard := heard_by(report)):
+        heard(remark)
     number = {name: i for i, name in enumerate(assembly.names)}
     members = given.groups.get(support) or ((number[support],) if support in number else None)
     if members is None:
@@ -329,6 +334,16 @@ def reaction(
     mean = np.average(centres[~assembly.fixed], axis=0, weights=assembly.mass[~assembly.fixed])
     towards = float(way @ mean) / max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
     return ReactionResult(given, assembly, support, tuple(way.tolist()), least, greatest, wall, towards)
+
+
+def range_along(scenario: Scenario, assembly: Assembly) -> dict:
+    """``settlement.limit_analysis``: least and greatest reaction along the motion (N; None if unlimited) that
+    equilibrium allows before the supports move. Raises as :func:`reaction` does."""
+    (path,) = scenario.control.support_paths
+    moving = np.unique([i for name in path.supports for i in scenario.members(name)])
+    way = np.array(path.displacement)
+    ends = reaction_range(assembly, moving, -way / np.linalg.norm(way))  # what they do to the structure is against it
+    return {name: _finite(end.value) for name, end in zip(("least", "greatest"), ends, strict=True)}
 
 
 def named(direction: Sequence[float]) -> str:

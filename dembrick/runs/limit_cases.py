@@ -16,8 +16,9 @@ from dembrick.runs.logger import heard_by
 from dembrick.runs.outcomes.result import heading
 from dembrick.runs.reading import load
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import EVERY_BLOCK
+from dembrick.scenario.controls import EVERY_BLOCK, LIMIT_LOAD, PATH_FOLLOWING, SETTLEMENT
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.stages import at_stage
 from dembrick.simulation.limit_analysis import analysis, solver
 
 if TYPE_CHECKING:
@@ -28,12 +29,13 @@ if TYPE_CHECKING:
 def searched(scenario: Scenario) -> Scenario:
     """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static one,
     in the geometry of the start. ScenarioError if a stage before leaves another geometry."""
-    settled = next((k for k, stage in enumerate(scenario.stages, 1) if stage.in_deformed_geometry), None)
+    settled = _settled(scenario)
     if settled is not None:
         kind = show(scenario.stages[settled - 1].kind)
         raise ScenarioError(
             f"limit analysis knows the geometry of the start, and stage {settled} of kind {kind} leaves another one: "
-            "remove it, or take the search of dembrick run"
+            "remove it, take the search of dembrick run, or ask for the reaction of a support before it moved, "
+            "--reaction SUPPORT --direction X,Y,Z"
         )
     control: Any = scenario.control
     if control.large_displacements:
@@ -43,6 +45,40 @@ def searched(scenario: Scenario) -> Scenario:
         return scenario
     without: dict[str, Any] = {} if control.push_direction is None else {"rate": None}
     return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
+
+
+def at_start(scenario: Scenario) -> tuple[Scenario, str | None]:
+    """The scenario up to where it leaves the geometry of the start, and a remark on what that is; None if it stays."""
+    settled = _settled(scenario)
+    if settled is None:
+        return scenario, None
+    kind = show(scenario.stages[settled - 1].kind)
+    return at_stage(scenario, settled), (
+        f"limit analysis knows the geometry of the start: dead loads, ties and laws are those of stage {settled} of "
+        f"kind {kind}, before anything has moved"
+    )
+
+
+def _settled(scenario: Scenario) -> int | None:
+    """Number of the first stage that leaves another geometry."""
+    return next((k for k, stage in enumerate(scenario.stages, 1) if stage.in_deformed_geometry), None)
+
+
+def check_bound(scenario: Scenario) -> None:
+    """Refuse a run of which limit analysis has nothing to say: ScenarioError, or MissingDependency without it."""
+    control = scenario.control
+    if control.regime is SETTLEMENT:
+        paths = control.support_paths
+        if len(paths) > 1 or paths[0].rotation is not None or _settled(scenario) is not None:
+            raise ScenarioError(
+                "--bound of a settlement is for supports that move along one line from the geometry of the start; "
+                "ask 'dembrick limit SCENARIO --reaction SUPPORT --direction X,Y,Z' for any direction"
+            )
+    elif control.regime not in (LIMIT_LOAD, PATH_FOLLOWING):
+        raise ScenarioError(
+            f'--bound is for searches of a limit load and settlements, and a run of kind "{control.kind}" is none'
+        )
+    solver.require()
 
 
 def assembled(

@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypedDict, Unpack, overload
 
 from dembrick.assembly import build as assemblies
-from dembrick.errors import DembrickError, HistoryError, NotConvergedError, ScenarioError, UndecidedError, WriteError
+from dembrick.errors import DembrickError, HistoryError, NotConvergedError, UndecidedError, WriteError
 from dembrick.runs import custom_law
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.logger import LOGGER, heard_by
@@ -25,7 +25,7 @@ from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.stages import Stages
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import LIMIT_LOAD, PATH_FOLLOWING, StaticsControl
+from dembrick.scenario.controls import StaticsControl
 from dembrick.scenario.joint_laws import CustomLaw
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
@@ -72,7 +72,7 @@ class Options(TypedDict, total=False):
 
 
 class Asked(NamedTuple):
-    """Options of a run beside its answer: an error estimate, and the associative bound of its limit."""
+    """Options of a run beside its answer: an error estimate, and what limit analysis says."""
 
     refine: bool = False
     bound: bool = False
@@ -81,15 +81,10 @@ class Asked(NamedTuple):
         """Refuse what a scenario cannot give, before anything runs: ScenarioError, or MissingDependency."""
         if self.refine:
             refinements(scenario, has_paths(assembly))
-        if not self.bound:
-            return
-        if scenario.control.regime not in (LIMIT_LOAD, PATH_FOLLOWING):
-            raise ScenarioError(
-                f'--bound is for searches of a limit load, and a run of kind "{scenario.control.kind}" is none'
-            )
-        from dembrick.simulation.limit_analysis import solver
+        if self.bound:
+            from dembrick.runs.limit_cases import check_bound
 
-        solver.require()
+            check_bound(scenario)
 
 
 NOTHING_ASKED = Asked()
@@ -140,9 +135,10 @@ def simulate(
     scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
     runs it a few times more, for the range of limits that other paths lead to, or for an error estimate of a collapse
     in real time or of how far blocks have moved, see `error_estimate`. ``bound`` asks for the associative bound of a
-    search, whatever limit analysis costs. ``law`` is a joint law of your own, see `joint_law`. ``report`` gets
-    warnings, which without it go to the logger ``dembrick``; ``progress`` hears ten times a second how far the run is
-    (see `simulation.session.Progress`). None shows a bar in a notebook, False nothing.
+    search, whatever limit analysis costs; of a settlement for the reactions that it allows at the start. ``law``
+    is a joint law of your own, see `joint_law`. ``report`` gets warnings, which without it go to the logger
+    ``dembrick``; ``progress`` hears ten times a second how far the run is (see `simulation.session.Progress`). None
+    shows a bar in a notebook, False nothing.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
     and DivergedError if there is no answer; the history then is kept, with the status "failed". Interrupted, which

@@ -51,6 +51,7 @@ from dembrick.scenario.declared import (
     vector_of,
 )
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
+from dembrick.scenario.generators.corners import lay
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Fill, Pressure
@@ -270,7 +271,12 @@ class Scenario(Generic[AControl]):
     path: str | None = field(default=None, compare=False)
     text: str | None = field(default=None, compare=False, repr=False)
     files: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
-    walls: tuple[Wall, ...] = field(default=(), metadata=declare("tables", "walls of coursed blocks"))
+    walls: tuple[Wall, ...] = field(
+        default=(),
+        metadata=declare(
+            "tables", "walls of coursed blocks; where two lie in one another with their ends they meet in bond"
+        ),
+    )
     stacks: tuple[Stack, ...] = field(default=(), metadata=declare("tables", "equal blocks on one another"))
     arches: tuple[Arch, ...] = field(default=(), metadata=declare("tables", "circular arches"))
     domes: tuple[Dome, ...] = field(default=(), metadata=declare("tables", "spherical domes"))
@@ -339,8 +345,8 @@ class Scenario(Generic[AControl]):
         """Build what the generators describe, if memory holds it, and gather the groups."""
         generators = [generator for key in GENERATORS for generator in getattr(self, key)]
         check_memory([(generator.name, generator.count()) for generator in generators], len(self.blocks))
-        blocks = list(self.blocks)
-        for generator in generators:
+        blocks = [*self.blocks, *lay(self.walls)]
+        for generator in (*self.stacks, *self.arches, *self.domes):
             blocks += generator.build()
         for model in self.models:
             solids, remarks = model.build(self.path_of(model.file))

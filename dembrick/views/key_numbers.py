@@ -251,6 +251,15 @@ def _reaction_at_rest(results: Mapping) -> Told | None:
     return None if value is None else Told(f"{value:.6g} N", "before the supports moved")
 
 
+def _allowed_reaction(results: Mapping) -> Told | None:
+    """What limit analysis allows before the supports move, if that was asked for."""
+    allowed = part(results, "settlement").get("limit_analysis")
+    if not isinstance(allowed, Mapping):
+        return None
+    low, high = ("no limit" if end is None else f"{end:.6g} N" for end in allowed.values())
+    return Told(f"{low} to {high}", "before the supports moved, by limit analysis")
+
+
 def _equilibria(results: Mapping) -> Told | None:
     count = number(part(results, "settlement").get("equilibria"))
     return None if count is None else Told(f"{count:.0f}", "in the deformed geometry")
@@ -309,6 +318,7 @@ OF_SETTLEMENT = (
     Declared("least reaction", "  least", partial(_extreme_reaction, "least")),
     Declared("greatest reaction", "  greatest", partial(_extreme_reaction, "greatest")),
     Declared("reaction at rest", "  at rest", _reaction_at_rest),
+    Declared("reaction allowed", "  allowed", _allowed_reaction),
     Declared("equilibria", "equilibria", _equilibria),
 )
 OF_WORK = (

@@ -4,7 +4,10 @@ import math
 
 import pytest
 
-from dembrick.runs.limit import ReactionResult, reaction
+from dembrick.errors import ScenarioError
+from dembrick.runs.limit import ReactionResult, limit, reaction
+from dembrick.runs.reading import load
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.generators import Arch, Wall
@@ -125,3 +128,36 @@ def test_a_block_locked_between_walls_has_no_greatest_reaction():
     assert math.isinf(found.greatest.value)
     assert found.as_dict()["greatest"]["unlimited"]
     assert math.isinf(reaction(scenario, "floor", (0.0, 0.0, 1.0)).greatest.value)
+
+
+SPREADS = ["control.displacement=[0.002, 0.0, 0.0]"]
+FIRST_SPREADS = [
+    'stages=[{ kind = "settlement", supports = ["arch.right"], displacement = [0.002, 0.0, 0.0] }]',
+    'control={ kind = "tilt", axis = [0.0, 1.0, 0.0] }',
+]
+
+
+def test_the_thrust_before_a_springing_spreads():
+    """A stage that leaves the geometry of the start does not stand in the way of the thrust there; a load after it is
+    refused, with the way in."""
+    heard = []
+    found = reaction(load("arch_spread", FIRST_SPREADS), "arch.right", (-1.0, 0.0, 0.0), report=heard.append)
+    assert found.least.value == pytest.approx(2130.36785, rel=1e-7)
+    assert found.greatest.value == pytest.approx(3526.24740, rel=1e-7)
+    assert "those of stage 1 of kind 'settlement', before anything has moved" in heard[-1]
+    with pytest.raises(ScenarioError, match="before it moved, --reaction SUPPORT --direction X,Y,Z"):
+        limit(load("arch_spread", FIRST_SPREADS))
+
+
+def test_limit_analysis_beside_a_spreading_arch():
+    """Once it has begun to spread its thrust is the least; at rest it lies between."""
+    found = simulate(load("arch_spread", SPREADS), bound=True, progress=False)
+    allowed = found.settlement["limit_analysis"]
+    assert allowed["least"] == pytest.approx(2130.36785, rel=1e-7)
+    assert allowed["greatest"] == pytest.approx(3526.24740, rel=1e-7)
+    assert found.settlement["least"]["reaction"] == pytest.approx(allowed["least"], rel=3e-4)
+    assert allowed["least"] < found.settlement["at_rest"] < allowed["greatest"]
+    assert "allowed     2130.37 N to 3526.25 N before the supports move" in found.text()
+    turns = ["control.rotation={ angle = 1.0, axis = [0.0, 1.0, 0.0], point = [1.5, 0.0, 0.0] }", *SPREADS]
+    with pytest.raises(ScenarioError, match="supports that move along one line from the geometry of the start"):
+        simulate(load("arch_spread", turns), bound=True, progress=False)

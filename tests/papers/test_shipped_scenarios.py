@@ -17,6 +17,7 @@ ASSEMBLIES = {  # free blocks, joints
     "wall_tilt": (105, 285),
     "wall_collapse": (105, 285),
     "wall_corner": (102, 263),
+    "house": (215, 588),
     "arch": (17, 18),
     "arch_tilt": (17, 18),
     "arch_filled": (19, 20),
@@ -128,6 +129,14 @@ def test_a_wall_breaks_at_its_door_before_it_slides_as_a_whole():
     factor, moving = result.collapse["load_factor"], set(result.collapse["blocks"])
     assert factor < 0.64 - 0.1 and factor <= dembrick.limit("wall_door").upper
     assert {"wall.1.1", "wall.1.2"} - moving and len(moving) < 52  # the course on the base does not go as one
+
+
+def test_the_corners_of_a_house_hold_its_front():
+    """Alone the front topples at b/h; limit analysis bounds what the cross walls add."""
+    result = dembrick.simulate("house", record=False)
+    factor, moving = result.collapse["load_factor"], set(result.collapse["blocks"])
+    assert 2.0 * 0.2 / 1.8 < factor <= dembrick.limit("house").upper
+    assert {name.split(".")[0] for name in moving} == {"south", "east", "west"}  # the back stays
 
 
 @pytest.mark.slow

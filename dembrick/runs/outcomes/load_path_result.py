@@ -236,10 +236,12 @@ class DeformedRestResult(RestResult, MotionResult):
 @dataclasses.dataclass(repr=False)
 class SettlementResult(MotionResult):
     """Result of a quasi-static settlement: equilibria in the deformed geometry, up to the end or to the last before the
-    structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs."""
+    structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs. ``allowed``: its
+    least and greatest value (N) before the supports move, by limit analysis, if that was asked for."""
 
     run: EquilibriaRun
     reaction_error: float | None = None
+    allowed: dict | None = None
 
     @property
     def settlement(self) -> dict:
@@ -256,6 +258,7 @@ class SettlementResult(MotionResult):
             "least": {"reaction": float(least[1]), "displacement": float(least[0])},
             "greatest": {"reaction": float(greatest[1]), "displacement": float(greatest[0])},
             "equilibria": len(path),
+            "limit_analysis": self.allowed,
         }
 
     @property

@@ -1,7 +1,7 @@
 """Structures that a scenario describes as a whole: walls, stacks, arches, domes. Each makes named blocks.
 
 A generator is frozen data like everything a scenario says; ``build()`` lays its blocks, ``count()`` says beforehand
-how many there will be at most.
+how many there will be at most. Walls are laid together, by ``corners.lay``, as they may meet.
 """
 
 from dembrick.scenario.generators.arches import Arch, Dome

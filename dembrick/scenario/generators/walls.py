@@ -1,4 +1,4 @@
-"""Walls of coursed blocks: running bond, patterns, openings with lintels, returns at corners.
+"""Walls of coursed blocks: running bond, patterns, openings with lintels, returns; how a course ends at a corner.
 
 A course is a row of intervals along the axis of the wall. Every rule below works on intervals, so that openings,
 corners and patterns meet in one place, and a piece that would be too short to lay is made up with its neighbour.
@@ -6,8 +6,7 @@ corners and patterns meet in one place, and a piece that would be too short to l
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
@@ -81,6 +80,24 @@ class Return:
 
 
 @dataclass(frozen=True, slots=True)
+class Corner:
+    """What a wall meets at one of its ends: another wall, called ``other``, so thick (``thickness``, m) and so many
+    ``courses`` high. ``parity``: the remainder by 2 of the courses (from 0) in which the other runs through."""
+
+    other: str
+    thickness: float
+    courses: int
+    parity: int
+
+    def cuts(self, course: int) -> bool:
+        """Whether the other wall runs through in this course (from 0)."""
+        return course < self.courses and course % 2 == self.parity
+
+
+Corners = tuple[Corner | None, Corner | None]  # at the left and at the right end; None: the end is free
+
+
+@dataclass(frozen=True, slots=True)
 class Wall:
     """A wall along x (or ``heading``, deg), in running bond or by a pattern.
 
@@ -91,7 +108,10 @@ class Wall:
     a block, ``h`` half of one, ``q`` one and a half, ``o`` a gap as long as a block, ``.`` as long as half; blanks
     do not count. ``base`` (m) adds a fixed slab, so thick and reaching so far beyond the wall.
 
-    ``openings``: doors and windows; ``returns``: walls across its ends, in bond with it.
+    ``openings``: doors and windows; ``returns``: walls across its ends, in bond with it. Two walls whose ends lie in
+    one another, outer face at outer face, meet at a corner in bond: of the first, second, third, ... course of the
+    lower one, those with odd numbers run through in the wall that is written first, the others in the other. Walls
+    that meet, and those whose slabs would overlap, stand on one slab.
 
     Blocks of ``material``, and of a ``group``, are called ``name``.course.number, both from 1, from the bottom and from
     the left; those of a return name.left.course.number or name.right.course.number, from the corner on; the slab
@@ -119,7 +139,9 @@ class Wall:
     ends: str = field(default="half", metadata=choice(ENDS, "how shifted courses end"))
     openings: tuple[Opening, ...] = field(default=(), metadata=tables(Opening, "doors and windows"))
     returns: tuple[Return, ...] = field(default=(), metadata=tables(Return, "walls that turn the corner"))
-    base: float | None = field(default=None, metadata=positive("m", "thickness of a fixed slab below"))
+    base: float | None = field(
+        default=None, metadata=positive("m", "thickness of a fixed slab below; of walls that meet, one for all")
+    )
     position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
     heading: float = field(default=0.0, metadata=HEADING)
     group: str | None = field(default=None, metadata=GROUP)
@@ -181,26 +203,36 @@ class Wall:
             + 1
         )
 
-    def build(self) -> list[Block]:
-        """The blocks, from the bottom to the top, each course from the left; returns after the wall, the slab last."""
-        left, right = (next((r for r in self.returns if r.end == end), None) for end in ("left", "right"))
-        frame = Frame(self.position, self.heading)
-        found: list[Block] = []
-        for course in range(present(self.courses)):
-            for number, piece in enumerate(self._course(course, left is not None, right is not None), 1):
-                found.append(self._stone(f"{course + 1}.{number}", frame, course, piece))
+    def branches(self) -> tuple[Wall, ...]:
+        """The returns, as walls from the corner on."""
+        place, half = Frame(self.position, self.heading), 0.5 * self.block[1]
+        found = []
         for corner in self.returns:
-            branch = self._branch(corner)
-            for course in range(present(self.courses)):
-                start = self.block[1] if course % 2 == 0 else 0.0
-                reach = corner.blocks * self.block[0]
-                pieces = _filled(start, reach, self.block[0], self.block[0])
-                pieces = _opened(pieces, corner.openings, course, (start, reach), self.block[0])
-                for number, piece in enumerate(pieces, 1):
-                    found.append(self._stone(f"{corner.end}.{course + 1}.{number}", branch, course, piece))
-        if self.base is not None:
-            found.append(self._slab(frame, self.base))
-        return found
+            x = half if corner.end == "left" else self.length - half
+            y, turn = (-half, 90.0) if corner.side == "back" else (half, -90.0)  # from the outer face of this wall
+            found.append(
+                replace(
+                    self,
+                    name=f"{self.name}.{corner.end}",
+                    blocks=corner.blocks,
+                    ends="half",
+                    openings=corner.openings,
+                    returns=(),
+                    base=None,
+                    position=place.point(x, y, 0.0),
+                    heading=self.heading + turn,
+                )
+            )
+        return tuple(found)
+
+    def stones(self, corners: Corners) -> list[Block]:
+        """The blocks of the wall itself, from the bottom to the top, each course from the left."""
+        frame = Frame(self.position, self.heading)
+        return [
+            self._stone(f"{course + 1}.{number}", frame, course, piece)
+            for course in range(present(self.courses))
+            for number, piece in enumerate(self._course(course, corners), 1)
+        ]
 
     def _stone(self, name: str, frame: Frame, course: int, piece: Interval) -> Block:
         length, thickness, height = self.block
@@ -211,45 +243,51 @@ class Wall:
         place = frame.point(0.5 * (piece[0] + piece[1]), 0.0, (course + 0.5) * height)
         return stone_of(self, name, box=(edge, thickness, height), position=place, orientation=frame.turn)
 
-    def _slab(self, frame: Frame, base: float) -> Block:
-        """The fixed base under wall and returns."""
-        length, thickness, _ = self.block
-        front, back = -0.5 * thickness, 0.5 * thickness
-        for corner in self.returns:
-            reach = corner.blocks * length
-            if corner.side == "front":
-                front = min(front, 0.5 * thickness - reach)
-            else:
-                back = max(back, reach - 0.5 * thickness)
-        centre = frame.point(0.5 * self.length, 0.5 * (front + back), -0.5 * base)
-        edges = (self.length + 2.0 * base, back - front + 2.0 * base, base)
-        return stone_of(self, "base", box=edges, position=centre, orientation=frame.turn, fixed=True)
-
-    def _branch(self, corner: Return) -> Frame:
-        """The frame of a return: it starts at the outer face of the wall, and its axis runs away from there."""
-        half = 0.5 * self.block[1]
-        x = half if corner.end == "left" else self.length - half
-        y, turn = (-half, 90.0) if corner.side == "back" else (half, -90.0)
-        return Frame(Frame(self.position, self.heading).point(x, y, 0.0), self.heading + turn)
-
-    def _course(self, course: int, left: bool, right: bool) -> list[Interval]:
-        """The pieces of one course of the wall itself, from the left."""
-        length, thickness, _ = self.block
+    def _course(self, course: int, corners: Corners) -> list[Interval]:
+        """The pieces of one course, from the left."""
+        length, whole = self.block[0], self.length
         if self.pattern is not None:
-            pieces = _laid(self.pattern[course % len(self.pattern)], length)
-        elif course % 2 == 0:
-            pieces = _filled(0.0, self.length, length, length)
+            pieces, ends = _laid(self.pattern[course % len(self.pattern)], length), (0.0, whole)
         else:
-            # at a corner the return takes this course through
-            start, stop = (thickness if left else 0.0), self.length - (thickness if right else 0.0)
-            first = {"half": self.bond, "quoin": 1.0 + self.bond, "toothed": self.bond}[self.ends] * length
-            pieces = _filled(start, stop, length if left else first, length)
-            if self.ends == "toothed":
-                pieces = [p for i, p in enumerate(pieces) if left or i > 0]
-                pieces = pieces if right else pieces[:-1]
-            elif self.ends == "quoin" and not right:
-                pieces[-2:] = [(pieces[-2][0], pieces[-1][1])]
-        return _opened(pieces, self.openings, course, (0.0, self.length), length)
+            left, right = (_depth(corner, course) for corner in corners)
+            pieces, ends = self._bonded(course, corners), (left, whole - right)
+        return _opened(pieces, self.openings, course, ends, length)
+
+    def _bonded(self, course: int, corners: Corners) -> list[Interval]:
+        """The pieces of one course in running bond.
+
+        Two ways to lay a course take turns: from face to face in whole blocks; and a block fewer between two ends that
+        are shifted, by the wall that runs through there, or at a free end by a closer, in ``bond``. Between corners
+        that shift in turn are as many blocks in all courses. Those of a course are equally long, so that each head
+        joint lies between two of the course below.
+        """
+        closers = [part * self.block[0] for part in (self.bond, 1.0 - self.bond)]
+        shifts, free = [], []
+        for corner, other, closer in zip(corners, reversed(corners), closers, strict=True):
+            beside = corner or other
+            shifted = course % 2 == (1 if beside is None else beside.parity)
+            depth = _depth(corner, course)
+            free.append(shifted and depth == 0.0)
+            shifts.append(closer if free[-1] else depth)
+        start, stop = shifts[0], self.length - shifts[1]
+        fewer = min(shifts) > 0.0
+        if (left := corners[0]) and (right := corners[1]) and left.parity != right.parity:
+            fewer = left.thickness + right.thickness > (1.0 + _SAME) * self.block[0]
+        number = present(self.blocks) - fewer
+        pieces = _equal(start, stop, number, self.block[0])
+        if free[0] and self.ends != "toothed":
+            pieces = [(0.0, start), *pieces]
+        if free[1] and self.ends != "toothed":
+            pieces = [*pieces, (pieces[-1][1] if pieces else start, self.length)]
+        if self.ends == "quoin":
+            pieces = [(pieces[0][0], pieces[1][1]), *pieces[2:]] if free[0] else pieces
+            pieces = [*pieces[:-2], (pieces[-2][0], pieces[-1][1])] if free[1] else pieces
+        return pieces
+
+
+def _depth(corner: Corner | None, course: int) -> float:
+    """How far (m) a course (from 0) is cut at an end: by the wall that runs through there."""
+    return corner.thickness if corner is not None and corner.cuts(course) else 0.0
 
 
 def _checked_pattern(pattern, label: str) -> tuple[str, ...]:
@@ -285,11 +323,13 @@ def _laid(row: str, length: float) -> list[Interval]:
     return pieces
 
 
-def _filled(start: float, stop: float, first: float, length: float) -> list[Interval]:
-    """Pieces from ``start`` to ``stop``: one of length ``first``, then whole blocks, the last as long as it must be."""
-    number = max(0, math.ceil((stop - start - first) / length - _SAME))
-    joints = [start, *(start + first + i * length for i in range(number)), stop]
-    return _made_up(list(zip(joints[:-1], joints[1:], strict=True)), length)
+def _equal(start: float, stop: float, number: int, length: float) -> list[Interval]:
+    """``number`` equal pieces between two places; of ``length`` to the last bit where they fit."""
+    if abs(stop - start - number * length) <= _SAME * length:
+        joints = [start + i * length for i in range(number + 1)]
+    else:
+        joints = [*(start + i * (stop - start) / number for i in range(number)), stop]
+    return list(zip(joints[:-1], joints[1:], strict=True))
 
 
 def _opened(

@@ -1,0 +1,108 @@
+"""Files that a run or an export writes, each by the ending of its name; what `info` tells who was handed a history."""
+
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+
+from dembrick import history
+from dembrick.cli import export, main
+
+BEGINS = {  # of files, by ending
+    "png": b"\x89PNG", "gif": b"GIF8", "html": b"<!doctype html", "pdf": b"%PDF", "svg": b"<?xml", "vtkhdf": b"\x89HDF",
+    "csv": b"time",
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Every test works in an empty folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def told(capsys):
+    """Exit code, standard output, standard error of a command line."""
+
+    def call(*words):
+        code = main(list(words))
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def test_a_run_writes_each_file_by_its_ending(told):
+    names = [f"out.{ending}" for ending in BEGINS]
+    code, out, _ = told("run", "set4a", "--json", "--quiet", "--to", *names)
+    answer = json.loads(out)
+    assert code == 0 and answer["status"] == "yield" and set(names) <= set(answer["files"])
+    for ending, begin in BEGINS.items():
+        assert Path(f"out.{ending}").read_bytes().lower().lstrip(b"# ").startswith(begin.lower()), ending
+
+
+def test_a_history_is_exported_to_several_files(told):
+    assert told("run", "set4a", "--quiet")[0] == 0
+    code, out, _ = told("export", "results/set4a.h5", "--to", "a.png", "--to", "b.pdf", "c.csv")
+    assert code == 0 and [line.split()[-1] for line in out.splitlines()] == ["a.png", "b.pdf", "c.csv"]
+    assert told("render", "results/set4a.h5", "--to", "same.png", "--quiet")[0] == 0
+    assert Path("a.png").read_bytes() == Path("same.png").read_bytes()
+
+
+def test_an_arch_is_drawn_from_the_front_with_its_line_of_thrust(told):
+    assert told("run", "arch", "--quiet", "--to", "arch.png")[0] == 0
+    look = ("--camera", "front", "--thrust")
+    assert told("render", "results/arch.h5", "--to", "thrust.png", *look, "--quiet")[0] == 0
+    assert told("render", "results/arch.h5", "--to", "plain.png", "--quiet")[0] == 0
+    assert Path("arch.png").read_bytes() == Path("thrust.png").read_bytes() != Path("plain.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "names, message",
+    [
+        (["curve.txt"], "curve.txt: nothing is written with the ending '.txt'; let it be one of .png, .gif"),
+        (["a.png", "./a.png"], "./a.png: this file is named twice after --to"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_anything_runs(names, message, told, folder):
+    code, _, err = told("run", "set4a", "--to", *names)
+    assert code == 2 and message in err and not list(folder.iterdir())
+
+
+def test_a_file_that_cannot_be_written_leaves_the_answer(told, folder):
+    code, out, err = told("run", "set4a", "--json", "--quiet", "--to", "curve.pdf", "nowhere/at/all.png")
+    answer = json.loads(out)
+    assert code != 0 and "nowhere" in err
+    assert answer["yield_point"]["V"] == pytest.approx(216.055, rel=1e-3) and answer["files"] == ["curve.pdf"]
+    with history.read("results/set4a.h5") as found:
+        assert found.status == "yield"
+
+
+def test_help_names_every_ending():
+    assert set(export.BY_ENDING) == {
+        ".png",
+        ".gif",
+        ".mp4",
+        ".html",
+        ".htm",
+        ".pdf",
+        ".svg",
+        ".vtkhdf",
+        ".pvd",
+        ".csv",
+    }
+
+
+def test_info_tells_what_a_stranger_asks(told):
+    """What it is, its numbers, what all joints carry at a time, and how to run it again with a change."""
+    assert told("run", "rocking_push", "--quiet", "--out", "given.h5")[0] == 0
+    _, joints, _ = told("joints", "given.h5", "--time", "0.1", "--all")
+    code, info, _ = told("info", "given.h5", "--time", "0.1")
+    assert code == 0 and info.endswith(joints) and joints.startswith("time 0.09")
+    assert json.loads(told("info", "given.h5", "--time", "0.1", "--json")[1])["at"]["joints"]
+    assert "at" not in json.loads(told("info", "given.h5", "--json")[1])
+    (again,) = [line.split(None, 3)[3] for line in info.splitlines() if line.startswith("run again")]
+    words = shlex.split(again.replace("KEY.PATH=VALUE", "joint.friction=0.5"))
+    assert told(*words, "--quiet")[0] == 0
+    assert "friction = 0.5" in told("info", "NEW.h5", "--scenario")[1]
