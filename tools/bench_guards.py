@@ -14,10 +14,7 @@ import dataclasses
 import statistics
 import time
 
-import numpy as np
-
 from dembrick.assembly import build as assemblies
-from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.loop import RUNNING, advance
 from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import FORMULATIONS
@@ -43,9 +40,7 @@ class Variant:
         self.dt = 0.9 * damping.critical_time_step
         self.state = setup.state
         self.state.joints.damping[:] = damping.joints / self.dt
-        self.inertia = Inertia(
-            np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia)
-        )
+        self.inertia = constant_rate.physical_inertia(built)
         constant_rate.to_finite_motion(self.state)
         self.drive = load_system.steady_drive(RATE, self.dt, setup.actuator_stiffness)._replace(
             viscous_n=1.0, viscous_s=1.0

@@ -21,7 +21,6 @@ from stress_scenes import GRAVITY, A, B, H, N, by_judge, elastic_give, jack, pai
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, ScenarioError
-from dembrick.kernels.state import Inertia
 from dembrick.scenario.model import Load, Scenario
 from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.energy_audit import Auditor
@@ -203,7 +202,7 @@ def _at_rest(setup: load_system.Setup, physical: bool, rate: float = 0.0) -> Loo
         state.joints.damping[:] = damping.joints / dt
         drive = drive._replace(viscous_n=1.0, viscous_s=1.0)
         constant_rate.to_finite_motion(state)
-        inertia = Inertia(np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia))
+        inertia = constant_rate.physical_inertia(built)
         moving = ties.start_moving(state, built)  # none, in the kernel that a run has
     else:
         scaled = inverse_inertia(

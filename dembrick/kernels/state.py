@@ -53,8 +53,7 @@ class Inertia(NamedTuple):
     """Physical inertia of finite motion."""
 
     mass: ndarray  # (n,) kg
-    tensor: ndarray  # (n, 3, 3) kg m2, about the centroid, body frame
-    inverse: ndarray  # (n, 3, 3) 1/(kg m2), inverse of the tensor
+    inverse: ndarray  # (n, 3, 3) 1/(kg m2), inverse of the inertia about the centroid, body frame
 
 
 class Joints(NamedTuple):

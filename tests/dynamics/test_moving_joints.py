@@ -9,7 +9,6 @@ from dembrick.assembly import build
 from dembrick.geometry.polygons import distance_outside, nearest_points
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.kernels.dynamics.rigid_bodies import turn_body
 from dembrick.kernels.joint.area_law import area_pressure
 from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.no_tension import no_tension
@@ -287,36 +286,3 @@ def test_nearest_point_of_a_face():
     np.testing.assert_allclose(
         nearest_points(points, face), [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0), (0.0, 0.0)]
     )
-
-
-@pytest.mark.parametrize("spin", [(1.0, 0.2, -0.3), (0.01, 2.0, 0.01), (0.1, -0.2, 3.0), (1e-6, 2e-6, -1e-6)])
-def test_euler_top(spin):
-    """A free block keeps |L| to the bit and its energy to the square of the step."""
-    tensor = np.array([1.0, 2.0, 3.0])
-    worst = []
-    for dt in (0.01, 0.005):
-        moving = two_blocks(turn=TURNED)
-        bodies = moving.state.bodies
-        bodies.inverse[1] = np.diag(1.0 / tensor)
-        R = bodies.rotation[1].copy()
-        bodies.momentum[1] = R @ (tensor * spin)
-        start = 0.5 * (tensor * np.square(spin)).sum()
-        error = 0.0
-        for _ in range(int(20.0 / dt)):
-            turn_body(bodies, 1, dt)
-            body = bodies.inverse[1] @ bodies.rotation[1].T @ bodies.momentum[1]
-            error = max(error, abs(0.5 * (tensor * body**2).sum() / start - 1.0))
-        np.testing.assert_array_equal(bodies.momentum[1], R @ (tensor * spin))
-        np.testing.assert_allclose(bodies.rotation[1] @ bodies.rotation[1].T, np.eye(3), atol=1e-12)
-        worst.append(error)
-    assert worst[0] < 2e-4
-    assert worst[1] < 0.3 * worst[0] + 1e-13
-
-
-def test_turning_as_plain_python():
-    compiled, plain = two_blocks(turn=TURNED), two_blocks(turn=TURNED)
-    for moving, step in ((compiled, turn_body), (plain, getattr(turn_body, "py_func", turn_body))):
-        moving.state.bodies.momentum[1] = (0.3, -0.2, 0.5)
-        for _ in range(50):
-            step(moving.state.bodies, 1, 1e-3)
-    np.testing.assert_allclose(compiled.state.bodies.orientation, plain.state.bodies.orientation, rtol=0, atol=1e-14)

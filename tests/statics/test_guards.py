@@ -9,7 +9,6 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.errors import DivergedError, NotConvergedError
-from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics import loop as kernel
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY, RUNNING
 from dembrick.runs.lab import lab_scenario
@@ -78,7 +77,7 @@ def watched(built, speed, steps=LOOK):
     blocks = state.blocks
     b = blocks.free[0]
     blocks.velocity[b] = speed
-    inertia = Inertia(np.array(built.mass), np.array(built.inertia), np.linalg.inv(built.inertia))
+    inertia = constant_rate.physical_inertia(built)
     sane = [kernel.watch(guard, step, 0.0, 0.0, blocks, None, inertia, 1e-4) for step in range(steps)]
     assert all(sane[:-1])
     return bool(sane[-1])

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
-from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.loop import RUNNING
 from dembrick.scenario.blocks import Prism
 from dembrick.scenario.model import Actuator, Block, DisplacementControl, JointLaw, Load, Material, Scenario
-from dembrick.simulation.statics import load_system, ties
+from dembrick.simulation.statics import constant_rate, load_system, ties
 from dembrick.simulation.statics.guards import new_guard
 from dembrick.simulation.statics.state import State, initial_state
 from helpers.places import tool_module
@@ -72,7 +71,7 @@ def test_a_block_beside_a_test_moves_as_it_does_alone(formulation):
     alone = part_of(setup.state, initial_state(built))
     loop = judge._at_rest(setup, physical=True, rate=1e-4)
     alone = part_of(loop.state, alone)
-    inertia = Inertia(np.array(built.mass), np.array(built.inertia), np.linalg.inv(built.inertia))
+    inertia = constant_rate.physical_inertia(built)
     moving = ties.start_moving(alone, built)
     guard = new_guard(built, alone)._replace(mask=1 << 62)  # that never looks: nothing drives this pair
     other = dataclasses.replace(loop, state=alone, inertia=inertia, guard=guard, ties=moving)

@@ -6,7 +6,7 @@ Guides: forces and moments under which blocks do not move in the directions in w
 
 They act beside the loads of a step, so that the step of a block, its energy and its joints know nothing of them. A
 velocity that is zero takes a force against all others; a spin that is zero about an axis takes a moment that follows
-the spin about the other two (`kernels.math.held_turns`).
+the spin about the other two (`kernels.math.rigid_turns`).
 
 Pressures follow the faces of blocks that move, and those of a fluid the present depth of each part. On a convex polygon
 with the outward normal n the pressure p = max(0, c0 + c1 z) is linear where it is positive. That part is a fan of
@@ -24,10 +24,10 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.rigid_bodies import gathered, resisted, spin_of_step
-from dembrick.kernels.joint.ties import stretch
-from dembrick.kernels.math.held_turns import MOST_CORRECTIONS, held_momentum, turns_freely
-from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, cross, put_vector, rotate, rotate_back, rows_times
+from dembrick.kernels.dynamics.rigid_bodies import gathered, resisted
+from dembrick.kernels.joint.ties import answer
+from dembrick.kernels.math.rigid_turns import guided_momentum
+from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, cross, rotate
 
 
 @jit
@@ -45,21 +45,11 @@ def pull_ties(ties, bodies):
     for t in range(ties.stiffness.size):
         a = ties.block[t, 0]
         b = ties.block[t, 1]
-        for side in range(2):
-            lever = ties.lever[t, side]
-            r1, r2, r3 = rotate(bodies.orientation, ties.block[t, side], lever[0], lever[1], lever[2])
-            put_vector(ties.arm[t, side], r1, r2, r3)
-        arm = ties.arm[t]
         x = bodies.position
-        stretch(
-            ties,
-            t,
-            x[b, 0] - x[a, 0] + (arm[1, 0] - arm[0, 0]),
-            x[b, 1] - x[a, 1] + (arm[1, 1] - arm[0, 1]),
-            x[b, 2] - x[a, 2] + (arm[1, 2] - arm[0, 2]),
-        )
+        answer(ties, t, bodies.orientation, (x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]))
         for side in range(2):
-            add_wrench(bodies.applied[ties.block[t, side]], 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, arm[side])
+            load = bodies.applied[ties.block[t, side]]
+            add_wrench(load, 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, ties.arm[t, side])
 
 
 @jit
@@ -80,21 +70,6 @@ def unresisted(force, motion, damping):
 
 
 @jit
-def spin_for(bodies, b, momentum, dt):
-    """Spin (world) of a step at the angular ``momentum`` (3)."""
-    w1, w2, w3 = spin_of_step(bodies, b, momentum, dt)
-    return rotate(bodies.orientation, b, w1, w2, w3)
-
-
-@jit
-def answer_to(bodies, b, l1, l2, l3):
-    """I^-1 times a vector, world axes."""
-    return rotate(
-        bodies.orientation, b, *rows_times(bodies.inverse[b], *rotate_back(bodies.orientation, b, l1, l2, l3))
-    )
-
-
-@jit
 def hold(bodies, wrenches, g1, g2, g3, dt, damping):
     """Add to the loads of guided blocks what their guides exert, once all other forces of the step are there."""
     for g in range(bodies.guided.size):
@@ -111,24 +86,12 @@ def hold(bodies, wrenches, g1, g2, g3, dt, damping):
         l1 = L[0] + dt * resisted(t1, L[0], damping)
         l2 = L[1] + dt * resisted(t2, L[1], damping)
         l3 = L[2] + dt * resisted(t3, L[2], damping)
-        m1 = m2 = m3 = 0.0
-        if held[3] or held[4] or held[5]:
-            e1 = answer_to(bodies, b, 1.0, 0.0, 0.0)
-            e2 = answer_to(bodies, b, 0.0, 1.0, 0.0)
-            e3 = answer_to(bodies, b, 0.0, 0.0, 1.0)
-            for _ in range(MOST_CORRECTIONS):
-                w1, w2, w3 = spin_for(bodies, b, (l1 + m1, l2 + m2, l3 + m3), dt)
-                d1, d2, d3 = held_momentum(e1, e2, e3, held[3], held[4], held[5], w1, w2, w3)
-                m1 += d1
-                m2 += d2
-                m3 += d3
-                if turns_freely(held[3:], w1, w2, w3):
-                    break
+        change = guided_momentum(bodies.orientation, b, bodies.inverse[b], held[3:], (l1, l2, l3), dt)
         for i, t in enumerate((t1, t2, t3)):
             guide[i + 3] = 0.0
             if held[i + 3]:
-                change = (m1, m2, m3)[i] / dt + resisted(t, L[i], damping)
-                guide[i + 3] = unresisted(change, L[i], damping) - t
+                moment = change[i] / dt + resisted(t, L[i], damping)
+                guide[i + 3] = unresisted(moment, L[i], damping) - t
         for i in range(6):
             bodies.applied[b, i] += guide[i]
 

@@ -1,8 +1,7 @@
 """Rigid blocks of an assembly in free motion: their arrays, and the step of one block.
 
-Central difference: positions and rotations at the whole steps, velocities and momenta half a step behind. Rotation
-keeps the angular momentum of the world; the spin of a step is that of the middle of the step, in body axes, and the
-block turns by its exact exponential.
+Central difference: positions and rotations at the whole steps, velocities and momenta half a step behind. How blocks
+turn: `kernels.math.rigid_turns`.
 """
 
 from typing import NamedTuple
@@ -11,19 +10,8 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.tiles import ACTION, W, combined, dot, four, put_three, three
-from dembrick.kernels.math.vectors import (
-    axes_of,
-    cross,
-    half_turn,
-    product,
-    put_vector,
-    rotate,
-    rotate_back,
-    rows_times,
-    turned_back,
-)
-
-SLOW = 1e-4  # rad a step: up to here one correction of the spin, and a series for the turn, are exact to rounding
+from dembrick.kernels.math.rigid_turns import SLOW, turn
+from dembrick.kernels.math.vectors import axes_of, cross, product, put_vector, three_of
 
 
 class Bodies(NamedTuple):
@@ -80,50 +68,10 @@ def write_rotations(bodies, supports):
 
 
 @jit
-def spin_of_step(bodies, b, momentum, dt):
-    """Spin (body axes) of block ``b`` in a step through which its angular momentum is ``momentum`` (3), world.
-
-    In body axes the momentum turns back by half the step's turn, and the spin is what the inertia makes of it there.
-    """
-    inverse = bodies.inverse[b]
-    l1, l2, l3 = rotate_back(bodies.orientation, b, momentum[0], momentum[1], momentum[2])
-    w1, w2, w3 = rows_times(inverse, l1, l2, l3)
-    half = 0.5 * dt
-    m1, m2, m3 = turned_back(half * w1, half * w2, half * w3, l1, l2, l3)
-    w1, w2, w3 = rows_times(inverse, m1, m2, m3)
-    angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
-    if angle2 > SLOW * SLOW:
-        for _ in range(10):
-            m1, m2, m3 = turned_back(half * w1, half * w2, half * w3, l1, l2, l3)
-            x1, x2, x3 = rows_times(inverse, m1, m2, m3)
-            change = abs(x1 - w1) + abs(x2 - w2) + abs(x3 - w3)
-            w1 = x1
-            w2 = x2
-            w3 = x3
-            if change * dt <= 1e-15:
-                break
-    return w1, w2, w3
-
-
-@jit
 def turn_body(bodies, b, dt):
-    """Turn block ``b`` through a step under its angular momentum."""
-    L = bodies.momentum
-    w1, w2, w3 = spin_of_step(bodies, b, (L[b, 0], L[b, 1], L[b, 2]), dt)
-    angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
-    c, s = half_turn(angle2)
-    s *= dt
-    # a turn leaves its own axis alone, so this is the spin in the world before and after it
-    spin = bodies.spin[b]
-    spin[0], spin[1], spin[2] = rotate(bodies.orientation, b, w1, w2, w3)
-    q = bodies.orientation[b]
-    a0, a1, a2, a3 = product(q[0], q[1], q[2], q[3], c, s * w1, s * w2, s * w3)
-    # one Newton step to length 1, from next to it
-    n = 1.5 - 0.5 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3)
-    q[0] = n * a0
-    q[1] = n * a1
-    q[2] = n * a2
-    q[3] = n * a3
+    """Turn block ``b`` through a step under its angular momentum; returns the square of the angle."""
+    spin, angle2 = turn(bodies.orientation, b, bodies.inverse[b], three_of(bodies.momentum[b]), dt)
+    put_vector(bodies.spin[b], *spin)
     return angle2
 
 

@@ -1,7 +1,7 @@
 """The law of a tie: a bar, cable or prop along the line between two points of two blocks.
 
 T = T_0 + k (l - l_0 - l_p), zero if it would push if it takes tension only; at its strength it yields without
-hardening, and l_p grows by what it yields. Both engines call `stretch` once a tie and step, in the moving geometry.
+hardening, and l_p grows by what it yields. Both engines call `answer` once a tie and step, in the moving geometry.
 """
 
 from math import sqrt
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.math.vectors import put_vector
+from dembrick.kernels.math.vectors import put_vector, rotate
 
 # Columns of `Ties.now` and `Ties.before`: length (m), tension (N), elongation that stays (m)
 LENGTH, TENSION, YIELDED = 0, 1, 2
@@ -56,6 +56,19 @@ def stretch(ties, t, s1, s2, s3):
     now[TENSION] = tension
     share = tension / max(length, SHORTEST)
     put_vector(ties.force[t], share * s1, share * s2, share * s3)
+
+
+@jit
+def answer(ties, t, q, away):
+    """Let tie ``t`` answer to the orientations ``q`` (n, 4) of the blocks and to where the centroid of b is ``away``
+    (3) from that of a (m, world): arms, force, and what it keeps."""
+    arm = ties.arm[t]
+    for side in range(2):
+        lever = ties.lever[t, side]
+        r1, r2, r3 = rotate(q, ties.block[t, side], lever[0], lever[1], lever[2])
+        put_vector(arm[side], r1, r2, r3)
+    d1, d2, d3 = away
+    stretch(ties, t, d1 + (arm[1, 0] - arm[0, 0]), d2 + (arm[1, 1] - arm[0, 1]), d3 + (arm[1, 2] - arm[0, 2]))
 
 
 @jit

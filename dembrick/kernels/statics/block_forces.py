@@ -8,8 +8,8 @@ from math import isnan, nan, sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.joint.ties import stretch
-from dembrick.kernels.math.vectors import NO_MOMENT, columns_times, cross, put_vector, rotate
+from dembrick.kernels.joint.ties import answer
+from dembrick.kernels.math.vectors import NO_MOMENT, columns_times, cross, put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
 from dembrick.kernels.statics.small_displacement import small_actuator, small_relative
@@ -104,21 +104,15 @@ def pull_ties(ties, blocks):
     for t in range(ties.stiffness.size):
         a = ties.block[t, 0]
         b = ties.block[t, 1]
-        arm = ties.arm[t]
-        for side in range(2):
-            lever = ties.lever[t, side]
-            r1, r2, r3 = rotate(blocks.orientation, ties.block[t, side], lever[0], lever[1], lever[2])
-            put_vector(arm[side], r1, r2, r3)
         offset = ties.offset[t]
-        stretch(
-            ties,
-            t,
-            offset[0] + u[b, 0] - u[a, 0] + (arm[1, 0] - arm[0, 0]),
-            offset[1] + u[b, 1] - u[a, 1] + (arm[1, 1] - arm[0, 1]),
-            offset[2] + u[b, 2] - u[a, 2] + (arm[1, 2] - arm[0, 2]),
+        away = (
+            offset[0] + u[b, 0] - u[a, 0],
+            offset[1] + u[b, 1] - u[a, 1],
+            offset[2] + u[b, 2] - u[a, 2],
         )
+        answer(ties, t, blocks.orientation, away)
         for side in range(2):
-            add_force(blocks, ties.block[t, side], 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, arm[side])
+            add_force(blocks, ties.block[t, side], 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, ties.arm[t, side])
 
 
 @jit

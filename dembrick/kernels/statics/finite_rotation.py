@@ -8,8 +8,8 @@ taken to be small against one (faces that face each other); turning about the no
 from math import sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.math.held_turns import MOST_CORRECTIONS, held_momentum, turns_freely
-from dembrick.kernels.math.vectors import cross, put_vector, rotate, rotate_back, turned
+from dembrick.kernels.math.rigid_turns import guided_momentum, turn
+from dembrick.kernels.math.vectors import cross, put_vector, rotate, three_of
 from dembrick.kernels.statics.small_displacement import seen_by
 
 
@@ -104,95 +104,8 @@ def finite_actuator(blocks, actuators, i):
 
 
 @jit
-def _spin(q, b, inverse, l1, l2, l3):
-    """w = R I^-1 R^T L for the orientation q[b]."""
-    c1, c2, c3 = rotate_back(q, b, l1, l2, l3)
-    return rotate(
-        q,
-        b,
-        inverse[0, 0] * c1 + inverse[0, 1] * c2 + inverse[0, 2] * c3,
-        inverse[1, 0] * c1 + inverse[1, 1] * c2 + inverse[1, 2] * c3,
-        inverse[2, 0] * c1 + inverse[2, 1] * c2 + inverse[2, 2] * c3,
-    )
-
-
-@jit
-def spin_of_step(blocks, inertia, b, dt):
-    """Spin (world) of the middle of a step in which block ``b`` turns at constant angular momentum.
-
-    Implicit midpoint by fixed-point iteration, which keeps |L| exactly and the energy of a free top without drift;
-    slow blocks are done after one round.
-    """
-    q = blocks.orientation
-    inverse = inertia.inverse[b]
-    l1 = blocks.momentum[b, 0]
-    l2 = blocks.momentum[b, 1]
-    l3 = blocks.momentum[b, 2]
-    start_w = q[b, 0]
-    start_x = q[b, 1]
-    start_y = q[b, 2]
-    start_z = q[b, 3]
-    w1, w2, w3 = _spin(q, b, inverse, l1, l2, l3)
-    for _ in range(8):
-        middle = turned(q, b, 0.5 * dt * w1, 0.5 * dt * w2, 0.5 * dt * w3)
-        q[b, 0] = middle[0]
-        q[b, 1] = middle[1]
-        q[b, 2] = middle[2]
-        q[b, 3] = middle[3]
-        x1, x2, x3 = _spin(q, b, inverse, l1, l2, l3)
-        q[b, 0] = start_w
-        q[b, 1] = start_x
-        q[b, 2] = start_y
-        q[b, 3] = start_z
-        change = abs(x1 - w1) + abs(x2 - w2) + abs(x3 - w3)
-        w1 = x1
-        w2 = x2
-        w3 = x3
-        if change * dt <= 1e-15:
-            break
-    return w1, w2, w3
-
-
-@jit
-def turn(blocks, inertia, b, dt):
-    """Turn block ``b`` by one step at constant angular momentum."""
-    w1, w2, w3 = spin_of_step(blocks, inertia, b, dt)
-    q = blocks.orientation
-    end = turned(q, b, dt * w1, dt * w2, dt * w3)
-    for i in range(4):
-        q[b, i] = end[i]
-    put_vector(blocks.spin[b], w1, w2, w3)
-
-
-@jit
-def hold_turn(blocks, inertia, g, dt):
-    """Give the guided block number ``g`` the moment of its guides under which it does not turn where it is held.
-
-    An inertia that is not diagonal in the world couples the turns: the moment about a held axis follows the spin.
-    """
-    b = blocks.guided[g]
-    held = blocks.held[g, 3:]
-    if not (held[0] or held[1] or held[2]):
-        return
-    momentum = blocks.momentum[b]
-    q = blocks.orientation
-    inverse = inertia.inverse[b]
-    columns = (
-        _spin(q, b, inverse, 1.0, 0.0, 0.0), _spin(q, b, inverse, 0.0, 1.0, 0.0), _spin(q, b, inverse, 0.0, 0.0, 1.0)
-    )  # fmt: skip
-    for _ in range(MOST_CORRECTIONS):
-        w1, w2, w3 = spin_of_step(blocks, inertia, b, dt)
-        l1, l2, l3 = held_momentum(*columns, held[0], held[1], held[2], w1, w2, w3)
-        for i, change in enumerate((l1, l2, l3)):
-            momentum[i] += change
-            blocks.guide[g, i + 3] += change / dt
-        if turns_freely(held, w1, w2, w3):
-            break
-
-
-@jit
 def finite_step(blocks, inertia, dt):
-    """Central difference of the centroids, midpoint rotation. Returns the longest move (m, or rad times m)."""
+    """Central difference of the centroids, turns at constant angular momentum. Returns the longest move (m)."""
     longest = 0.0
     for f in range(blocks.free.size):
         b = blocks.free[f]
@@ -204,8 +117,16 @@ def finite_step(blocks, inertia, dt):
             move = abs(dt * blocks.velocity[b, i])
             if move > longest or move != move:
                 longest = move
+    q = blocks.orientation
     for g in range(blocks.guided.size):
-        hold_turn(blocks, inertia, g, dt)
+        b = blocks.guided[g]
+        held = blocks.held[g, 3:]
+        change = guided_momentum(q, b, inertia.inverse[b], held, three_of(blocks.momentum[b]), dt)
+        for i in range(3):
+            blocks.momentum[b, i] += change[i]
+            blocks.guide[g, i + 3] += change[i] / dt
     for f in range(blocks.free.size):
-        turn(blocks, inertia, blocks.free[f], dt)
+        b = blocks.free[f]
+        spin, _ = turn(q, b, inertia.inverse[b], three_of(blocks.momentum[b]), dt)
+        put_vector(blocks.spin[b], *spin)
     return longest

@@ -74,11 +74,6 @@ def push_at_constant_rate(
     if protocol.cycles:
         drive = drive._replace(until=until, ways=protocol.ways)
     state.joints.damping[:] = damping.joints / dt
-    inertia = Inertia(
-        mass=np.array(assembly.mass, float),
-        tensor=np.array(assembly.inertia, float),
-        inverse=np.linalg.inv(assembly.inertia),
-    )
     to_finite_motion(state)
     moving = ties.start_moving(state, assembly)
     chunk = min(CHUNK, steps_wanted)
@@ -89,7 +84,7 @@ def push_at_constant_rate(
     energy = new_energy(state) if recorder else None
     guard = new_guard(assembly, state, steps_wanted)
     record = recorder.record if recorder else None
-    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy, guard, moving, record)
+    loop = Loop(dt, state, None, physical_inertia(assembly), drive, setup.certificate, energy, guard, moving, record)
     began = time.perf_counter()
     loop.advance(0)  # no step: compiles, or loads the cache
     compiled = time.perf_counter() - began
@@ -183,6 +178,11 @@ def _until(protocol: Protocol, dt: float, rows_every: int) -> np.ndarray:
         return np.array([_steps(protocol, dt)])
     rows = np.maximum(np.round(protocol.seconds / (dt * rows_every)), 1.0)
     return (rows_every * np.cumsum(rows)).astype(np.int64)
+
+
+def physical_inertia(assembly: Assembly) -> Inertia:
+    """Mass and inertia of the blocks of an assembly."""
+    return Inertia(np.array(assembly.mass, float), np.linalg.inv(assembly.inertia))
 
 
 def to_finite_motion(state: State) -> None:
