@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def evil_history(path):
     assembly = cases.assembly()
     assembly.names = (EVIL, "<!--")
     assembly.joints[0].law.formulation = "concave"
-    assembly.actuators.names = (EVIL,)
+    assembly.actuators = replace(assembly.actuators, names=(EVIL,))
     point = POINT | {"mechanism": EVIL, "bracket": EVIL, "V_peak": EVIL, "joint": [EVIL, EVIL]}
     results = {"title": EVIL, "formulation": EVIL, "yield_point": point, "theory": [EVIL], "error": EVIL}
     return written(path, results | {"wall": EVIL, "steps": 1e999, "collapse": {"mechanism": EVIL}}, EVIL, status=EVIL,
