@@ -66,7 +66,7 @@ class HistoryWriter:
         settings: Mapping,
         force: bool | str = False,
         channels: Iterable[str] = ("joints", "energy", "frames"),
-        hold: float = 0.5,
+        hold: float = 0.1,
         control: Control | None = None,
         inputs: Sequence[Input] = (),
     ):

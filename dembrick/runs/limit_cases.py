@@ -16,8 +16,9 @@ from dembrick.runs.logger import heard_by
 from dembrick.runs.outcomes.result import heading
 from dembrick.runs.reading import load
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import EVERY_BLOCK, LIMIT_LOAD, PATH_FOLLOWING, SETTLEMENT
+from dembrick.scenario.controls import EVERY_BLOCK, LIMIT_LOAD, PATH_FOLLOWING
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.regimes import SETTLEMENT
 from dembrick.scenario.stages import at_stage
 from dembrick.simulation.limit_analysis import analysis, solver
 
