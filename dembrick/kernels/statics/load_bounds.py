@@ -25,7 +25,8 @@ NEVER = 1e300  # an upper bound that does not bind
 
 
 class Certificate(NamedTuple):
-    """What the bracket of the limit load needs to know; all but the last eight only of a strict one.
+    """What the bracket of the limit load needs to know; all but the last eight only of a strict one. ``doubling`` and
+    ``window`` are those of time loops, and None elsewhere.
 
     Strict: one joint, whose normal forces do not depend on the load (its axes, moments about O).
     """
@@ -46,9 +47,9 @@ class Certificate(NamedTuple):
     tolerance: float
     bracket: ndarray  # (2,) bounds of V, in and out
     elastic: float  # N/m, elastic stiffness of V against the driven displacement
-    doubling: ndarray  # (6,) driven displacement (m) when it last doubled, least and greatest V (N) since; before that
+    doubling: ndarray | None  # (6,) driven displacement (m) when it last doubled, extremes of V (N) since; before that
     twist: ndarray  # (3,) m, m, rad: slip that gave the upper bound, where strict
-    window: ndarray  # (w, 4) lower, upper, V, driven displacement of the last w instants, where not strict
+    window: ndarray | None  # (w, 4) lower, upper, V, driven displacement of the last w instants, if not strict
 
 
 @jit

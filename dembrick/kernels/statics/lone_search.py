@@ -67,7 +67,7 @@ def certificate_of(lone, family, index, j, tolerance):
     return Certificate(
         1, strict, j, family, index, basis.unit, basis.dead, basis.scalars[1], basis.centre, basis.scalars[2],
         basis.scalars[3], basis.rest, basis.scalars[4] == 1.0, tolerance if strict else CAUTION * tolerance,
-        lone.bracket[j], 1.0 / search.compliance, basis.across, lone.twist[j], lone.seen[j],
+        lone.bracket[j], 1.0 / search.compliance, None, lone.twist[j], None,
     )  # fmt: skip
 
 
@@ -88,6 +88,9 @@ def begin_search(lone, family, index, j, room):
     if mu == 0.0 and shear > 0.0:
         lone.bracket[j, 1] = 0.0
         search.status = CONVERGED
+        return
+    if not (shear > 0.0 and basis.scalars[3] > 0.0):  # what only presses, or nothing that is pressed
+        search.status = LOST
         return
     newton_step(lone, j, 1.0, inf, lone.stiffness[j], room)  # the elastic answer to the unit load
     for i in range(6):

@@ -202,8 +202,8 @@ class LoneSearch:
             every=1, strict=strict == 1.0, joint=0, family=joint_families.number(self.state), index=0,
             unit=basis.unit[0], dead=basis.dead[0], dead_gauge=dead_gauge, centre=basis.centre[0], radius=radius,
             normal=normal, rest=basis.rest, tilts=tilts == 1.0, tolerance=self.tolerance, bracket=self.lone.bracket[0],
-            elastic=1.0 / found["compliance"] if found["compliance"] else 0.0, doubling=np.zeros(6),
-            twist=self.lone.twist[0], window=np.zeros((1, 4)),
+            elastic=1.0 / found["compliance"] if found["compliance"] else 0.0, doubling=None,
+            twist=self.lone.twist[0], window=None,
         )  # fmt: skip
 
     def show(self) -> None:
