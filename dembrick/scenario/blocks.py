@@ -197,9 +197,13 @@ class Block:
             if kind == "box":
                 raise ScenarioError(f"missing key 'position'{label}; it has no default")
             assign(self, position=(0.0, 0.0, 0.0))
-        for key in ("position", "velocity", "angular_velocity"):
-            assign(self, **{key: vector(key, getattr(self, key), label=label)})
-        assign(self, orientation=_quaternion(self.orientation, label))
+        assign(
+            self,
+            position=vector("position", self.position, label=label),
+            velocity=vector("velocity", self.velocity, label=label),
+            angular_velocity=vector("angular_velocity", self.angular_velocity, label=label),
+            orientation=_quaternion(self.orientation, label),
+        )
 
     def _check_held(self, label: str) -> None:
         """Names of directions, each once; not beside ``fixed``, which all six of them are."""

@@ -106,7 +106,8 @@ def real(key: str, value) -> float:
 
 def vector(key: str, value, length: int = 3, label: str = "") -> tuple[float, ...]:
     """A tuple of ``length`` finite floats; ``label`` says whose, " of block 'upper'"."""
-    if type(value) is tuple and len(value) == length and all(type(c) is float and math.isfinite(c) for c in value):
+    of_floats = type(value) is tuple and len(value) == length and {*map(type, value)} == {float}
+    if of_floats and all(map(math.isfinite, value)):
         return value
     value = value.tolist() if hasattr(value, "tolist") else value
     require_type(isinstance(value, list | tuple), key + label, value, f"a list of {length} numbers")

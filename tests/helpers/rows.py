@@ -1,6 +1,7 @@
 """A row of a run in real time, as its state is now."""
 
-from dembrick.kernels.dynamics.record import BALANCE, write_row
+from dembrick.kernels.dynamics.record import write_row
+from dembrick.kernels.dynamics.row_energies import BALANCE
 from dembrick.simulation.dynamics.outcome import Extremes
 from dembrick.simulation.dynamics.row_arrays import record_of, scene_of
 

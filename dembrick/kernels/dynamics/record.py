@@ -12,11 +12,10 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit, jit_rounded
 from dembrick.kernels.dynamics import joint_families as families
-from dembrick.kernels.dynamics.energy import kinetic_energy, settle_all, take_stock
+from dembrick.kernels.dynamics.row_energies import write_energies
 from dembrick.kernels.dynamics.tiles import ACTION, W, sense_of, three, wrench_at
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.joint.ties import TENSION, YIELDED, tie_energy
-from dembrick.kernels.math.sums import sum_in_pairs
+from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.kernels.math.vectors import cross, rows_times
 
 # What the loop needs to know to write rows: steps between them, and until the next one; how many it may still write,
@@ -26,12 +25,6 @@ NEXT = np.dtype((np.record, [
     *((name, np.int64) for name in ("every", "steps", "rows", "frames_every", "step")),
     ("fastest", float), ("quiet", float),
 ]))  # fmt: skip
-
-# Energies (J) of a row, by the names of their channels
-BALANCE = np.dtype((np.record, [(name, float) for name in (
-    "kinetic", "elastic", "external", "friction", "dashpots", "released", "stepping", "new_contacts", "crushing",
-    "fracture", "yielding",
-)]))  # fmt: skip
 
 # Columns of `Record.number`: out-of-balance ratio, contacts that carry, longest displacement (m), gravity (3; m/s2)
 UNBALANCED, CARRYING, FURTHEST, GRAVITY = 0, 1, 2, 3
@@ -305,59 +298,6 @@ def note(extremes, bodies, ties, time):
         for i in range(3):
             u[i] = v[i]
     extremes.last[n, 0] = time
-
-
-@jit_rounded
-def sum_of_losses(record, energy_terms):
-    """Sums over all joints of what friction, springs let go, steps, crushing and broken bonds took (J)."""
-    lost = energy_terms.lost
-    each = record.of_joints
-    halves = record.halves
-    for j in range(lost.size):
-        each[j] = lost[j].friction
-    friction = sum_in_pairs(each, halves)
-    for j in range(lost.size):
-        each[j] = lost[j].released
-    released = sum_in_pairs(each, halves)
-    for j in range(lost.size):
-        each[j] = lost[j].stepping
-    stepping = sum_in_pairs(each, halves)
-    for j in range(lost.size):
-        each[j] = lost[j].crushing
-    crushing = sum_in_pairs(each, halves)
-    for j in range(lost.size):
-        each[j] = lost[j].fracture
-    return friction, released, stepping, crushing, sum_in_pairs(each, halves)
-
-
-@jit_rounded
-def write_energies(record, bodies, links, corners, faces, ties, energy_terms, dt, out):
-    """Write the energies of the last forces into the record `BALANCE` ``out``."""
-    if energy_terms.begun[0] == 0.0:
-        out.kinetic = record.energy_start[0]
-        out.elastic = out.external = out.friction = out.dashpots = out.released = out.stepping = 0.0
-        out.new_contacts = out.crushing = out.fracture = out.yielding = 0.0
-        return
-    settle_all(energy_terms, links)
-    g = energy_terms.gravity
-    total = energy_terms.total[0]
-    each = record.of_joints
-    take_stock(links, corners, faces, record.held, each)
-    for j in range(each.size):
-        each[j] *= energy_terms.share[j]
-    springs = sum_in_pairs(each, record.halves)
-    friction, released, stepping, crushing, fracture = sum_of_losses(record, energy_terms)
-    out.kinetic = kinetic_energy(bodies, links.wrenches, g[0], g[1], g[2], dt)
-    out.elastic = springs + tie_energy(ties) - record.energy_start[1]
-    out.external = sum_in_pairs(energy_terms.fallen, record.halves) + total.loads
-    out.friction = friction
-    out.dashpots = sum_in_pairs(energy_terms.damped, record.halves)
-    out.released = released + total.handed
-    out.stepping = stepping + total.ties_stepped
-    out.new_contacts = -total.contacts
-    out.crushing = crushing
-    out.fracture = fracture
-    out.yielding = total.ties_yielded
 
 
 @jit

@@ -185,7 +185,7 @@ def motion(
 
 @contextmanager
 def driving_time(motion: Motion) -> Iterator[None]:
-    """What takes time within, and is not booked elsewhere, goes into what drives the run."""
+    """Context whose time, where it is not booked elsewhere, goes into what drives the run."""
     began, before = time.perf_counter(), motion.seconds
     yield
     motion.phases["driving"] += time.perf_counter() - began - (motion.seconds - before)

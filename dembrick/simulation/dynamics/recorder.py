@@ -17,7 +17,8 @@ import numpy as np
 
 from dembrick._jit import address
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.kernels.dynamics.record import BALANCE, CARRYING, FURTHEST, GRAVITY, UNBALANCED, Rows, write_row
+from dembrick.kernels.dynamics.record import CARRYING, FURTHEST, GRAVITY, UNBALANCED, Rows, write_row
+from dembrick.kernels.dynamics.row_energies import BALANCE
 from dembrick.simulation.channels import NO_BOUND
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import (

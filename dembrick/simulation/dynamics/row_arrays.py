@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.kernels.dynamics.record import BALANCE, NEXT, Extremes, Record, Rows, Scene, write_reactions
+from dembrick.kernels.dynamics.record import NEXT, Extremes, Record, Rows, Scene, write_reactions
+from dembrick.kernels.dynamics.row_energies import BALANCE
 from dembrick.kernels.math.sums import room_for_halves
 from dembrick.simulation.dynamics import joint_families
 
@@ -59,7 +60,7 @@ def bytes_of_row(record: Record) -> int:
 
 
 def scene_of(moving: Motion) -> Scene:
-    """What a row is written of."""
+    """Scene that a row is written of: the present state."""
     state, touching = moving.state, moving.contact_detection.touching
     return Scene(*state[:5], moving.no_contacts if touching is None else touching, moving.energy.table)
 

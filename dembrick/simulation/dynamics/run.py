@@ -72,7 +72,7 @@ class MotionRun:
 
     @property
     def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6) at the end, see `dynamics.state.reactions`."""
+        """Of the supports (s, 6) at the end, see `write_reactions`."""
         return self.motion.reactions
 
     @property
