@@ -285,7 +285,8 @@ class Scenario(Generic[AControl]):
         generators = [generator for key in GENERATORS for generator in getattr(self, key)]
         check_memory([(generator.name, generator.count()) for generator in generators], len(self.blocks))
         blocks = [*self.blocks, *lay(self.walls)]
-        for generator in (*self.stacks, *self.arches, *self.domes):
+        others: list[Stack | Arch | Dome] = [*self.stacks, *self.arches, *self.domes]
+        for generator in others:
             blocks += generator.build()
         for model in self.models:
             solids, remarks = model.build(self.path_of(model.file))
