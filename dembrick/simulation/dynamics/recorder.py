@@ -125,9 +125,14 @@ class Recorder:
 
     def rows_ahead(self, stride: int, total: int) -> int:
         """How many rows the loop may write from now on, a row, before one that Python takes: none where Python has to
-        do with every step, or is asked for soon. ``stride``: steps in a row, of ``total`` of the run."""
+        do with every step, or is asked for soon. ``stride``: steps in a row, of ``total`` of the run.
+
+        Joints and supports name blocks by their numbers in the scenario: where the loop has blocks in an order of its
+        own, it can write no row of them.
+        """
         moving, every = self._moving, self._rows_every
-        if self._controller is not None or not self.driving.by_time_alone or moving.steps % every:
+        own_order = moving.state.order is not None
+        if own_order or self._controller is not None or not self.driving.by_time_alone or moving.steps % every:
             return 0
         rows = min(stride, LONGEST_CHUNK, total - moving.steps - 1) // every - 1
         rows = min(rows, self._room - int(self._record.count[0]) - 1)
