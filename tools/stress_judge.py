@@ -159,7 +159,7 @@ def push_at_rate(
         built = assemblies.assemble(scenario)
         value = expected(built)
         slip = value * elastic_give(built)
-        critical = limit_load.plan(built, scenario.control, 1.0, scenario.output).critical_time_step
+        critical = limit_load.plan(built, scenario.control, scenario.output).critical_time_step
     except ScenarioError as error:
         return Outcome("refused", _named(error))
     short = min(scenario.blocks[-1].box[:2])

@@ -252,7 +252,7 @@ def _reaction_at_rest(results: Mapping) -> Told | None:
 
 
 def _allowed_reaction(results: Mapping) -> Told | None:
-    """What limit analysis allows before the supports move, if that was asked for."""
+    """Range of the reaction that limit analysis allows before the supports move, if that was asked for."""
     allowed = part(results, "settlement").get("limit_analysis")
     if not isinstance(allowed, Mapping):
         return None

@@ -180,7 +180,7 @@ def test_a_stopped_run_goes_on_in_its_stage(tmp_path, monkeypatch):
     places = []
     with told_of_checkpoints(lambda where, _: places.append(where)):
         whole = simulate(given, tmp_path / "whole.h5")
-    assert "stage 1 of 3" in places and "stage 2 of 3" in places and places[-1].startswith("step")
+    assert "stage 1 of 3" in places and "stage 2 of 3" in places and places[-1].startswith("equilibrium")
     for place in (0, places.index("stage 1 of 3"), places.index("stage 2 of 3"), len(places) - 1):
         looks = itertools.count()
         stop_in_stages(given, path, lambda *_, looks=looks, place=place: next(looks) == place)

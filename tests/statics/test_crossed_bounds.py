@@ -6,7 +6,7 @@ import pytest
 from dembrick.errors import BracketError
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
-from dembrick.simulation.statics import load_system, yield_point
+from dembrick.simulation.statics import limit_load, yield_point
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +14,7 @@ def ended():
     """State, certificate and names at the end of a replay of set 4a (V about 254.6 N under N = 467 N)."""
     caught = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(load_system, "read_off", lambda *given: caught.append(given) or yield_point.read_off(*given))
+        patch.setattr(limit_load, "read_off", lambda *given: caught.append(given) or yield_point.read_off(*given))
         simulate(lab_scenario("set4a", "concave"), record=False)
     return caught[0][:3]
 

@@ -52,7 +52,7 @@ def test_friction_takes_what_the_loads_give_along_a_search(formulation):
     energies = simulate(dataclasses.replace(scenario, loads=(beside,))).rows["energy"]
     given, friction, elastic = (np.diff(energies[name])[-1] for name in ("external", "friction", "elastic"))
     assert friction + elastic == pytest.approx(given, rel=2e-2 if formulation == "convex" else 1e-4)
-    assert given > 0.0 and friction > 0.9 * given
+    assert given > 0.0 and friction > 0.85 * given
 
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])

@@ -362,7 +362,7 @@ def test_the_plan_tells_the_memory_of_a_search(blocks):
     limit_load.find_limit_load(built, 1e-3)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert limit_load.plan(built, given.control, 0.5, given.output).memory == pytest.approx(peak, rel=0.15)
+    assert limit_load.plan(built, given.control, given.output).memory == pytest.approx(peak, rel=0.15)
 
 
 @pytest.mark.parametrize("short", [1e-4, 1e-3, 5e-3])

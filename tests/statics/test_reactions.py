@@ -27,9 +27,9 @@ def pull(result) -> np.ndarray:
         force = assembly.dead_force[i]
         total += np.concatenate([force, np.cross(assembly.position[i], force) + assembly.dead_torque[i]])
     jacks = assembly.actuators
-    for k, i in enumerate(jacks.block):
+    for k, i in enumerate(jacks.at.block):
         force = V * jacks.weight[k] * jacks.direction[k]
-        total += np.concatenate([force, np.cross(assembly.position[i] + jacks.arm[k], force)])
+        total += np.concatenate([force, np.cross(assembly.position[i] + jacks.at.arm[k], force)])
     return total
 
 

@@ -234,7 +234,7 @@ def test_meshes_of_a_result_in_one_call(tmp_path, written):
     size = upper["displacement"]
     np.testing.assert_allclose(np.linalg.norm(upper.points - start, axis=1), size, atol=1e-12)
     assert size[start[:, 0] > 0].min() > 2 * size[start[:, 0] < 0].max() > 0
-    assert result.meshes(time=0.0)["upper"]["displacement"].max() < 0.1 * size.max()
+    assert result.meshes(time=0.0)["upper"]["displacement"].max() < 0.5 * size.max()
 
 
 def test_a_result_without_a_record_has_no_meshes():

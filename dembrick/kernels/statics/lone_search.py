@@ -36,7 +36,7 @@ from dembrick.kernels.statics.lone_joint import (
     size_of,
 )
 
-BALANCED, LEAST_BALANCED = 1e-3, 1e-12  # of the tolerance: out-of-balance over joint force at equilibrium; the least
+BALANCED, LEAST_BALANCED = 1e-3, 1e-11  # of the tolerance: out-of-balance over joint force at equilibrium; the least
 ELASTIC_STEPS = 4  # to the limit load, as far as that can be guessed
 EASY = 8  # iterations up to which a step may grow
 LEAST_FRICTION = 1e-3  # in a guess of the limit load
@@ -208,7 +208,14 @@ def follow(lone, family, index, j, most, tolerance, room):
             room.motion[i] = lone.base[j, i] + step * lone.direction[j, i]
         target = inf if resting else search.driven + step
         found, v, slip, iterations, left = find_equilibrium(
-            lone, family, index, j, search.load, target, LEAST_BALANCED if resting else balanced, room
+            lone,
+            family,
+            index,
+            j,
+            search.load,
+            target,
+            LEAST_BALANCED if resting or search.strict == 1 else balanced,
+            room,
         )
         search.iterations += iterations
         if not found and search.extrapolated == 1:

@@ -195,7 +195,7 @@ class LoneSearch:
         return moved
 
     def certificate(self) -> Certificate:
-        """What the bracket stands on, in the form that other searches have it."""
+        """Certificate of the bracket, in the form that other searches have it."""
         basis, found = self.lone.basis, self.found
         strict, dead_gauge, radius, normal, tilts = (float(value) for value in basis.scalars[0])
         return Certificate(

@@ -446,8 +446,6 @@ class PathFollower:
         way = self.way
         terms = {"external": way.external, "friction": way.friction, "dashpots": way.lost}
         terms |= {"crushing": way.crushing, "fracture": way.fracture, "yielding": way.yielding}
-        if self.recorder.write_equilibrium(
-            self.state, number, self.elastic_at_start, self.certificate.bracket, terms if number else None,
-            framed=way.pushes > 0,
-        ):  # fmt: skip
+        given = self.state, number, self.elastic_at_start, self.certificate.bracket
+        if self.recorder.write_equilibrium(*given, terms if number else None, framed=way.pushes > 0):
             way.framed = number
