@@ -443,9 +443,8 @@ class PathFollower:
 
     def _write(self, number: int) -> None:
         """Add the equilibrium of now, that with this ``number``, to the record."""
-        way = self.way
+        way, given = self.way, (self.state, number, self.elastic_at_start, self.certificate.bracket)
         terms = {"external": way.external, "friction": way.friction, "dashpots": way.lost}
         terms |= {"crushing": way.crushing, "fracture": way.fracture, "yielding": way.yielding}
-        given = self.state, number, self.elastic_at_start, self.certificate.bracket
         if self.recorder.write_equilibrium(*given, terms if number else None, framed=way.pushes > 0):
             way.framed = number
