@@ -74,7 +74,6 @@ def test_only_what_was_asked_for():
     given = dataclasses.replace(lab_scenario("set4a", "concave"), output=model.Output(()))
     result = simulate(given)
     assert result.frames == {} and "joint" not in result.rows and len(result.rows["load"]) > 5
-    assert result.energy is not None  # the energy is audited all the same
     whole = simulate(lab_scenario("set4a", "concave"))
     np.testing.assert_array_equal(result.rows["load"], whole.rows["load"])
     assert set(whole.frames) == {"time", "displacement", "orientation", "velocity", "spin"}

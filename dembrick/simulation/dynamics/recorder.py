@@ -132,6 +132,8 @@ class Recorder:
         """
         moving, every = self._moving, self._rows_every
         own_order = moving.state.order is not None
+        if not moving.steps:  # blocks that are thrown into their joints leave them at the first look for contacts
+            return 0
         if own_order or self._controller is not None or not self.driving.by_time_alone or moving.steps % every:
             return 0
         rows = min(stride, LONGEST_CHUNK, total - moving.steps - 1) // every - 1
