@@ -2,7 +2,7 @@
 (6 x 6), strengths beside friction, room for the pressed parts of convex joints whose friction follows the bending, and
 a law of the user's own.
 
-That one is compiled by itself, anew in every process, and kernels get its address. No kernel is compiled with it, so
+That one is compiled by itself, once in every process, and kernels get its address. No kernel is compiled with it, so
 that none in the cache can hold one law or another.
 """
 
