@@ -130,7 +130,7 @@ def compile_kernel(module: str, name: str, types: tuple) -> None:
 
 
 def work(tasks: bytes) -> None:
-    """What the second process does. A signal from the terminal reaches both processes: the first one acts on it."""
+    """Work of the second process. A signal from the terminal reaches both processes: the first one acts on it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.disable()  # a compiler keeps most of what it makes
     threading.Thread(target=_end_with_the_first, daemon=True).start()

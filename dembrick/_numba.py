@@ -82,7 +82,7 @@ class _Folder:
         return str(_kernel_cache.CACHE_FOLDER)
 
     def get_source_stamp(self):
-        """What makes old machine code useless: an edit of a source, which gives the file another name as well."""
+        """Stamp of a source: an edit makes old machine code useless, and gives the file another name as well."""
         return self._stamp
 
     def get_disambiguator(self):
@@ -311,12 +311,12 @@ class Kernel:
 
     @cached_property
     def called(self):
-        """What Python calls."""
+        """The function as Python calls it."""
         return _compiled(self.py_func, **self._options)
 
     @cached_property
     def _numba_type_(self):
-        """What other kernels see; a weak reference."""
+        """The function as other kernels see it; a weak reference."""
         return types.Dispatcher(self.called)
 
     def __call__(self, *arguments):
@@ -353,12 +353,12 @@ class Inlined(Kernel):
 
     @cached_property
     def _numba_type_(self):
-        """What other kernels see; a weak reference."""
+        """The function as other kernels see it; a weak reference."""
         return types.Dispatcher(self._part)
 
     @cached_property
     def called(self):
-        """What Python calls."""
+        """The function as Python calls it."""
         return _compiled(renamed(self.py_func, f"{self.py_func.__name__}_called"), **self._options)
 
 

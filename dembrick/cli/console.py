@@ -1,4 +1,4 @@
-"""What a command says and where: results on standard output, remarks and progress on standard error."""
+"""Output of a command: results on standard output, remarks and progress on standard error."""
 
 from __future__ import annotations
 

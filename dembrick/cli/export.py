@@ -51,7 +51,7 @@ def write(
 
 
 def told(written: Sequence[str]) -> str:
-    """What was written, in lines: frames of a series are counted."""
+    """Lines on what was written: frames of a series are counted."""
     frames = [path for path in written if path.endswith(".vtu")]
     lines = [path for path in written if not path.endswith(".vtu")]
     if frames:

@@ -46,7 +46,7 @@ def run(options, console) -> int:
 
 
 def state(file, frame: int | str | None, time: float | None, whole: bool = False) -> tuple[dict, str]:
-    """What joints and supports of a history carry at a moment, as JSON and as text: all, or those most utilised."""
+    """Forces of joints and supports of a history at a moment, as JSON and as text: all, or those most utilised."""
     from dembrick.views.motion.moments import words, words_of_row
     from dembrick.views.motion.table import REACTION, joint_table, moment, reaction_table
 

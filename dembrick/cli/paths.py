@@ -36,7 +36,7 @@ def require_ending(path: str, endings: Sequence[str], what: str) -> None:
 
 
 def frame_of(text: str) -> int | str:
-    """What ``--frame`` says: peak, last or a number."""
+    """Frame that ``--frame`` names: peak, last or a number."""
     return text if text in ("peak", "last") else int(text)
 
 

@@ -1,4 +1,4 @@
-"""What a long command shows while it works: a bar on a terminal, elsewhere a line now and then.
+"""Progress of a long command: a bar on a terminal, elsewhere a line now and then.
 
 Lines come after ten seconds, then at intervals that double up to ten minutes, so that a log of a night has few.
 """
@@ -67,12 +67,12 @@ class Meter:
         return (progress.done - done) / (now - since) if now > since else 0.0
 
     def busy(self, text: str) -> None:
-        """What goes on now, on a terminal."""
+        """Show what goes on now, on a terminal."""
         if self.bar:
             self._draw(f"{text} ...")
 
     def stage(self, text: str) -> None:
-        """What goes on now, for as long as nobody knows: at once, on a terminal or not."""
+        """Show what goes on now and takes nobody knows how long: at once, on a terminal or not."""
         self.busy(text)
         if not self.bar and not self._quiet:
             self._line(text)

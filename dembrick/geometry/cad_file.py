@@ -131,7 +131,7 @@ def _connected(faces: Faces) -> list[Faces]:
 
 
 def linked(pairs: Iterable[tuple[T, T]]) -> list[list[T]]:
-    """What hangs together through pairs, group by group, in the order in which the pairs name it."""
+    """Groups of members that hang together through pairs, in the order in which the pairs name them."""
     root: dict[T, T] = {}
 
     def find(member: T) -> T:

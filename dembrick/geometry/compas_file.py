@@ -31,7 +31,7 @@ class _Part(NamedTuple):
 
 
 def read(path: str) -> list[Block]:
-    """What has ``vertex`` and ``face``, by its name or the key of its node. ScenarioError if it cannot be read.
+    """Meshes of a file (all that has ``vertex`` and ``face``), by name or key. ScenarioError if it cannot be read.
 
     The ``transformation`` of an element moves its geometry, which is described in axes of its own.
     """

@@ -1,4 +1,4 @@
-"""What a scenario says of one block: its shape, where it stands, what it is made of. Plain frozen data, no geometry.
+"""A block in a scenario: its shape, its position, its material. Plain frozen data, no geometry.
 
 A shape has coordinates of its own; ``position`` is where their origin sits in the world, and ``orientation`` turns
 them about it. The origin is the centre of a box, the origin of the polygon at half height of a prism, the centre of
@@ -94,7 +94,7 @@ class Mesh:
 
     @property
     def metres(self) -> float:
-        """What a length of 1 in the file is worth in metres."""
+        """Length in metres of a length of 1 in the file."""
         return self.scale * LENGTHS[self.unit]
 
 

@@ -171,7 +171,7 @@ def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | No
 
 
 def _missing(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str, quantities: Sequence[str]) -> str:
-    """What is wrong where no column has a unit of the quantity, and what to write."""
+    """Message if no column has a unit of the quantity, and what to write."""
     if all(_NUMBER.fullmatch(title.strip()) for title in table.titles):
         return f"{table.path}: the first line must name the columns and their units; {example(quantities)}"
     named = [i for i, (name, _) in enumerate(parts) if _stem(name) == _stem(quantity)]
@@ -197,7 +197,7 @@ def _missing(table: Table, parts: Sequence[tuple[str, str | None]], quantity: st
 
 
 def _stem(name: str) -> str:
-    """What names of one quantity have in common: "acc", "Acceleration x" and "acceleration" begin alike."""
+    """Beginning that names of one quantity have in common: "acc", "Acceleration x" and "acceleration" begin alike."""
     name = name.strip().lower()
     return next((quantity for quantity, other in _ALSO.items() if name == other), name)[:3]
 

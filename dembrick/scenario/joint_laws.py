@@ -1,4 +1,4 @@
-"""What a scenario says of the joints: their law, and the law of the joints between some blocks.
+"""Joints in a scenario: their law, and the law of the joints between some blocks.
 
 A joint law of the user's own: a function of Python, and what it remembers and is told.
 
@@ -227,7 +227,7 @@ class CustomLaw:
         return getattr(self.plain, "__name__", "law")
 
     def as_dict(self) -> dict:
-        """What a history says of it: name, memory, parameters, and a hash of the function's own code."""
+        """Record of it in a history: name, memory, parameters, and a hash of the function's own code."""
         code = getattr(self.plain, "__code__", None)
         parts = () if code is None else (code.co_code, repr(code.co_names), repr(code.co_varnames), _constants(code))
         digest = hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:16]

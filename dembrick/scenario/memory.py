@@ -54,7 +54,7 @@ def _meminfo() -> int | None:
 
 
 def _group_limit() -> int | None:
-    """What a container may still take (control groups, version 2)."""
+    """Memory that a container may still take (control groups, version 2)."""
     try:
         with open("/sys/fs/cgroup/memory.max", encoding="ascii") as file:
             limit = int(file.read())

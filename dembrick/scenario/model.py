@@ -1,4 +1,4 @@
-"""What a scenario says, as plain frozen data: the same names as in the TOML file, SI units, no files, no physics.
+"""A scenario as plain frozen data: the same names as in the TOML file, SI units, no files, no physics.
 
 ``toml.load`` makes a :class:`Scenario` out of a TOML file; it can as well be written in Python, with lists or
 arrays for vectors, which become tuples of floats. Types, lengths, bounds and names are checked where they are made:
@@ -92,7 +92,7 @@ def _rows(key: str, value, _: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What a block is made of. ``density`` in kg/m3."""
+    """Material of a block. ``density`` in kg/m3."""
 
     density: float = field(metadata=positive("kg/m3", "mass per volume"))
 
@@ -195,8 +195,8 @@ class Solver:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """What is recorded. ``channels``: "joints" (resultants, a row each), "energy", "frames" (motion of the blocks),
-    "velocity" and "contacts" (contact forces) in every frame; time, load and displacement always are.
+    """Output of a run. ``channels``: "joints" (resultants, a row each), "energy", "frames" (motion of the blocks),
+    "velocity" and "contacts" (contact forces) in every frame; time, load and displacement always are recorded.
 
     ``rows`` and ``frames``: about how many of a constant-rate test; a search keeps a row of every step.
     ``checkpoint``: seconds between two checkpoints of a run that writes a history.

@@ -1,4 +1,4 @@
-"""What every kind of control says of itself: its regime, its curve, its end, what it drives, what it needs."""
+"""Properties of every kind of control: its regime, its curve, its end, what it drives, what it needs."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ RESTITUTION = within(
 
 
 class Control:
-    """What a kind of control says of itself; a subclass states what differs."""
+    """Properties of a kind of control; a subclass states what differs."""
 
     __slots__ = ()
 
@@ -128,7 +128,7 @@ class Control:
 
     @property
     def curve(self) -> Curve:
-        """What the record shows."""
+        """Curve that the record shows."""
         return OF_ACTUATORS
 
     @property

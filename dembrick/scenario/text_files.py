@@ -61,7 +61,7 @@ def read_text(path: str | os.PathLike, what: str, regular: bool = True) -> str:
 
 
 def _through_pipe(handle: int, path: str, what: str) -> bytes:
-    """What comes through a pipe that does not block, until its writer ends."""
+    """Bytes that come through a pipe that does not block, until its writer ends."""
     found, waited = b"", False
     while True:
         try:

@@ -36,7 +36,7 @@ _SPELLED = {"sec": "s", "m/s/s": "m/s2", "cm/s/s": "cm/s2", "mm/s/s": "mm/s2", "
 
 
 def size_of(quantity: str, unit: str) -> float | None:
-    """What a unit of the quantity is worth in SI; None if it is no unit of that quantity."""
+    """Factor of a unit of the quantity to SI; None if it is no unit of that quantity."""
     unit = unit.translate(_SAME)
     return UNITS[quantity].get(_SPELLED.get(unit, unit))
 

@@ -92,8 +92,8 @@ def leave_alone(work, first):
 
 @jit
 def springs_before(face, springs, kept, lane, g0, gx, gy):
-    """What pressed the springs of the joint in that lane, N and its moments, at the penetration g of a step ago: kept
-    in ``springs``, unless ``kept`` is None: then it was wholly closed or wholly open."""
+    """Pressure resultants of the joint in that lane, N and its moments, at the penetration g of a step ago: kept in
+    ``springs``, unless ``kept`` is None: then it was wholly closed or wholly open."""
     if kept is not None:
         return three(springs.pressure, lane)
     k_n = face.k_n[lane] if g0 > 0.0 else 0.0

@@ -105,7 +105,7 @@ def pressure_of(faces, pressed, a, tile, face, lane, work):
 
 @jit
 def find_still(faces, pressed, a, face, lane, work):
-    """What presses the springs of convex joint ``a`` into ``work.still``, if it is not what `press` found."""
+    """Write what presses the springs of convex joint ``a`` into ``work.still``, if it is not what `press` found."""
     if pressed is None:
         if faces.count[faces.outline[a]] == FOUR:
             return

@@ -37,7 +37,7 @@ SHEARED = record(("elastic", 3))
 
 
 class FaceBonds(NamedTuple):
-    """What convex joints with strengths remember."""
+    """Memory of convex joints with strengths."""
 
     bonded: ndarray  # (a,) 1 while the bond holds, else 0
     rise: ndarray  # (a,) m, by dilation

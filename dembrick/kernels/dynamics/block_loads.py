@@ -1,4 +1,4 @@
-"""What acts on blocks in real time beside joints, contacts and gravity: ties, guides, pressures on faces.
+"""Forces on blocks in real time beside joints, contacts and gravity: ties, guides, pressures on faces.
 
 Ties: their forces are put on the blocks as loads are. The law is `kernels.joint.ties`.
 

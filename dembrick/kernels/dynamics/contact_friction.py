@@ -25,7 +25,7 @@ BAND = 0.999  # a stiffness that trembles by less than a thousandth wears nothin
 
 @jit
 def share_pressure(scratch, patches, e1, e2, e3, size):
-    """What every patch has of the pressure along e, as `sums`; returns their sum and the centre c (3) of it all.
+    """Share of every patch in the pressure along e, as `sums`; returns their sum and the centre c (3) of it all.
 
     ``size``: length of the integral of p n dA.
     """

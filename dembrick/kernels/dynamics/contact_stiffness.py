@@ -110,7 +110,7 @@ def gather_springs(scratch, patches, springs, c, e, t):
 
 @jit
 def burden(bodies, b, springs, r1, r2, r3, u1, u2, u3):
-    """What a contact's springs do to block ``b``, all motions together: the trace of M^-1 J^T K J (1/s2).
+    """Stiffness that a contact's springs give block ``b``, all motions together: the trace of M^-1 J^T K J (1/s2).
 
     ``springs``: of the contact, at r from its centroid; u: the second axis in their plane, the first is there.
     """

@@ -141,7 +141,7 @@ def add_contact_work(energy_terms, bodies, touching, dt):
 
 @jit
 def add_handover_work(energy_terms, links, corners, faces, touching):
-    """What the springs of joints held of which new contacts took over more."""
+    """Add the energy of those springs of joints that new contacts took over in this step."""
     for t in range(touching.first.size):
         j = touching.joint[t]
         if j >= 0:

@@ -44,7 +44,7 @@ class Counted(NamedTuple):
 
 
 class EnergyTerms(NamedTuple):
-    """What is counted, J; and what the last step left behind. None if nobody asks for it.
+    """Energies counted, J, and those that the last step left behind. None if nobody asks for it.
 
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
     """

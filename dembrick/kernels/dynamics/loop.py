@@ -24,18 +24,18 @@ from dembrick.kernels.dynamics.contact_forces import TOUCHED, Touching, clear_ap
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
-from dembrick.kernels.dynamics.record import Rows, Scene, calm, row_is_due
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, write_rotations
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, rotate
 
-RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED, AT_ROW = 0, 1, 2, 3, 4, 5, 6
+RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
 
 class Loads(NamedTuple):
     """Forces at material points of blocks, besides gravity, gravity, supports that are moved, and pressures: one entry
-    a step of the chunk."""
+    a step, of several chunks perhaps."""
 
+    first: ndarray  # (1,) int64, the entry of the first step of the chunk
     block: ndarray  # (k,) int64
     lever: ndarray  # (k, 3) m, from the centroid in body axes
     force: ndarray  # (s, k, 3) N, world
@@ -52,14 +52,14 @@ class Loads(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What ends a chunk before its time."""
+    """Reasons to end a chunk before its time."""
 
     displacement: float  # m, of any centroid from its start
     longest: float  # m, a step that moves a block further has diverged
 
 
 class Course(NamedTuple):
-    """What ends a chunk of steps, what damps it, and the rows that are written on the way."""
+    """Conditions that end a chunk of steps, and its damping."""
 
     displacement: float  # m, see `Limits`
     longest: float  # m
@@ -68,7 +68,6 @@ class Course(NamedTuple):
         ndarray  # (2,) m, what any two blocks may still move against each other before a polygon could be stale; how
     )
     # far any one can have moved since the caller last put it to zero
-    rows: Rows
 
 
 class Contacts(NamedTuple):
@@ -94,7 +93,7 @@ def apply_loads(loads, bodies, step):
 
 
 class Shares(NamedTuple):
-    """What each of t threads does, and its scratch. ``corners``, ``faces`` and ``bodies`` (t + 1,) int64: where the
+    """Share of each of t threads, and its scratch. ``corners``, ``faces`` and ``bodies`` (t + 1,) int64: where the
     share of each begins among tiles of point joints, of convex joints and free blocks."""
 
     work: ndarray  # (t,) records `WORK`
@@ -120,8 +119,7 @@ def advance_bodies(
     Returns a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as the ``course``
     says), STALE (polygons must be cut again before the next step), DIVERGED, or what comes of new ``contacts``: MEETING
     (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
-    DEEP, CROWDED; or AT_ROW, at a row which it does not write because somebody must look for contacts first.
-    ``energy_terms`` may be None.
+    DEEP, CROWDED. ``energy_terms`` may be None.
 
     A joint writes its own wrench and a block gathers its joints in their order, so every number is, to the last bit,
     the same whatever the number of threads that ``shares`` are for. New contacts, few beside the joints, are one
@@ -135,23 +133,23 @@ def advance_bodies(
     away = shares.away
     damping = course.damping
     travel = course.travel
-    rows = course.rows
     touching = contacts.touching
     goal2 = course.displacement**2
     longest2 = course.longest**2
     meeting = contacts.touch_at != 0
     loaded = loads.block.size > 0 or loads.faces.block.size > 0 or ties.stiffness.size > 0 or meeting
     loaded = loaded or bodies.guided.size > 0
-    for step in range(n_steps):
+    for done in range(n_steps):
+        step = loads.first[0] + done
         if travel[0] <= 0.0:
             travel[0] = least_slack(links)
             if travel[0] <= 0.0:
-                return STALE, step
+                return STALE, done
         if meeting:
             if touching.room[0] <= 0.0:
-                return MEETING, step
+                return MEETING, done
             if touching.overloaded[0] > 0:
-                return OVERLOADED, step
+                return OVERLOADED, done
             clear_applied(touching, bodies)
         clear_tied(ties, bodies)
         clear_guided(bodies)
@@ -163,7 +161,7 @@ def advance_bodies(
             write_rotations(bodies, loads.support)
             touched = call_at(contacts.touch_at, touching, links, bodies, dt)
             if touched != TOUCHED:
-                return touched, step
+                return touched, done
         if energy_terms is not None:
             joints = links, corners, faces
             mean = add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step, dt)
@@ -191,22 +189,14 @@ def advance_bodies(
                 moved2 = moved[t]
             away2 = max(away2, away[t])
         if not moved2 <= longest2:
-            return DIVERGED, step + 1
+            return DIVERGED, done + 1
         if away2 >= goal2:
-            return REACHED, step + 1
+            return REACHED, done + 1
         move = sqrt(moved2)
         travel[0] -= 2.0 * move
         travel[1] += move
         if meeting:
             touching.room[0] -= move
-        if rows.row_at != 0 and row_is_due(rows.record):
-            if not calm(rows.record, bodies, travel):
-                return AT_ROW, step + 1
-            write_rotations(bodies, loads.support)
-            scene = Scene(bodies, links, corners, faces, ties, touching, energy_terms)
-            g = loads.gravity[step + 1]
-            moment = rows.record.next[0].step, dt, g[0], g[1], g[2]
-            call_at(rows.row_at, rows.record, scene, rows.extremes, moment)
     return RUNNING, n_steps
 
 

@@ -1,10 +1,10 @@
 """The record of a run in real time: its rows, and frames of motion, into given arrays.
 
-The loop writes the rows that it passes; where it stops, Python has one written by the same kernel. What follows from
-the places and forces of a row alone is found here; loads and what is driven are Python's.
+What follows from the places and forces of a row alone is found here; loads and what is driven are Python's. Rows are
+written between the steps of the loop by one kernel, which is compiled once for all loops.
 """
 
-from math import isnan, nan, sqrt
+from math import inf, isnan, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +18,9 @@ from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.kernels.math.vectors import cross, rows_times
 
-# What the loop needs to know to write rows: steps between them, and until the next one; how many it may still write,
-# and the rows between two frames (0: no frames); the step of the next row; the speed (m/s) of a point, and the way (m)
-# of a block since contacts were looked for last, beyond which Python has to look before the loop goes on
-NEXT = np.dtype((np.record, [
-    *((name, np.int64) for name in ("every", "steps", "rows", "frames_every", "step")),
-    ("fastest", float), ("quiet", float),
-]))  # fmt: skip
+# Steps between rows, and rows between two frames (0: no frames); the speed (m/s) of a point, and the way (m) of a block
+# since contacts were looked for last, beyond which somebody must look for them before a row is written
+NEXT = np.dtype((np.record, [("every", np.int64), ("frames_every", np.int64), ("fastest", float), ("quiet", float)]))
 
 # Columns of `Record.number`: out-of-balance ratio, contacts that carry, longest displacement (m), gravity (3; m/s2)
 UNBALANCED, CARRYING, FURTHEST, GRAVITY = 0, 1, 2, 3
@@ -34,6 +30,7 @@ class Record(NamedTuple):
     """Rows and frames of a run, one entry a row or frame, and scratch. What is not asked for has no entries."""
 
     next: ndarray  # (1,) record `NEXT`
+    travel: ndarray  # (2,) m, see `Course`
     count: ndarray  # (2,) int64, rows, frames so far
     step: ndarray  # (r,) int64
     number: ndarray  # (r, 6)
@@ -71,27 +68,32 @@ class Extremes(NamedTuple):
     upright: ndarray  # (n, 4) orientations that turns count from
 
 
+class Pressing(NamedTuple):
+    """Forces of t new contacts, as rows have them: those of the 71 arrays of `Touching` that they take. Whatever is
+    handed to a kernel is compiled with it."""
+
+    owner: ndarray
+    first: ndarray
+    second: ndarray
+    normal: ndarray
+    point: ndarray
+    force: ndarray
+    torque: ndarray
+
+
 class Scene(NamedTuple):
-    """What rows are written of; ``energy_terms`` and families of joints are None where there are none."""
+    """Arrays that rows are written of; ``energy_terms`` and families of joints are None where there are none."""
 
     bodies: tuple
     links: tuple
     corners: tuple | None
     faces: tuple | None
     ties: tuple
-    touching: tuple
+    pressing: Pressing
     energy_terms: tuple | None
 
 
-class Rows(NamedTuple):
-    """What the loop needs to write rows."""
-
-    row_at: int  # the address of `write_row`, zero if it shall write none
-    record: Record
-    extremes: Extremes
-
-
-@entry
+@jit
 def write_resultants(bodies, links, corners, faces, out):
     """N, V_1, V_2, M_T, M_1, M_2 (action on b about O) and slip of every joint into ``out`` (j, 7), of the last forces.
 
@@ -143,7 +145,7 @@ def write_resultants(bodies, links, corners, faces, out):
             out[joint_of(corners, faces, family, i), 6] = families.mean_slip(corners, faces, family, i)
 
 
-@entry
+@jit
 def unbalanced_ratio(bodies, links, g1, g2, g3):
     """Greatest out-of-balance force on a free block under gravity g, over the greatest joint force; 1 without any.
 
@@ -187,19 +189,18 @@ def plain_cross(a, b):
 
 
 @jit_rounded
-def add_contacts(bodies, touching, support, middle, out):
+def add_contacts(bodies, pressing, support, middle, out):
     """Add what supports exert through new contacts: see `write_reactions`."""
-    owner = touching.parts.owner
     for side in range(2):
-        parts = touching.second if side else touching.first
+        parts = pressing.second if side else pressing.first
         sense = -1.0 if side else 1.0
-        for t in range(touching.first.size):
-            b = owner[parts[t]]
-            if touching.normal[t] > 0.0 and support[b] >= 0:
+        for t in range(parts.size):
+            b = pressing.owner[parts[t]]
+            if pressing.normal[t] > 0.0 and support[b] >= 0:
                 x = bodies.position[b]
-                c = touching.point[t]
-                f = touching.force[t]
-                m = touching.torque[t]
+                c = pressing.point[t]
+                f = pressing.force[t]
+                m = pressing.torque[t]
                 # the point of a history, which counts from the origin of the world
                 a1 = c[0] + middle[0] - middle[0] - x[0]
                 a2 = c[1] + middle[1] - middle[1] - x[1]
@@ -223,8 +224,8 @@ def take_pulls(ties, support, pulled, out):
             out[s, i] -= pulled[s, i]
 
 
-@entry
-def write_reactions(record, bodies, links, ties, touching, out):
+@jit
+def write_reactions(record, bodies, links, ties, pressing, out):
     """Force (N) and moment (N m, about its centroid at the start) of each support on the structure, into ``out``
     (s, 6): through its joints, ties and new contacts, of the last forces. World axes; of a block that is held in some
     directions what its guides exert on it, about its centroid."""
@@ -240,7 +241,7 @@ def write_reactions(record, bodies, links, ties, touching, out):
         if s >= 0:
             w = links.wrenches[wrench_at(links, j)]
             add_six(out[s], 1.0, w[:3], (-w[6], -w[7], -w[8]))
-    add_contacts(bodies, touching, support, record.middle, out)
+    add_contacts(bodies, pressing, support, record.middle, out)
     if ties.stiffness.size > 0:
         take_pulls(ties, support, record.pulled, out)
     for b in range(support.size):
@@ -279,7 +280,7 @@ def away(bodies, b):
 @jit_rounded
 def note(extremes, bodies, ties, time):
     """Take the present state into the ``extremes``; at time zero, when nothing has moved, the ties alone."""
-    for t in range(ties.stiffness.size):
+    for t in range(extremes.tension.size):
         extremes.tension[t] = max(extremes.tension[t], ties.now[t, TENSION])
     if time <= 0.0:
         return
@@ -317,14 +318,14 @@ def write_frame(record, step, bodies):
 
 
 @jit
-def fill_row(record, bodies, links, corners, faces, ties, touching, energy_terms, row, moment):
+def fill_row(record, bodies, links, corners, faces, ties, pressing, energy_terms, row, moment):
     """Fill a row with what holds at a ``moment``: time step (s), gravity (3; m/s2)."""
     dt, g1, g2, g3 = moment
     number = record.number[row]
     number[UNBALANCED] = unbalanced_ratio(bodies, links, g1, g2, g3)
     carrying = 0
-    for t in range(touching.first.size):
-        carrying += touching.normal[t] > 0.0
+    for t in range(pressing.normal.size):
+        carrying += pressing.normal[t] > 0.0
     number[CARRYING] = carrying
     furthest = 0.0
     for b in range(bodies.mass.size):
@@ -335,7 +336,7 @@ def fill_row(record, bodies, links, corners, faces, ties, touching, energy_terms
     number[GRAVITY + 2] = g3
     if record.joint.shape[1] > 0:
         write_resultants(bodies, links, corners, faces, record.joint[row])
-    write_reactions(record, bodies, links, ties, touching, record.reaction[row])
+    write_reactions(record, bodies, links, ties, pressing, record.reaction[row])
     for t in range(ties.stiffness.size):
         record.tension[row, t] = ties.now[t, TENSION]
         record.yielded[row, t] = ties.now[t, YIELDED]
@@ -355,40 +356,31 @@ def write_row(record, scene, extremes, moment):
     """Add a row of the present state of a `Scene` to the record, and a frame where one is due; there must be room.
 
     ``moment``: step, time step (s), gravity (3; m/s2). The matrices of rotation must be those of the orientations.
+    Returns 1; or 0, and writes nothing, if somebody must look for contacts first (`calm`).
     """
-    bodies, links, corners, faces, ties, touching, energy_terms = scene
+    bodies, links, corners, faces, ties, pressing, energy_terms = scene
     step, dt, g1, g2, g3 = moment
+    if not calm(record, bodies):
+        return 0
     row = record.count[0]
     every = record.next[0].frames_every
     note(extremes, bodies, ties, step * dt)
     record.step[row] = step
-    fill_row(record, bodies, links, corners, faces, ties, touching, energy_terms, row, (dt, g1, g2, g3))
+    fill_row(record, bodies, links, corners, faces, ties, pressing, energy_terms, row, (dt, g1, g2, g3))
     record.count[0] = row + 1
     if every > 0 and step // record.next[0].every % every == 0:
         write_frame(record, step, bodies)
-    return 0
+    return 1
 
 
 @jit
-def row_is_due(record):
-    """Whether the loop has come to a row that it writes; to be asked after every step."""
+def calm(record, bodies):
+    """Whether nobody need look for contacts before the next row, by how fast blocks are and how far they have gone."""
     following = record.next[0]
-    following.steps -= 1
-    if following.steps > 0:
+    if not record.travel[1] < following.quiet:
         return False
-    following.steps = following.every
-    following.step += following.every
-    following.rows -= 1
-    return following.rows >= 0
-
-
-@jit
-def calm(record, bodies, travel):
-    """Whether nobody need look for contacts before the next row, by how fast blocks are and how far they have gone;
-    ``travel``: see `Course`."""
-    following = record.next[0]
-    if not travel[1] < following.quiet:
-        return False
+    if following.fastest == inf:
+        return True
     for b in range(bodies.mass.size):
         v = bodies.velocity[b]
         w = bodies.spin[b]

@@ -226,7 +226,7 @@ def area_friction(
 
 
 class Memory(NamedTuple):
-    """What a convex joint with strengths remembers."""
+    """Memory of a convex joint with strengths."""
 
     elastic: tuple[float, float, float]  # N, N, N m
     start: tuple[float, float, float]  # m, m, rad, last plastic twist

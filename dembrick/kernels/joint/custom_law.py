@@ -95,7 +95,7 @@ def shear_held(custom, i):
 
 @jit
 def shear_power(custom, i, slip_1, slip_2):
-    """What the shear force of point ``i`` takes of a slip (J)."""
+    """Work of the shear force of point ``i`` on a slip (J)."""
     return custom.memory[i, 1] * slip_1 + custom.memory[i, 2] * slip_2
 
 

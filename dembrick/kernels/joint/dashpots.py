@@ -18,13 +18,13 @@ NEARLY = 1e-6  # of the closing of a step: rounding
 
 @jit
 def dashpot_growth(g, d):
-    """What the dashpot of a contact acts on (m): ``g`` penetration now, ``d`` its growth in the last step."""
+    """Growth that the dashpot of a contact acts on (m): ``g`` penetration now, ``d`` its growth in the last step."""
     return g + 0.5 * d if d >= g else d
 
 
 @jit
 def damped_push(deep, depth, ahead, viscous, swing2, begins):
-    """What a new contact presses besides its springs, as a penetration (m), to be added to the mean one ``deep``.
+    """Pressure of a new contact besides its springs, as a penetration (m), to be added to the mean one ``deep``.
 
     ``depth``: the greatest penetration; ``ahead``: closing of the last step; ``viscous``: dashpot over spring;
     ``swing2``: square of the swing (rad) in a step; ``begins``: whether there was no contact a step ago. If contact

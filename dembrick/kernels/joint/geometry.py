@@ -1,4 +1,4 @@
-"""What the laws of joints take: the polygon of a joint, and the motion that it sees."""
+"""Arguments of the laws of joints: the polygon of a joint, and the motion that it sees."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ class Polygon(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What a joint sees of the motion of its blocks at O, in its axes; slip is that of b against a (in dynamics, of the
+    """Relative motion of the blocks of a joint at O, in its axes; slip is that of b against a (in dynamics, of the
     host against the other)."""
 
     depth: tuple[float, float, float]  # m, rad, rad: penetration g0 + gx x + gy y at the point (x, y)

@@ -37,7 +37,7 @@ RESOLVED = 100.0
 
 
 class LimitSurface(NamedTuple):
-    """What the limit surface of a convex joint or of a new contact depends on."""
+    """Quantities on which the limit surface of a convex joint or of a new contact depends."""
 
     polygon: Polygon | None  # None of a new contact, whose pressure is all there is to know
     far: ndarray | None  # (42,) coefficients of `far_field`, None of a new contact

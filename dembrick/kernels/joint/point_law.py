@@ -88,7 +88,7 @@ def point_law(g, d, slip, elastic, springs, friction, dashpots):
 
 @jit
 def shear_loss(before, after, slip, k):
-    """What the shear spring of a point does not give back of the work of a step (J): friction, or released.
+    """Work of a step that the shear spring of a point does not give back (J): friction, or released.
 
     A spring that was loaded from e (``before``, 2) to e' (``after``) while the point moved by s (``slip``) took
     (e + e') s / 2 and holds (e'^2 - e^2) / 2k more. The rest went into friction, or was let go if the point has opened.
@@ -138,7 +138,7 @@ def shear_strength(strengths, i, area, bonded, friction, normal):
 
 
 class Bond(NamedTuple):
-    """What a contact point with strengths remembers."""
+    """Memory of a contact point with strengths."""
 
     elastic: tuple[float, float]  # N, elastic shear force
     bonded: float  # 1 or 0
@@ -148,7 +148,7 @@ class Bond(NamedTuple):
 
 @jit
 def carries_nothing(spring, crushed, rise):
-    """What `bonded_law` gives for a point without a bond that does not press."""
+    """Answer of `bonded_law` for a point without a bond that does not press."""
     return 0.0, spring, (0.0, 0.0), 0.0, Bond((0.0, 0.0), 0.0, crushed, rise)
 
 
@@ -253,7 +253,7 @@ def spring_of(strengths, i, k_n, g, area, bond):
 
 
 class Losses(NamedTuple):
-    """What a step took from the springs of a point with strengths (J)."""
+    """Energies that a step took from the springs of a point with strengths (J)."""
 
     friction: float
     by_law: float  # the friction by its law

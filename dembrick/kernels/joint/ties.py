@@ -82,7 +82,7 @@ def tie_energy(ties):
 
 @jit
 def tie_losses(ties):
-    """What the last step took from all ties (J): by yielding, and by those that became tight or slack within it."""
+    """Energies that the last step took from all ties (J): by yielding, and in those that became tight or slack."""
     yielding = stepping = 0.0
     for t in range(ties.stiffness.size):
         now = ties.now[t]

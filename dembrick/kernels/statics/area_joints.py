@@ -34,7 +34,7 @@ NEVER_OVER = 1e300  # N, of a block that no load of this direction turns over
 
 
 class AreaBonds(NamedTuple):
-    """What convex joints with strengths remember, and what their springs hold."""
+    """Memory of convex joints with strengths, and the energy of their springs."""
 
     bonded: ndarray  # (a,) 1 while the bond holds, else 0
     rise: ndarray  # (a,) m, by dilation
@@ -214,7 +214,7 @@ def dissipation(areas, a, rest, normal, q1, q2, qr):
 
 @jit
 def strength(strengths, bonds, areas, a, normal):
-    """What scales the limit surface of convex joint ``a`` (N) under the normal force ``normal``."""
+    """Scale of the limit surface of convex joint ``a`` (N) under the normal force ``normal``."""
     if strengths is not None:
         return shear_strength(strengths, a, areas.area[a], bonds.bonded[a], areas.friction[a], normal)
     return areas.friction[a] * normal
@@ -367,7 +367,7 @@ def dead_gauge(areas, a, normal, dead, basis):
 
 @entry
 def reserves(areas, out):
-    """What bonds could carry more (a, 2), in N: in tension at the worst corner times the area, and in shear where its
+    """Reserve of bonds (a, 2), in N: in tension at the worst corner times the area, and in shear where its
     loss would let go of something; infinite if there is no bond."""
     for a in range(areas.joint.size):
         out[a, 0] = out[a, 1] = inf

@@ -35,7 +35,7 @@ def dead_torque_work(turned, blocks, dt):
 
 @jit
 def yielded_in_step(ties):
-    """What ties lost by yielding in the last step (J); ``ties`` may be None."""
+    """Energy that ties lost by yielding in the last step (J); ``ties`` may be None."""
     if ties is not None:
         yielded, _ = tie_losses(ties)
         return yielded

@@ -15,7 +15,7 @@ from dembrick.kernels.statics.small_displacement import seen_by
 
 @jit
 def finite_relative(blocks, joints, j, dt):
-    """What joint ``j`` sees, as `small_displacement.small_relative`; brings its axes and arms up to date."""
+    """Motion of joint ``j``, as `small_displacement.small_relative`; brings its axes and arms up to date."""
     a = joints.block_a[j]
     b = joints.block_b[j]
     q = blocks.orientation

@@ -25,7 +25,7 @@ NEVER = 1e300  # an upper bound that does not bind
 
 
 class Certificate(NamedTuple):
-    """What the bracket of the limit load needs to know; all but the last eight only of a strict one. ``doubling`` and
+    """Input of the bracket of the limit load; all but the last eight only of a strict one. ``doubling`` and
     ``window`` are those of time loops, and None elsewhere.
 
     Strict: one joint, whose normal forces do not depend on the load (its axes, moments about O).
@@ -154,7 +154,7 @@ def instant_bounds(state, v, moved, dt):
 
 @jit
 def still_to_come(growth, before):
-    """What V has yet to grow, or to fall (N), where it grew by ``growth`` while the motion doubled last, and by
+    """Growth or fall of V still to come (N), where it grew by ``growth`` while the motion doubled last, and by
     ``before`` while it doubled before that: all growths to come, each less than the last as the last was than the one
     before."""
     decay = 0.0
@@ -213,7 +213,7 @@ NONE = 1e-12  # of the load: a component that is rounding
 
 
 class Basis(NamedTuple):
-    """What `certify` finds; see ``load_bounds.Certificate``."""
+    """Result of `certify`; see ``load_bounds.Certificate``."""
 
     unit: ndarray  # (3,) V_1, V_2, M_T of the unit load about O
     dead: ndarray  # (3,) likewise of the dead load

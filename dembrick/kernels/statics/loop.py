@@ -208,7 +208,7 @@ LEAST = 0.1  # of the elastic energy of the start, which is always allowed
 
 
 class Guard(NamedTuple):
-    """What the loop watches, and what it may reach."""
+    """Quantities that the loop watches, and their limits."""
 
     longest: float  # m, a step that moves a block further than this has diverged
     mask: int  # steps between two looks at the energy, less one: a power of two less one

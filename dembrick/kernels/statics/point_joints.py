@@ -22,7 +22,7 @@ from dembrick.kernels.statics.point_laws import bonded_forces, custom_forces, po
 
 
 class Bonds(NamedTuple):
-    """What points with strengths remember, and what their normal springs carry."""
+    """Memory of points with strengths, and the force of their normal springs."""
 
     area: ndarray  # (c,) m2, tributary
     bonded: ndarray  # (c,) 1 while the bond holds, else 0
@@ -168,7 +168,7 @@ def dry_forces(points, p, before, motion, viscous, energy):
 
 @jit
 def strength(strengths, bonds, points, p, i, normal):
-    """What point ``i`` of joint ``p`` may carry in shear (N) under the normal force ``normal``."""
+    """Shear capacity of point ``i`` of joint ``p`` (N) under the normal force ``normal``."""
     if strengths is not None:
         return shear_strength(strengths, p, bonds.area[i], bonds.bonded[i], points.friction[p], normal)
     return points.friction[p] * normal
@@ -367,7 +367,7 @@ def dead_gauge(points, p, normal, dead, basis):
 
 @entry
 def reserves(points, out):
-    """What bonds could carry more (c, 2), in N: in tension, and in shear where its loss would let go of something;
+    """Reserve of bonds (c, 2), in N: in tension, and in shear where its loss would let go of something;
     infinite if there is no bond."""
     for p in range(points.joint.size):
         for i in range(points.start[p], points.start[p + 1]):

@@ -129,7 +129,7 @@ def custom_forces(custom, points, p, motion, viscous, energy):
 
 @jit
 def power_taken(custom, points, p, q1, q2, qr):
-    """What the shear forces of point joint ``p`` take of a twist (N m for m, m, rad)."""
+    """Work of the shear forces of point joint ``p`` on a twist (N m for m, m, rad)."""
     total = 0.0
     for i in range(points.start[p], points.start[p + 1]):
         total += shear_power(custom, i, q1 - qr * points.y_s[i], q2 + qr * points.x_s[i])

@@ -72,7 +72,7 @@ def write_guides(blocks, support, out):
 
 @jit
 def write_ties(record, row, ties):
-    """What ties carry and keep in a row, and what the fixed blocks exert through them; ``ties`` may be None."""
+    """Write tensions of ties into a row, and the reactions of fixed blocks to them; ``ties`` may be None."""
     if ties is not None:
         write_pulls(record, row, ties)
 

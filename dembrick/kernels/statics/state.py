@@ -9,8 +9,8 @@ from dembrick.kernels.statics.point_joints import Points
 
 
 class State(NamedTuple):
-    """What `simulation.statics.state.State` is to the kernels; ``points`` or ``areas`` is None if no joint is of that
-    family, ``ties`` if there are none, or if their forces are among the dead loads."""
+    """State of an assembly for kernels, made of `simulation.statics.state.State`; ``points`` or ``areas`` is None if no
+    joint is of that family, ``ties`` if there are none, or if their forces are among the dead loads."""
 
     blocks: Blocks
     joints: Joints

@@ -145,7 +145,7 @@ def _end_of(wall: Wall, other: Wall, near: float) -> tuple[int, float]:
 
 
 def _misplaced(first: Wall, second: Wall, along: float, across: float) -> str:
-    """What to do where the second wall lies in the first, off its end by ``along`` and its own by ``across`` (m)."""
+    """Remedy where the second wall lies in the first, off its end by ``along`` and its own by ``across`` (m)."""
     lead = f"walls '{first.name}' and '{second.name}' lie in one another"
     if max(abs(along), abs(across)) > max(first.block[0], second.block[0]):
         return (

@@ -81,7 +81,7 @@ class Return:
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """What a wall meets at one of its ends: another wall, called ``other``, so thick (``thickness``, m) and so many
+    """Neighbour of a wall at one of its ends: another wall, called ``other``, so thick (``thickness``, m) and so many
     ``courses`` high. ``parity``: the remainder by 2 of the courses (from 0) in which the other runs through."""
 
     other: str

@@ -81,7 +81,7 @@ class Past:
 
     def _arrays(self) -> dict[str, np.ndarray]:
         moving = self.moving
-        arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel[:1]}
+        arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving.travel[:1]}
         arrays |= {"motion.falling": moving.falling, "motion.attempt": moving.attempt}
         if self._controller is not None:
             arrays |= {"controller.present": self._controller.present, "controller.peak": self._controller.peak}

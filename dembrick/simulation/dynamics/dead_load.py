@@ -177,7 +177,7 @@ def _falls_as_drawn(motion: Motion, driving: Driving) -> bool:
 
 
 def _arrays(motion: Motion) -> list[np.ndarray]:
-    return [motion._travel, motion.polygons.shift, motion.polygons.whole, *motion.state.arrays]
+    return [motion.travel, motion.polygons.shift, motion.polygons.whole, *motion.state.arrays]
 
 
 def _put_back(motion: Motion, drawn: list[np.ndarray]) -> None:

@@ -46,7 +46,7 @@ from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.loads import Driving, LoadsAhead
 from dembrick.simulation.dynamics.memory_order import without_rounding
 from dembrick.simulation.dynamics.pace import LONGEST_CHUNK, Pace
-from dembrick.simulation.dynamics.row_arrays import no_rows, reactions
+from dembrick.simulation.dynamics.row_arrays import reactions
 from dembrick.simulation.dynamics.state import MovingState, moving_state
 from dembrick.simulation.dynamics.time_step import (
     contact_time_step,
@@ -57,11 +57,10 @@ from dembrick.simulation.dynamics.time_step import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.dynamics.contact_forces import Touching
-    from dembrick.kernels.dynamics.record import Rows
     from dembrick.simulation.dynamics.support_motion import PrescribedMotion
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
@@ -70,7 +69,6 @@ MOST_STEPS = 1e12  # of a run: a year for a single block
 MANY = 2000  # joints from which a step may be worth sharing among threads
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
-BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved", "multiplier", "height")  # of loads
 BETWEEN = ("dead_load", "contact_search", "geometry", "record", "driving")  # what a run does beside its steps
 
 
@@ -99,21 +97,19 @@ class Motion:
     energy: MotionEnergy = field(init=False)
     falling: np.ndarray = field(init=False)
     attempt: np.ndarray = field(default_factory=lambda: np.array([0.0, -1.0]))
-    _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    travel: np.ndarray = field(default_factory=lambda: np.zeros(2))  # m, see `Course`
     _pace: Pace = field(default_factory=Pace)
     _compiled: dict = field(default_factory=dict)
     _typed: tuple = ()
     _types: object = None
     _shares: dict = field(default_factory=dict)  # see `_loops`
     ahead: LoadsAhead = field(default_factory=LoadsAhead)
-    rows: Rows = field(init=False)  # that the loop writes now
     _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
 
     def __post_init__(self):
         self.contact_detection = ContactDetection(self.assembly, self.damping)
         self.energy = MotionEnergy(self.state)
         self.falling = np.zeros(len(self.assembly.names), bool)
-        self.rows = no_rows(self)
 
     @property
     def state(self) -> MovingState:
@@ -207,8 +203,7 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
     """`advance`, but for the clock."""
     last = motion.steps + n_steps
     detection, dt = motion.contact_detection, step * motion.time_step
-    if detection.looked is None:
-        _follow(motion, called=True)
+    look_first(motion)
     while motion.steps < last:
         most = min(LONGEST_CHUNK, last - motion.steps)
         times = (motion.steps + np.arange(most)) * dt
@@ -223,6 +218,12 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
         if after_chunk(motion, status, done, dt) == REACHED:
             return REACHED
     return RUNNING
+
+
+def look_first(motion: Motion) -> None:
+    """Look for new contacts before the first step: blocks may be thrown into each other."""
+    if motion.contact_detection.looked is None:
+        _follow(motion, called=True)
 
 
 def after_chunk(motion: Motion, status: int, done: int, dt: float) -> int:
@@ -248,7 +249,7 @@ def after_chunk(motion: Motion, status: int, done: int, dt: float) -> int:
 def _follow(motion: Motion, called: bool) -> None:
     """Look for new contacts where that is due."""
     began = time.perf_counter()
-    motion.contact_detection.follow(motion.state, motion.polygons, called, motion._travel[1:])
+    motion.contact_detection.follow(motion.state, motion.polygons, called, motion.travel[1:])
     motion.phases["contact_search"] += time.perf_counter() - began
 
 
@@ -354,26 +355,71 @@ def advance_chunk(
     energy.fit(driving.n_load, len(driving.supports))
     loads = driving.loads(times, dt, supports) if loads is None else loads
     loops = _loops(motion, bodies)
-    fixed = limits, damping, motion._travel, touching
+    fixed = limits, damping, motion.travel, touching
     forms = [_compiled(motion, loop, own, dt, state, bodies, loads, *fixed, energy.table) for loop, own in loops]
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
         form, own = forms[which], loops[which][1]
-        rest = loads._replace(**{name: getattr(loads, name)[done:] for name in BY_STEP}) if done else loads
+        loads.first[0] = done
         began = time.perf_counter()
         n_steps = min(most, len(times) - done)
-        status, some = _call(motion, form, n_steps, dt, state, bodies, rest, *fixed, energy.table, own)
+        status, some = _call(motion, form, n_steps, dt, state, bodies, loads, *fixed, energy.table, own)
         write_rotations(bodies, loads.support)
         done += some
         took = time.perf_counter() - began
         motion._pace.note(which, some, took)
         motion.loop_seconds += took
         if status == STALE:
-            began = time.perf_counter()
-            energy.cut(motion.polygons)
+            state = _cut(motion)
+    return status, done
+
+
+def _cut(motion: Motion) -> MovingState:
+    """Cut polygons that have gone stale; the state with the new ones."""
+    began = time.perf_counter()
+    motion.energy.cut(motion.polygons)
+    motion.phases["geometry"] += time.perf_counter() - began
+    return motion.state
+
+
+def in_one_thread(motion: Motion) -> bool:
+    """Whether the scene is too small for several threads, or has but one."""
+    return len(_loops(motion, motion.state.bodies)) == 1
+
+
+def advance_rows(
+    motion: Motion, driving: Driving, every: int, limits: Limits, loads: Loads, gravity: Sequence, write: Callable
+) -> tuple[int, int]:
+    """Go on from row to row of a run in one thread, each ``every`` steps after the last; the status and the steps done.
+
+    ``loads``: of all these steps; ``gravity``: (3) at each of the rows. ``write`` of the steps done and of gravity
+    writes a row, or returns zero where somebody must look for contacts first: there this ends.
+    """
+    motion.energy.fit(driving.n_load, len(driving.supports))
+    dt, done, status, code, bodies = motion.time_step, 0, RUNNING, None, motion.state.bodies
+    rotate, began = ready(write_rotations, bodies, loads.support), time.perf_counter()
+    while done < every * len(gravity):
+        if code is None:
             state = motion.state
-            motion.phases["geometry"] += time.perf_counter() - began
+            ((loop, own),) = _loops(motion, bodies)
+            others = limits, 0.0, motion.travel, motion.contact_detection.touching, motion.energy.table
+            compiling_before = motion.compile_seconds
+            form = _compiled(motion, loop, own, dt, state, bodies, loads, *others)
+            began += motion.compile_seconds - compiling_before
+            (_, *arguments), _ = _in_loop(motion, form.touch_at, every, dt, state, bodies, loads, *others, own)
+            code = form.code
+        loads.first[0] = done
+        status, some = code(every - done % every, *arguments)
+        rotate(bodies, loads.support)
+        done += some
+        if status == STALE:
+            motion.loop_seconds += time.perf_counter() - began
+            _cut(motion)
+            code, began = None, time.perf_counter()
+        elif status != RUNNING or not write(done, gravity[done // every - 1]):
+            break
+    motion.loop_seconds += time.perf_counter() - began
     return status, done
 
 
@@ -424,7 +470,7 @@ def _in_loop(motion: Motion, touch_at: int, n_steps: int, dt: float, state: Movi
     if state.order is not None:
         arguments = state.order.enter(*arguments)
     in_loop, ties, loads, near = arguments
-    course, contacts = Course(*limits, damping, travel, motion.rows), Contacts(touch_at, near)
+    course, contacts = Course(*limits, damping, travel), Contacts(touch_at, near)
     return (n_steps, dt, in_loop, *state[1:4], ties, loads, course, contacts, table, own), near
 
 

@@ -21,9 +21,13 @@ class KnownTypes:
 
     def call(self, state: MovingState, kernel: Callable, *arguments) -> Any:
         """Call a kernel with arrays of the ``state``, and others."""
+        return self.of(state, kernel, *arguments)(*arguments)
+
+    def of(self, state: MovingState, kernel: Callable, *arguments) -> Callable:
+        """The machine code that `call` calls."""
         if state is not self._state:
             self._state, self._codes = state, {}
         code = self._codes.get(id(kernel))
         if code is None:
             code = self._codes[id(kernel)] = ready(kernel, *arguments)
-        return code(*arguments)
+        return code

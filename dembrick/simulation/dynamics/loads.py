@@ -83,6 +83,7 @@ class Driving:
         gravity, force = self.forces(times, dt)
         supports = self.prescribed(times, dt) if supports is None else supports
         return Loads(
+            np.zeros(1, np.int64),
             self.at.block,
             self.at.lever,
             force,

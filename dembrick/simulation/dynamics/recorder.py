@@ -1,8 +1,8 @@
 """Rows and frames of a run in real time, for the observer of a session, who gets some of them together.
 
-One kernel writes all rows (`kernels.dynamics.record`). The loop calls it at the rows that it passes, which takes a
-hundredth of the time that Python takes for a row. It stops at a row where Python has more to do than to write it: look
-for contacts, keep a checkpoint, tell how far the run is, take a frame of velocities.
+One kernel writes all rows (`kernels.dynamics.record`). Most follow each other with nothing but the steps of the loop
+between them (`pass_rows`), which takes a thirtieth of the time that Python takes for a row. It takes those where there
+is more to do: look for contacts, keep a checkpoint, tell how far the run is, take a frame of velocities.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dembrick._jit import address
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.kernels.dynamics.record import CARRYING, FURTHEST, GRAVITY, UNBALANCED, Rows, write_row
+from dembrick.kernels.dynamics.record import CARRYING, FURTHEST, GRAVITY, UNBALANCED, write_row
 from dembrick.kernels.dynamics.row_energies import BALANCE
 from dembrick.simulation.channels import NO_BOUND
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import (
     Motion,
     advance,
-    advance_chunk,
+    advance_rows,
     after_chunk,
     driving_time,
+    in_one_thread,
+    look_first,
     present_velocities,
 )
 from dembrick.simulation.dynamics.known_types import KnownTypes
@@ -86,12 +87,11 @@ class Recorder:
         self._passed_on = -math.inf
         self._last = -1  # step of the last row
         self._seconds_a_row = HELD
-        self._no_rows = moving.rows
 
     def compile(self) -> None:
         """Compile what rows take, or load it; after the loop, beside which a second process compiles (`_ahead`)."""
         began = time.perf_counter()
-        self._row_at = address(write_row, *self._arguments(self._gravity()))
+        self._known.of(self._moving.state, write_row, *self._arguments(self._gravity()))
         self._moving.compile_seconds += time.perf_counter() - began
 
     def _arguments(self, gravity: np.ndarray) -> tuple:
@@ -104,7 +104,8 @@ class Recorder:
         """A row of the present state, and a frame where one is due; of an ``equilibrium`` with that number."""
         began, moving, record = time.perf_counter(), self._moving, self._record
         compiled, row, gravity = moving.compile_seconds, int(record.count[0]), self._gravity()
-        self._last, record.next[0].frames_every = moving.steps, 0
+        following = record.next[0]
+        self._last, following.frames_every, following.fastest, following.quiet = moving.steps, 0, math.inf, math.inf
         self._known.call(moving.state, write_row, *self._arguments(gravity))
         if self._session.observe is None:
             record.count[0] = 0
@@ -124,17 +125,17 @@ class Recorder:
         return self._moving.steps % self._rows_every == 0 and self._moving.steps != self._last
 
     def rows_ahead(self, stride: int, total: int) -> int:
-        """How many rows the loop may write from now on, a row, before one that Python takes: none where Python has to
-        do with every step, or is asked for soon. ``stride``: steps in a row, of ``total`` of the run.
+        """How many rows to pass from now on, a row: none where Python has to do with every step, or is asked for soon.
+        ``stride``: steps in a row, of ``total`` of the run.
 
-        Joints and supports name blocks by their numbers in the scenario: where the loop has blocks in an order of its
-        own, it can write no row of them.
+        Where the loop has blocks in an order of its own they must be put back first, and threads are chosen anew at
+        every call.
         """
         moving, every = self._moving, self._rows_every
         own_order = moving.state.order is not None
-        if not moving.steps:  # blocks that are thrown into their joints leave them at the first look for contacts
-            return 0
         if own_order or self._controller is not None or not self.driving.by_time_alone or moving.steps % every:
+            return 0
+        if not in_one_thread(moving):
             return 0
         rows = min(stride, LONGEST_CHUNK, total - moving.steps - 1) // every - 1
         rows = min(rows, self._room - int(self._record.count[0]) - 1)
@@ -144,30 +145,31 @@ class Recorder:
         return max(0, min(rows, int(soon / self._seconds_a_row)))
 
     def pass_rows(self, rows: int, limits: Limits) -> int:
-        """Go on through so many rows, which the loop writes, to the one after; less far where contacts must be looked
-        for. Returns RUNNING, or REACHED, and raises what `advance` does."""
+        """Go on through so many rows, which are written on the way; less far where contacts must be looked for.
+        Returns RUNNING, or REACHED, and raises what `advance` does."""
         moving, record, every = self._moving, self._record, self._rows_every
         began, before = time.perf_counter(), int(record.count[0])
         with driving_time(moving):
-            steps, dt = (rows + 1) * every, moving.time_step
-            times = (moving.steps + np.arange(steps)) * dt
-            supports = self.driving.prescribed(times, dt)
-            loads = moving.ahead.of(self.driving, moving.steps, steps + 1, dt, supports)
-            greatest = float(np.abs(loads.gravity[: steps + 1]).max())
+            look_first(moving)
+            first, dt = moving.steps, moving.time_step
+            supports = self.driving.prescribed(np.array([first * dt]), dt)
+            loads = moving.ahead.of(self.driving, first, rows * every + 1, dt, supports)
+            gravity = loads.gravity[: rows * every + 1]
+            greatest = float(np.abs(gravity).max())
             detection, following = moving.contact_detection, record.next[0]
             if detection.steps_to_go(moving.state, greatest, dt) < every:
                 return advance(moving, self.driving, every, limits)
-            following.steps, following.rows, following.step = every, rows, moving.steps
             following.frames_every = self._frames_every if len(record.frame_step) else 0
             following.fastest, following.quiet = detection.calm_for(every, greatest, dt)
-            moving.rows = Rows(self._row_at, record, self._extremes)
-            try:
-                status, done = advance_chunk(
-                    moving, moving.state.bodies, self.driving, times, limits, 0.0, dt, detection.touching, supports,
-                    loads,
-                )  # fmt: skip
-            finally:
-                moving.rows = self._no_rows
+            scene, extremes = scene_of(moving), self._extremes
+            moment = first, dt, 0.0, 0.0, 0.0
+            code = self._known.of(moving.state, write_row, record, scene, extremes, moment)
+
+            def write(done: int, g: Sequence[float]) -> int:
+                return code(record, scene, extremes, (first + done, dt, *g))
+
+            every_gravity = gravity[every::every].tolist()
+            status, done = advance_rows(moving, self.driving, every, limits, loads, every_gravity, write)
             status = after_chunk(moving, status, done, dt)
         self._take_over(before)
         passed = int(record.count[0]) - before

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.kernels.dynamics.record import NEXT, Extremes, Record, Rows, Scene, write_reactions
+from dembrick.kernels.dynamics.record import NEXT, Extremes, Pressing, Record, Scene, write_row
 from dembrick.kernels.dynamics.row_energies import BALANCE
 from dembrick.kernels.math.sums import room_for_halves
 from dembrick.simulation.dynamics import joint_families
@@ -25,7 +25,8 @@ def record_of(moving: Motion, room: int, channels: Container[str] = (), balanced
     s, joints = int(np.count_nonzero(supporting)), j if "joints" in channels else 0
     framed = room if frames else 0
     return Record(
-        next=np.zeros(1, NEXT),
+        next=np.array([(0, 0, np.inf, np.inf)], NEXT),
+        travel=moving.travel,
         count=np.zeros(2, np.int64),
         step=np.zeros(room, np.int64),
         number=np.zeros((room, 6)),
@@ -62,18 +63,13 @@ def bytes_of_row(record: Record) -> int:
 def scene_of(moving: Motion) -> Scene:
     """Scene that a row is written of: the present state."""
     state, touching = moving.state, moving.contact_detection.touching
-    return Scene(*state[:5], moving.no_contacts if touching is None else touching, moving.energy.table)
-
-
-def no_rows(moving: Motion) -> Rows:
-    """Rows for the loop that it does not write."""
-    nothing = Extremes(*(np.zeros(shape) for shape in (0, 0, (1, 3), 0, 0, 1, (0, 4))))
-    return Rows(0, record_of(moving, 0), nothing)
+    new = moving.no_contacts if touching is None else touching
+    forces = new.parts.owner, new.first, new.second, new.normal, new.point, new.force, new.torque
+    return Scene(*state[:5], Pressing(*forces), moving.energy.table)
 
 
 def reactions(moving: Motion) -> np.ndarray:
-    """Of the supports (s, 6), see `write_reactions`."""
-    record, scene = record_of(moving, 0), scene_of(moving)
-    out = np.empty((int(record.support.max(initial=-1)) + 1, 6))
-    write_reactions(record, scene.bodies, scene.links, scene.ties, scene.touching, out)
-    return out
+    """Of the supports (s, 6), see `write_reactions`: those of a row of now, by the kernel that writes all rows."""
+    record, none = record_of(moving, 1), Extremes(*(np.zeros(shape) for shape in (0, 0, (1, 3), 0, 0, 1, (0, 4))))
+    write_row(record, scene_of(moving), none, (moving.steps, moving.time_step, 0.0, 0.0, 0.0))
+    return record.reaction[0]
