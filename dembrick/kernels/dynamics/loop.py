@@ -12,10 +12,12 @@ from numpy import ndarray
 
 from dembrick._jit import call_at, entry, jit, jit_parallel, prange, renamed
 from dembrick.kernels.dynamics.block_loads import (
+    Head,
     PressedFaces,
     clear_guided,
     clear_pressed,
     clear_tied,
+    follow_head,
     hold,
     press,
     pull_ties,
@@ -49,6 +51,7 @@ class Loads(NamedTuple):
     faces: PressedFaces  # that feel a pressure
     multiplier: ndarray  # (s,) V, of driven pressures
     height: ndarray  # (s, 4) of a point x, counted as `Bodies.position`: the first three times x, and the fourth (m)
+    head: Head  # that finds V
 
 
 class Limits(NamedTuple):
@@ -80,6 +83,7 @@ class Contacts(NamedTuple):
 @jit
 def apply_loads(loads, bodies, step):
     """Put the loads of a step on the blocks."""
+    follow_head(loads.head, loads.force, loads.multiplier, bodies, step)
     block = loads.block
     for k in range(block.size):
         for i in range(6):

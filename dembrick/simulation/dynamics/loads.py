@@ -24,7 +24,7 @@ from dembrick.kernels.dynamics.block_loads import PressedFaces
 from dembrick.kernels.dynamics.loop import Loads
 from dembrick.scenario.regimes import ACTUATORS, EVERY_BLOCK, REAL_TIME
 from dembrick.simulation.dynamics import time_histories
-from dembrick.simulation.dynamics.paths.driven_loads import DrivenLoads
+from dembrick.simulation.dynamics.paths.driven_loads import NO_HEAD, DrivenLoads, Head
 from dembrick.simulation.dynamics.support_motion import AT_REST, PrescribedMotion, SupportMotion, support_motion
 from dembrick.simulation.dynamics.time_histories import Curve
 
@@ -46,8 +46,8 @@ class Driving:
     m/s; the record shows the acceleration along the first. ``supports``: those that move against the others, and
     ``share``: how much of their paths they have gone at a time. ``driven``: the load system whose multiplier V, a
     function of time, a load path increases; the forces of its jacks are the last of the loads, but for those of a
-    table, which tilts to atan(V). ``pressed``: faces that pressures follow; ``middle`` (3,): the world point that
-    positions count from, m.
+    table, which tilts to atan(V); ``head``: that by which the loop finds V. ``pressed``: faces that pressures follow;
+    ``middle`` (3,): the world point that positions count from, m.
     """
 
     gravity: np.ndarray
@@ -60,6 +60,7 @@ class Driving:
     share: Curve = np.zeros_like
     driven: DrivenLoads | None = None
     multiplier: Curve = np.zeros_like
+    head: Head | None = None
     pressed: PressedPolygons = NO_POLYGONS
     middle: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
@@ -92,6 +93,7 @@ class Driving:
             self._faces,
             self.multiplier(times),
             self.height(times),
+            NO_HEAD if self.head is None or self.driven is None else self.head.at(times, self.driven),
         )
 
     def height(self, times: np.ndarray) -> np.ndarray:

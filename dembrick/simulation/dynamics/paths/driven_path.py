@@ -2,9 +2,8 @@
 
 The parameter of the path (`equilibria`) is the displacement of a head that a spring joins to the driven displacement u:
 V = K (head - u), with the multiplier V of the load system (`driven_loads`) and a dashpot that damps their swing. The
-spring is soft beside joints, so that V
-can be held for some steps at a time, and stiff beside what structures lose as they come down, so that V falls again
-behind its peak. Equilibria know no rate.
+spring is soft beside joints, so that V can be held for some steps at a time, and stiff beside what structures lose as
+they come down, so that V falls again behind its peak. The loop finds V. Equilibria know no rate.
 
 The path ends with u at the travel: an equilibrium beyond it is given up, and the head of the one at the travel found
 between those of the two on either side. A protocol is one such way after another, to and fro; the parameter is then the
@@ -14,7 +13,7 @@ sum of the ways of the head. Where a protocol is one of forces there is no sprin
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import mechanism, moved_most
+from dembrick.simulation.dynamics.paths.driven_loads import Head
 from dembrick.simulation.dynamics.paths.equilibria import BALANCED, FEWEST, EquilibriumPath, plan_of
 from dembrick.simulation.dynamics.paths.load_path import LoadPathRun, run_of
 from dembrick.simulation.dynamics.time_histories import Curve
@@ -43,18 +43,6 @@ SECANTS = 6  # of the attempts at that; behind them every second one halves the 
 ATTEMPTS = 12  # and after so many the last equilibrium lies beyond the travel, where the blocks jump past it
 PROTOCOL = "driven_path.protocol"  # what a checkpoint has of it
 SETTLES = round(4.0 * math.pi * HELD / SWING) + FEWEST  # steps: two periods of it, and what joints need
-
-
-@dataclass
-class Head:
-    """V as a function of time: that of the spring to a head that follows ``displacement`` (m), held between looks."""
-
-    displacement: Curve
-    V: float = 0.0
-
-    def __call__(self, times: np.ndarray) -> np.ndarray:
-        """V, whatever the time."""
-        return np.full(np.shape(times), self.V)
 
 
 class DrivenPath(EquilibriumPath):
@@ -106,25 +94,25 @@ class DrivenPath(EquilibriumPath):
         return plan_of(moving, control, output, EQUILIBRIA, 4 * SETTLES)
 
     def driven(self, parameter: Curve) -> Driving:
-        """The head follows that path."""
-        return replace(self.driving, multiplier=Head(lambda times: self.head(parameter(times)), self.V))
+        """The head follows that path; before the first equilibrium there is none."""
+        if not self.path:
+            return self.driving
+        began, dashpot = self._begun(), 2.0 * self.stiffness / self.swing
+        head = Head(lambda times: self.head(parameter(times)) + began, self.stiffness, dashpot, HELD)
+        head.V[0] = self.V
+        return replace(self.driving, multiplier=head.multiplier, head=head)
 
     def _begun(self) -> float:  # m, the driven displacement at the first equilibrium
-        return self.path[0][0] if self.path else self.loads.displacement(self.moving.state.bodies)
+        return self.path[0][0]
 
     def advance(self, driving: Driving, steps: int) -> None:
-        """Steps, V set to what the spring carries after every few."""
-        head = driving.multiplier
-        assert isinstance(head, Head)
-        while steps > 0:
-            some = min(steps, HELD)
-            if self.path:
-                time = self.moving.steps * self.dt
-                bodies, at = self.moving.state.bodies, float(head.displacement(np.array([time]))[0])
-                stretch = at - self.loads.displacement(bodies) + self._begun()
-                head.V = self.V = self.stiffness * (stretch - 2.0 / self.swing * self.loads.velocity(bodies))
-            super().advance(driving, some)
-            steps -= some
+        """Steps, V found at the first of them, and after every few."""
+        head = driving.head
+        if head is not None:
+            head.steps[0] = 0
+        super().advance(driving, steps)
+        if head is not None:
+            self.V = float(head.V[0])
 
     def steps(self, begin: float, end: float) -> int:
         """So many that the spring follows."""
@@ -209,15 +197,9 @@ class DrivenPath(EquilibriumPath):
 class ForcePath(DrivenPath):
     """Ways of the force of actuators from equilibrium to equilibrium; the parameter is the sum of its ways (N)."""
 
-    def advance(self, driving: Driving, steps: int) -> None:
-        """Steps under the force of that time."""
-        head = driving.multiplier
-        assert isinstance(head, Head)
-        while steps > 0:
-            some = min(steps, HELD)
-            head.V = self.V = float(head.displacement(np.array([self.moving.steps * self.dt]))[0])
-            EquilibriumPath.advance(self, driving, some)
-            steps -= some
+    def driven(self, parameter: Curve) -> Driving:
+        """V follows that path."""
+        return replace(self.driving, multiplier=lambda times: self.head(parameter(times)))
 
     def belongs(self, parameter: float) -> bool:
         """All do."""
