@@ -51,6 +51,7 @@ SEARCH = np.dtype(
             ("status", float),
             ("strict", float),
             ("extrapolated", float),  # whether the next equilibrium is looked for off the secant
+            ("unbalanced", float),  # out-of-balance over joint force at the last equilibrium
         ],
     )
 )

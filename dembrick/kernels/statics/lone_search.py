@@ -32,6 +32,7 @@ from dembrick.kernels.statics.lone_joint import (
     UNLIMITED,
     accept,
     find_equilibrium,
+    greatest_force,
     newton_step,
     size_of,
 )
@@ -234,6 +235,7 @@ def follow(lone, family, index, j, most, tolerance, room):
         closing = families.closes_gap(
             lone.points, lone.areas, family, index, lone.joints.gap[j], lone.base[j], room.motion
         )
+        search.unbalanced = left / greatest_force(lone, j, room.forces[6])
         accept(lone, family, index, j, slip, room)
         if resting:
             begin_search(lone, family, index, j, room)
@@ -268,14 +270,8 @@ def follow(lone, family, index, j, most, tolerance, room):
 
 
 @entry
-def search_joints(first, last, lone, tolerance, room):
-    """The limit loads of the joints ``first`` to ``last`` - 1, one after another."""
+def search_joints(first, last, lone, most, tolerance, room):
+    """`follow` the joints ``first`` to ``last`` - 1, one after another."""
     family = families.only_family(lone.points, lone.areas)
     for j in range(first, last):
-        follow(lone, family, j, j, MOST_EQUILIBRIA, tolerance, room)
-
-
-@entry
-def go_on(lone, most, tolerance, room):
-    """Bring the first joint to rest, or follow it through at most ``most`` more equilibria."""
-    follow(lone, families.only_family(lone.points, lone.areas), 0, 0, most, tolerance, room)
+        follow(lone, family, j, j, most, tolerance, room)

@@ -25,7 +25,7 @@ from dembrick.geometry import polygons
 from dembrick.kernels.state import Joints
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.lone_joint import CONVERGED, FALLS, new_room
-from dembrick.kernels.statics.lone_search import search_joints
+from dembrick.kernels.statics.lone_search import MOST_EQUILIBRIA, search_joints
 from dembrick.scenario.model import JointLaw
 from dembrick.simulation.statics import joint_families, state
 from dembrick.simulation.statics.batch_cases import Cases, check, wrench
@@ -133,7 +133,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     points, areas = joint_families.of_cases(faces, cases)
     unit = wrench(cases)
     lone = lone_joints(JointsAlone(_joints(k), points, areas), cases.dead, unit)
-    search_joints(0, k, lone, cases.tolerance, new_room())
+    search_joints(0, k, lone, MOST_EQUILIBRIA, cases.tolerance, new_room())
     found = lone.search
     strict = found["strict"] == 1
     lower, upper = np.minimum(lone.bracket[:, 0], lone.bracket[:, 1]), lone.bracket.max(axis=1)

@@ -26,7 +26,6 @@ from dembrick.assembly import ray_quadrature
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.errors import DembrickError, NotConvergedError
-from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Output
@@ -222,7 +221,7 @@ def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Re
         time_step=1.0,
         critical_time_step=system.dashpots().critical_time_step,
         simulated_time=float(equilibria),
-        unbalanced=unbalanced_ratio(state.blocks, state.joints),
+        unbalanced=float(search.found["unbalanced"]),
         compile_seconds=compiled - began,
         loop_seconds=seconds,
         settings={"equilibria": equilibria, "inertia": "none"},

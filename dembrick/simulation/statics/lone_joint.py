@@ -13,9 +13,9 @@ import numpy as np
 from dembrick._jit import ready
 from dembrick.errors import HistoryError
 from dembrick.kernels.statics.energy import elastic_energy
-from dembrick.kernels.statics.load_bounds import Basis, Certificate, at_joint
+from dembrick.kernels.statics.load_bounds import Basis, Certificate
 from dembrick.kernels.statics.lone_joint import CONVERGED, RUNNING, SEARCH, LoneJoints, new_room
-from dembrick.kernels.statics.lone_search import MOST_EQUILIBRIA, go_on
+from dembrick.kernels.statics.lone_search import MOST_EQUILIBRIA, search_joints
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, plain, restored, restored_state
 from dembrick.simulation.session import Progress, Session, Snapshot
@@ -95,16 +95,14 @@ class LoneSearch:
         wrenches = [self._about_joint(wrench) for wrench in (self._dead, load_vectors(state)[block])]
         self.lone = lone_joints(state, *wrenches)
         self._room = new_room()
-        self._go_on = ready(go_on, self.lone, 0, tolerance, self._room)
+        self._search = ready(search_joints, 0, 1, self.lone, 0, tolerance, self._room)
         self._motion_at_rest = np.zeros(6)
         self._taken = np.zeros(3)  # J: work of the loads, friction, and what springs held at rest
 
     def _about_joint(self, wrench: np.ndarray) -> np.ndarray:
         """(1, 6) of a wrench on the free block about its centroid, as it acts on b about O in the axes of the joint."""
-        joints, found = self.state.joints, np.zeros(6)
-        seen: Joints = joints._replace(arm_b=self._arm[None])
-        at_joint(seen, 0, np.ascontiguousarray(wrench), found)
-        return self._sense * found[None]
+        force, moment = wrench[:3], wrench[3:] - np.cross(self._arm, wrench[:3])
+        return self._sense * (np.stack([force, moment]) @ self.state.joints.axes[0].T).reshape(1, 6)
 
     @property
     def found(self):
@@ -121,11 +119,15 @@ class LoneSearch:
         """Whether the bracket is as narrow as was asked for."""
         return bool(self.found["status"] == CONVERGED)
 
+    def _follow(self, most: int) -> None:
+        """Bring the joint to rest, and go through at most so many equilibria more."""
+        self._search(0, 1, self.lone, most, self.tolerance, self._room)
+
     def run(self) -> None:
         """Find the equilibrium under the dead load, then all others up to the limit."""
-        self._go_on(self.lone, 0, self.tolerance, self._room)
+        self._follow(0)
         self._motion_at_rest[:] = self.lone.base[0]
-        self._go_on(self.lone, MOST_EQUILIBRIA, self.tolerance, self._room)
+        self._follow(MOST_EQUILIBRIA)
 
     def record(self, recorder: Recorder, session: Session) -> None:
         """`run`, and write each equilibrium, with that of the dead load first, into the record; ``session`` keeps
@@ -133,7 +135,7 @@ class LoneSearch:
         if session.resumed is not None:
             self._restore(session.resumed)
         else:
-            self._go_on(self.lone, 0, self.tolerance, self._room)
+            self._follow(0)
             self.show()
             self._taken[:] = 0.0, 0.0, elastic_energy(for_kernels(self.state), None)
             self._motion_at_rest[:] = self.lone.base[0]
@@ -143,7 +145,7 @@ class LoneSearch:
             while self.found["status"] == RUNNING:
                 session.pause(self)
                 memory = SimpleNamespace(**joint_families.memory(self.state))
-                self._go_on(self.lone, 1, self.tolerance, self._room)
+                self._follow(1)
                 self.show()
                 self._taken[1] += joint_families.friction_work(self.state, memory)
                 self._write(recorder)
