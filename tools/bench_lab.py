@@ -5,11 +5,11 @@
 Columns of the table:
 
 error       |V / theory - 1| of the replay; bar is the half-width of its bracket over V, which bounds the error.
-steps       time steps of the replay.
+steps       iterations of Newton's method.
 loop        best and median over the repeats of the loop time that the program reports (dead-load equilibrium, forces,
             bracket), in one warm process without a history.
-x plain     best loop over the time of the plain four-point loop (tools/plain_loop.py) for the same number of steps.
-            The plain loop always has four points: for `distributed` and `convex` read it as "what four corners cost".
+x plain     best loop over the time of the plain four-point loop (tools/plain_loop.py) for as many steps as there are
+            iterations: what an iteration costs beside a step of a bare explicit program.
 eval/step   evaluations of the exact limit surface a step (convex only).
 process     median wall time of fresh `python -m dembrick run` processes, start-up and history file included, and the
             same over the median of `python -c "import numpy, numba, h5py"` (x import). Each round runs the references

@@ -120,3 +120,18 @@ def test_random_order_gives_the_answers_of_the_drawn_one(own_order):
     assert size > 0.01
     np.testing.assert_allclose(second[turn], first, rtol=0.0, atol=2e-3 * size)
     assert np.abs(second - first).max() > 0.1 * size  # the order matters
+
+
+def test_a_head_drives_blocks_that_the_loop_has_in_another_order(own_order):
+    changes = ["control.large_displacements=true", "control.travel=2e-5", "joint.formulation=concave"]
+    given = toml.load(shipped.folder() / "set4a_curve.toml", changes)
+    orders = []
+    for blocks in (given.blocks, given.blocks[::-1]):
+        own_order(False)
+        plain = simulate(dataclasses.replace(given, blocks=blocks, text=None))
+        own_order(True)
+        ordered = simulate(dataclasses.replace(given, blocks=blocks, text=None))
+        np.testing.assert_array_equal(ordered.rows["load"], plain.rows["load"])
+        assert plain.rows["load"].max() > 100.0
+        orders.append(ordered.run.motion.state.order.order.tolist())
+    assert [1, 0] in orders
