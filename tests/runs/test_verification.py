@@ -137,6 +137,16 @@ def test_a_template_is_a_scenario_to_start_from(name, tmp_path, monkeypatch, cap
     assert "exists" in capsys.readouterr().err
 
 
+def test_a_shipped_scenario_is_one_to_start_from_too(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "house", "mine.toml"]) == 0
+    assert (tmp_path / "mine.toml").read_bytes() == (shipped.folder() / "house.toml").read_bytes()
+    assert (tmp_path / shipped.SCHEMA).is_file() and cli.main(["check", "mine.toml", "--quiet"]) == 0
+    capsys.readouterr()
+    assert cli.main(["new", "hous"]) == 2
+    assert "did you mean 'house'" in capsys.readouterr().err
+
+
 def test_a_template_study_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["new", "study", "study.toml"]) == 0
