@@ -29,6 +29,7 @@ from dembrick.simulation.dynamics.state import MovingState
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.assembly.joints import Joint
 
 STALE = 2e-4  # of the polygon's short side
 PARALLEL = 1.0 - 1e-4  # cosine: a polygon that moves so near to along an edge moves along it
@@ -58,6 +59,7 @@ class Polygons:
         self.shift = np.zeros((len(joints), 2))
         self.whole = np.ones(len(joints), bool)
         self._face_of: dict[int, np.ndarray] = {}
+        self._drawn: dict[int, Joint] = {}  # joints that were cut, as they were drawn
         self._place = {int(j): i for _, joints in joint_families.present(state) for i, j in enumerate(joints.joint)}
         state.links.slack[:] = self.bound
 
@@ -136,8 +138,14 @@ class Polygons:
             self._face_of[j] = corners if a_is_other else corners[::-1]
         return self._face_of[j]
 
+    def _joint(self, j: int) -> Joint:
+        """Joint ``j`` as it was drawn."""
+        if j not in self._drawn:
+            self._drawn[j] = self._joints[j]
+        return self._drawn[j]
+
     def _cut(self, j: int) -> None:
-        links, face, outline = self.state.links, self._face(j), self._joints[j].polygon
+        links, face, outline = self.state.links, self._face(j), self._joint(j).polygon
         seen = links.seen_of(j)
         tangents = seen[[[3, 4], [6, 7]]]
         origin = seen[:2] - self.shift[j] @ tangents  # where O of the start is now
@@ -147,7 +155,7 @@ class Polygons:
         else:
             self.whole[j] = not (outside > 0.0).any()
             links.slack[j] = self.bound[j]
-            cut = {"convex": self._clip, "distributed": self._fade}.get(self._joints[j].law.formulation, self._project)
+            cut = {"convex": self._clip, "distributed": self._fade}.get(self._joint(j).law.formulation, self._project)
             cut(j, self._place[j], origin, tangents, face)
         self._let_glide(j, seen[:2] - links.kept[j, :2], origin + outline @ tangents, face)
         links.kept[j] = links.seen_of(j)[[0, 1, 3, 4]]  # O may have moved
@@ -165,7 +173,7 @@ class Polygons:
         if abs(edge[parallel] @ direction) > PARALLEL:
             direction = edge[parallel]
         slack = float(links.slack[j])
-        margin = math.sqrt(self._points[j].area.max()) if self._joints[j].law.formulation == "distributed" else 0.0
+        margin = math.sqrt(self._points[j].area.max()) if self._joint(j).law.formulation == "distributed" else 0.0
         far = room_along(placed, face, direction, 0.5 * self.bound[j], margin)
         if far > slack > 0.0:
             links.glide[j] = *direction, slack / far
@@ -183,17 +191,17 @@ class Polygons:
     def _project(self, j: int, i: int, origin, tangents, face) -> None:
         """Corners beyond the edge move to the nearest point of the face."""
         corners = self.state.corners
-        placed = polygons.nearest_points(origin + self._joints[j].polygon @ tangents, face)
+        placed = polygons.nearest_points(origin + self._joint(j).polygon @ tangents, face)
         outline = (placed - origin) @ np.linalg.inv(tangents)
         area, x, y = polygons.area_and_centroid(outline)
-        if not area > GONE * self._joints[j].area:
+        if not area > GONE * self._joint(j).area:
             corners.put("area", 0.0, i)
             return
         self._move_origin(j, np.array([x, y]))
         outline = outline - (x, y)
         corners.put("area", np.maximum(polygons.tributary_areas(outline), 0.0), i)
         start = self._points[j].normal_arm
-        shrink = np.abs(start).max() / np.abs(self._joints[j].polygon).max()
+        shrink = np.abs(start).max() / np.abs(self._joint(j).polygon).max()
         corners.put("x", shrink * outline[:, 0], i)
         corners.put("y", shrink * outline[:, 1], i)
         self.state.links.reach[j] = np.sqrt((outline**2).sum(axis=1).max())
@@ -213,11 +221,11 @@ class Polygons:
     def _clip(self, j: int, i: int, origin, tangents, face) -> None:
         """The polygon of an integral is what both faces share."""
         faces, links = self.state.faces, self.state.links
-        placed = origin + self._joints[j].polygon @ tangents
+        placed = origin + self._joint(j).polygon @ tangents
         shared, count = simplify(*clip(placed[None], face[None]), np.array([1e-9 * links.reach[j]]))
         outline = (shared[0, : int(count[0])] - origin) @ np.linalg.inv(tangents)
         area, x, y = polygons.area_and_centroid(outline) if len(outline) else (0.0, 0.0, 0.0)
-        if not area > GONE * self._joints[j].area:
+        if not area > GONE * self._joint(j).area:
             faces.put("k_n", 0.0, i)
             return
         step = self._move_origin(j, np.array([x, y]))
@@ -226,7 +234,7 @@ class Polygons:
             faces = self.state.faces
             faces.outline[i] = faces.outline.max() + 1
         put_outlines(faces, faces.outline[[i]], (outline - (x, y))[None], np.array([i]), np.array([0]))
-        faces.put("k_n", self._joints[j].law.normal_stiffness, i)
+        faces.put("k_n", self._joint(j).law.normal_stiffness, i)
         e1, e2, em = faces.elastic[i]
         faces.put_elastic([e1, e2, em - (step[0] * e2 - step[1] * e1)], i)
         links.reach[j] = faces.field("reach", i)
