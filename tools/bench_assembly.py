@@ -26,7 +26,7 @@ from dembrick.kernels.dynamics.loop import Limits
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
-from dembrick.simulation.dynamics import integrator, run
+from dembrick.simulation.dynamics import chunks, integrator, run
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import seen
@@ -59,7 +59,7 @@ def chunk(moving, driving, steps: int) -> float:
     """Nanoseconds of this thread a joint and step of one call of the loop."""
     times = (moving.steps + np.arange(steps)) * moving.time_step
     began = time.thread_time()
-    integrator.advance_chunk(moving, moving.state.bodies, driving, times, CALM, 0.0, moving.time_step)
+    chunks.advance_chunk(moving, moving.state.bodies, driving, times, CALM, 0.0, moving.time_step)
     took = time.thread_time() - began
     moving.steps += steps
     return 1e9 * took / steps / len(moving.assembly.joints)
@@ -174,7 +174,7 @@ def tilted_walls(cases) -> None:
         joints, stiffness = len(result.assembly.joints), result.scenario.joint.normal_stiffness
         balance = "with" if "energy" in result.scenario.output.channels else "without"
         shared = ""
-        if joints >= integrator.MANY:
+        if joints >= chunks.MANY:
             numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
             two = simulate(scenario).run
             numba.set_num_threads(1)

@@ -16,7 +16,7 @@ from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Output, Solver
-from dembrick.simulation.dynamics import integrator
+from dembrick.simulation.dynamics import chunks
 from dembrick.simulation.dynamics.contact_detection import ContactDetection
 from helpers.impact_scenes import AWAY, FLOOR, G, collapse, falling_arch, scene
 from helpers.places import SCENARIOS, tool_module
@@ -311,7 +311,7 @@ def test_a_wall_of_ten_by_ten_comes_to_rest_where_it_falls():
 def test_threads_change_no_bit(monkeypatch):
     """New contacts are one thread's, in the order of the pairs."""
     alone = simulate(collapse())
-    monkeypatch.setattr(integrator, "MANY", 1)
+    monkeypatch.setattr(chunks, "MANY", 1)
     together = simulate(collapse())
     assert together.displacement.tobytes() == alone.displacement.tobytes()
 

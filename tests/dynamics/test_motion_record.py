@@ -164,7 +164,7 @@ def test_without_the_channel_nothing_is_written_down():
 def test_compiling_for_a_frame_counts_as_compiling():
     """A frame with velocities may be the first to want a form of the loop."""
     moving, driving = resting()
-    moving._compiled.clear()
+    moving.forms.clear()
     before = moving.compile_seconds
     present_velocities(moving, driving)
-    assert len(moving._compiled) == 1 and moving.compile_seconds > before
+    assert len(moving.forms) == 1 and moving.compile_seconds > before

@@ -11,7 +11,7 @@ import pytest
 import dembrick
 from dembrick.assembly.build import assemble
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.simulation.dynamics import integrator
+from dembrick.simulation.dynamics import chunks, integrator
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.loads import Driving
 from helpers import rows
@@ -26,7 +26,7 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
     before = built.rotation.copy()
     ends, found = [], []
     for threads in (None, *range(1, numba.config.NUMBA_NUM_THREADS + 1)):
-        monkeypatch.setattr(integrator, "MANY", 0 if threads else 10**9)
+        monkeypatch.setattr(chunks, "MANY", 0 if threads else 10**9)
         monkeypatch.setattr(integrator.Pace, "choose", lambda _, loops: (loops - 1, 2048))
         if threads:
             numba.set_num_threads(threads)
@@ -54,7 +54,7 @@ def test_large_scenes_that_threads_cannot_share_go_without(kind, monkeypatch):
     more = {"linear": {"pressure": "linear"}, "custom": {}}.get(kind, {"cohesion": 1e4})
     built = assemble(dembrick.load("wall_tilt", [f"joint.{k}={v}" for k, v in (law | more).items()]))
     built = replace(built, custom_law=COULOMB if kind == "custom" else None)
-    monkeypatch.setattr(integrator, "MANY", 0)
+    monkeypatch.setattr(chunks, "MANY", 0)
     moving = integrator.motion(built, 0.1, 0.5)
     integrator.advance(moving, Driving(built.gravity), 10, Limits(1.0, 1.0))
     assert moving.steps == 10 and np.isfinite(moving.state.bodies.position).all()

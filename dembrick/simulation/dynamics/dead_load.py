@@ -18,7 +18,8 @@ from dembrick.kernels.dynamics.loop import RUNNING, Limits
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance_chunk, joint_forces
+from dembrick.simulation.dynamics.chunks import advance_chunk
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, joint_forces
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 from dembrick.simulation.session import Session

@@ -13,33 +13,26 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick._ahead import compiling, meanwhile
-from dembrick._jit import address, compute_fingerprint, get_num_threads, ready
+from dembrick._jit import compute_fingerprint
 from dembrick.errors import DivergedError, NotConvergedError
-from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST, touch
+from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST
 from dembrick.kernels.dynamics.loop import (
     DIVERGED,
     MEETING,
     OVERLOADED,
     REACHED,
     RUNNING,
-    STALE,
-    Contacts,
-    Course,
     Limits,
-    Loads,
     advance_bodies,
-    advance_bodies_together,
     shares,
 )
-from dembrick.kernels.dynamics.rigid_bodies import write_rotations
 from dembrick.kernels.dynamics.tiles import rows_of_lanes
 from dembrick.scenario.model import show
-from dembrick.simulation.dynamics import joint_families
+from dembrick.simulation.dynamics.chunks import advance_chunk, call_loop, compiled
 from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
@@ -57,16 +50,14 @@ from dembrick.simulation.dynamics.time_step import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator
 
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.dynamics.contact_forces import Touching
-    from dembrick.simulation.dynamics.support_motion import PrescribedMotion
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 FEW_STEPS = 64  # whose loads are found before it is known how many of them are done
 MOST_STEPS = 1e12  # of a run: a year for a single block
-MANY = 2000  # joints from which a step may be worth sharing among threads
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
 BETWEEN = ("dead_load", "contact_search", "geometry", "record", "driving")  # what a run does beside its steps
@@ -98,11 +89,11 @@ class Motion:
     falling: np.ndarray = field(init=False)
     attempt: np.ndarray = field(default_factory=lambda: np.array([0.0, -1.0]))
     travel: np.ndarray = field(default_factory=lambda: np.zeros(2))  # m, see `Course`
-    _pace: Pace = field(default_factory=Pace)
-    _compiled: dict = field(default_factory=dict)
+    pace: Pace = field(default_factory=Pace)
+    forms: dict = field(default_factory=dict)
     _typed: tuple = ()
     _types: object = None
-    _shares: dict = field(default_factory=dict)  # see `_loops`
+    shares: dict = field(default_factory=dict)  # see `loops_for`
     ahead: LoadsAhead = field(default_factory=LoadsAhead)
     _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
 
@@ -307,8 +298,8 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     ahead = state._replace(bodies=bodies, links=links, corners=corners, faces=faces, ties=ties)
     own = shares(corners, faces, bodies, 1)
     dt, fixed = motion.time_step, (limits, 0.0, np.array([np.inf, 0.0]), touching, table)
-    form = _compiled(motion, advance_bodies, own, dt, ahead, bodies, loads, *fixed)
-    _call(motion, form, 1, dt, ahead, bodies, loads, *fixed, own)
+    form = compiled(motion, advance_bodies, own, dt, ahead, bodies, loads, *fixed)
+    call_loop(motion, form, 1, dt, ahead, bodies, loads, *fixed, own)
     now = state.bodies
     velocity, momentum = 0.5 * (now.velocity + bodies.velocity), 0.5 * (now.momentum + bodies.momentum)
     in_body = np.einsum("nji,nj->ni", now.rotation, momentum)
@@ -334,155 +325,3 @@ def _copied(part, into=None):
             old[...] = array
         copies.append(old if array is not None else None)
     return part._make(copies)
-
-
-def advance_chunk(
-    motion: Motion,
-    bodies,
-    driving: Driving,
-    times,
-    limits: Limits,
-    damping: float,
-    dt: float,
-    touching=None,
-    supports: PrescribedMotion | None = None,
-    loads: Loads | None = None,
-):
-    """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done.
-
-    ``supports``: their motion in these steps, and perhaps in more, if that is known; ``loads``: likewise."""
-    state, energy = motion.state, motion.energy
-    energy.fit(driving.n_load, len(driving.supports))
-    loads = driving.loads(times, dt, supports) if loads is None else loads
-    loops = _loops(motion, bodies)
-    fixed = limits, damping, motion.travel, touching
-    forms = [_compiled(motion, loop, own, dt, state, bodies, loads, *fixed, energy.table) for loop, own in loops]
-    done, status = 0, RUNNING
-    while status == STALE or (status == RUNNING and done < len(times)):
-        which, most = motion._pace.choose(len(loops))
-        form, own = forms[which], loops[which][1]
-        loads.first[0] = done
-        began = time.perf_counter()
-        n_steps = min(most, len(times) - done)
-        status, some = _call(motion, form, n_steps, dt, state, bodies, loads, *fixed, energy.table, own)
-        write_rotations(bodies, loads.support)
-        done += some
-        took = time.perf_counter() - began
-        motion._pace.note(which, some, took)
-        motion.loop_seconds += took
-        if status == STALE:
-            state = _cut(motion)
-    return status, done
-
-
-def _cut(motion: Motion) -> MovingState:
-    """Cut polygons that have gone stale; the state with the new ones."""
-    began = time.perf_counter()
-    motion.energy.cut(motion.polygons)
-    motion.phases["geometry"] += time.perf_counter() - began
-    return motion.state
-
-
-def in_one_thread(motion: Motion) -> bool:
-    """Whether the scene is too small for several threads, or has but one."""
-    return len(_loops(motion, motion.state.bodies)) == 1
-
-
-def advance_rows(
-    motion: Motion, driving: Driving, every: int, limits: Limits, loads: Loads, gravity: Sequence, write: Callable
-) -> tuple[int, int]:
-    """Go on from row to row of a run in one thread, each ``every`` steps after the last; the status and the steps done.
-
-    ``loads``: of all these steps; ``gravity``: (3) at each of the rows. ``write`` of the steps done and of gravity
-    writes a row, or returns zero where somebody must look for contacts first: there this ends.
-    """
-    motion.energy.fit(driving.n_load, len(driving.supports))
-    dt, done, status, code, bodies = motion.time_step, 0, RUNNING, None, motion.state.bodies
-    rotate, began = ready(write_rotations, bodies, loads.support), time.perf_counter()
-    while done < every * len(gravity):
-        if code is None:
-            state = motion.state
-            ((loop, own),) = _loops(motion, bodies)
-            others = limits, 0.0, motion.travel, motion.contact_detection.touching, motion.energy.table
-            compiling_before = motion.compile_seconds
-            form = _compiled(motion, loop, own, dt, state, bodies, loads, *others)
-            began += motion.compile_seconds - compiling_before
-            (_, *arguments), _ = _in_loop(motion, form.touch_at, every, dt, state, bodies, loads, *others, own)
-            code = form.code
-        loads.first[0] = done
-        status, some = code(every - done % every, *arguments)
-        rotate(bodies, loads.support)
-        done += some
-        if status == STALE:
-            motion.loop_seconds += time.perf_counter() - began
-            _cut(motion)
-            code, began = None, time.perf_counter()
-        elif status != RUNNING or not write(done, gravity[done // every - 1]):
-            break
-    motion.loop_seconds += time.perf_counter() - began
-    return status, done
-
-
-class _Form(NamedTuple):
-    """The machine code of a loop for arguments of some types, and the address of `touch` for them (0: no contacts)."""
-
-    code: Callable
-    touch_at: int
-
-
-def _compiled(motion: Motion, loop, own, dt: float, state: MovingState, bodies, loads: Loads, *others) -> _Form:
-    """A ``loop``, compiled or loaded if that is still to be done; ``others``, between the loads and ``own``, those for
-    the shares, as in `_call`. What new contacts do is compiled by a second process meanwhile.
-    """
-    limits, *_, touching, table = others
-    types = (
-        loop is advance_bodies,
-        motion.types_of(bodies, *state[1:5], touching, table),
-        compute_fingerprint((loads, limits)),
-    )
-    if types not in motion._compiled:
-        began, touch_at = time.perf_counter(), 0
-        arguments, near = _in_loop(motion, touch_at, 0, dt, state, bodies, loads, *others, own)
-        _, _, in_loop, links, *_ = arguments
-        contacts = near, links, in_loop, dt
-        with meanwhile(lambda: [compiling(touch, contacts)] if touching is None else []):
-            if touching is not None:
-                touch_at = address(touch, *contacts)
-            motion._compiled[types] = _Form(ready(loop, *arguments), touch_at)
-        motion.compile_seconds += time.perf_counter() - began
-    return motion._compiled[types]
-
-
-def _call(motion: Motion, form: _Form, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others):
-    """Call a compiled loop with the blocks in its own order: status and steps; ``others``: its arguments after the
-    loads, without the address, in which those for the shares are one."""
-    arguments, near = _in_loop(motion, form.touch_at, n_steps, dt, state, bodies, loads, *others)
-    found = form.code(*arguments)
-    if state.order is not None:
-        state.order.leave(bodies, others[-3], near)
-    return found
-
-
-def _in_loop(motion: Motion, touch_at: int, n_steps: int, dt: float, state: MovingState, bodies, loads, *others):
-    """The arguments of a loop with the blocks in its own order, and the new contacts among them."""
-    limits, damping, travel, touching, table, own = others
-    arguments = bodies, state.ties, loads, motion.no_contacts if touching is None else touching
-    if state.order is not None:
-        arguments = state.order.enter(*arguments)
-    in_loop, ties, loads, near = arguments
-    course, contacts = Course(*limits, damping, travel), Contacts(touch_at, near)
-    return (n_steps, dt, in_loop, *state[1:4], ties, loads, course, contacts, table, own), near
-
-
-def _loops(motion: Motion, bodies) -> list[tuple]:
-    """The compiled loops for a scene of that size, each with its scratch and what shares the work of a large one."""
-    state, threads = motion.state, get_num_threads()
-    if len(state.links.host) < MANY or joint_families.of_several_parts(state):
-        threads = 1
-    wanted = len(bodies.free), threads  # neither joints nor their tiles become more or fewer
-    if wanted not in motion._shares:
-        loops = [(advance_bodies, shares(state.corners, state.faces, bodies, 1))]
-        if threads > 1:
-            loops.append((advance_bodies_together, shares(state.corners, state.faces, bodies, threads)))
-        motion._shares[wanted] = loops
-    return motion._shares[wanted]

@@ -20,13 +20,12 @@ from dembrick.kernels.dynamics.record import CARRYING, FURTHEST, GRAVITY, UNBALA
 from dembrick.kernels.dynamics.row_energies import BALANCE
 from dembrick.simulation.channels import NO_BOUND
 from dembrick.simulation.dynamics import joint_families
+from dembrick.simulation.dynamics.chunks import advance_rows, in_one_thread
 from dembrick.simulation.dynamics.integrator import (
     Motion,
     advance,
-    advance_rows,
     after_chunk,
     driving_time,
-    in_one_thread,
     look_first,
     present_velocities,
 )
