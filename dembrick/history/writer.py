@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 RUNNING, FAILED = "running", "failed"
+REPLACE = "choose another name, or --force replaces it (force=True in Python)"
 OWN = "own"  # what `force` says of a finished history of the same scenario: it may be replaced
 _SLAB = 4 << 20  # bytes moved at a time: what a rewrite holds in memory
 _HELD = 4 << 20  # bytes that may wait for the file; a short run of few blocks has less in all
@@ -377,14 +378,12 @@ def _refuse_other(path: str, target: str, scenario_text: str, source: object, ow
         with History(target) as there:
             same, status = is_of(there, scenario_text, source), there.status
     except HistoryError as error:
-        raise OutputError(
-            f"{path}: this file exists and is not a history; choose another name, or --force replaces it"
-        ) from error
+        raise OutputError(f"{path}: this file exists and is not a history; {REPLACE}") from error
     if status == FAILED or (same and (own or status == RUNNING)):
         return
     what = f"a finished history (status {status})" if status != RUNNING else "an unfinished run (dembrick restart)"
     whose = "" if same else " of another scenario"
-    raise OutputError(f"{path}: {what}{whose} is there; choose another name, or --force replaces it")
+    raise OutputError(f"{path}: {what}{whose} is there; {REPLACE}")
 
 
 def _json(value) -> str:

@@ -49,6 +49,7 @@ def _inner(kind: type) -> dict[str, tuple[type, bool]]:
 
 
 NAMELESS = "the scenario"  # a text that came from no file
+TOP = ("title", "gravity", "supports")  # keys that stand in no table
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
@@ -338,7 +339,8 @@ def _known(
         if key not in known:
             likely = nearest(key, [*known, *more])
             meant += likely
-            faults.add(f"unknown key {show(key)} in {place.of(key)}; {likely}")
+            above = f"; {key} stands above the first table of the file" if place.table and key in TOP else ""
+            faults.add(f"unknown key {show(key)} in {place.of(key)}; {likely}{above}")
     for key, required in known.items():
         if required and key not in data and f"did you mean {show(key)}" not in meant:
             plural = isinstance(data.get(f"{key}s"), dict)

@@ -103,3 +103,11 @@ def test_a_text_of_many_errors_is_cut_short():
 )  # fmt: skip
 def test_lines_of_keys_and_tables(table, number, key, line):
     assert line_of(TEXT, table, number, key) == line
+
+
+def test_a_key_of_the_scenario_in_a_table_is_told_where_it_belongs():
+    text = TEXT.replace("[materials.tuff]\n", '[materials.tuff]\nsupports = ["lower"]\n')
+    with pytest.raises(
+        ScenarioError, match="unknown key 'supports' .*supports stands above the first table of the file"
+    ):
+        toml.loads(text)
