@@ -337,10 +337,9 @@ def _known(
     meant = ""
     for key in data:
         if key not in known:
-            likely = nearest(key, [*known, *more])
-            meant += likely
-            above = f"; {key} stands above the first table of the file" if place.table and key in TOP else ""
-            faults.add(f"unknown key {show(key)} in {place.of(key)}; {likely}{above}")
+            above = f"{key} stands above the first table of the file" if place.table and key in TOP else ""
+            meant += (likely := above or nearest(key, [*known, *more]))
+            faults.add(f"unknown key {show(key)} in {place.of(key)}; {likely}")
     for key, required in known.items():
         if required and key not in data and f"did you mean {show(key)}" not in meant:
             plural = isinstance(data.get(f"{key}s"), dict)
