@@ -116,14 +116,20 @@ def test_a_sweep_says_of_one_path_what_a_run_says(tmp_path):
     cell = {"count": 1, "mean": 0.2946, "V_lower": 0.2937, "V_upper": 0.2955, "bracket": "indicator"}
     assert _answer(cell | {"digits_open": "true"}, "") == "about 0.29 (of this path)"
     assert _answer(cell | {"digits_open": "false"}, "") == "0.29460 +- 0.00090 (indicator)"
-    rows = ["case,joint.friction,status,V,V_lower,V_upper,bracket,associative,digits_open",
-            "0,0.6,collapse,0.2946,0.2937,0.2955,indicator,0.35,true",
-            "1,0.8,collapse,0.3000,0.2990,0.3010,indicator,,false"]  # fmt: skip
+    rows = ["case,joint.friction,status,V,V_lower,V_upper,bracket,associative,digits_open,path_dependent",
+            "0,0.6,collapse,0.2946,0.2937,0.2955,indicator,0.35,true,true",
+            "1,0.8,collapse,0.3000,0.2990,0.3010,indicator,,false,true"]  # fmt: skip
     (tmp_path / "table.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     table = plot.read_study(tmp_path / "table.csv")
     (axes,) = plot.study(table).axes
     bars = [segment[:, 1].tolist() for segment in axes.containers[0].lines[2][0].get_segments()]
     assert bars == [pytest.approx([0.2946, 0.35]), pytest.approx([0.299, 0.301])]
+    marked = {text.get_text(): text for text in axes.get_legend().get_texts()}
+    assert list(marked)[-2:] == [
+        f"depends on the path; bar: {bar}" for bar in ("to the bound of all", "what was found")
+    ]
+    one, several = axes.lines[-2:]
+    assert (list(one.get_xdata()), list(several.get_xdata())) == ([0.6], [0.8])
 
 
 BOUND = {"load_factor": 0.35, "lower": 0.34999, "upper": 0.35}

@@ -122,10 +122,11 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
         error = None if bars is None else [[bars[j][side] for j in shown] for side in (0, 1)]
         axes.errorbar([x[j] for j in shown], [y[j] for j in shown], error, color=colour, marker=marker, capsize=2.5,
                       ls=dashes if joined else "none", label=style.plain(label) if label else None)  # fmt: skip
-    alone = [j for j in range(len(table.rows)) if y[j] is not None and answer in _LIMITS and _on_one_path(table, j)]
-    if alone:
-        axes.plot([x[j] for j in alone], [y[j] for j in alone], ls="none", marker="o", mfc="white", mec=style.BLACK,
-                  zorder=4, label="depends on the path; bar: to the bound of all")  # fmt: skip
+    for mark, found, bar in (("o", _on_one_path, "to the bound of all"), ("s", _on_several, "what was found")):
+        some = [j for j in range(len(table.rows)) if y[j] is not None and answer in _LIMITS and found(table, j)]
+        if some:
+            axes.plot([x[j] for j in some], [y[j] for j in some], ls="none", marker=mark, mfc="white", mec=style.BLACK,
+                      zorder=4, label=f"depends on the path; bar: {bar}")  # fmt: skip
     if not numeric:
         names = list(dict.fromkeys(row[key] for row in table.rows))
         axes.set_xticks(range(len(names)), [style.plain(name) for name in names])
@@ -225,6 +226,11 @@ def _bars(table: StudyTable, answer: str, axis: _Axis) -> list[tuple[float, floa
 def _on_one_path(table: StudyTable, row: int) -> bool:
     """Whether a limit load depends on the path, and nothing tells how far."""
     return table.rows[row].get("digits_open") == "true"
+
+
+def _on_several(table: StudyTable, row: int) -> bool:
+    """Whether a limit load depends on the path, and its bar says how far: the load wanders, or was refined."""
+    return table.rows[row].get("path_dependent") == "true" and not _on_one_path(table, row)
 
 
 def _tilts(table: StudyTable) -> bool:
