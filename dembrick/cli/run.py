@@ -14,7 +14,11 @@ HISTORIES = (".h5", ".hdf5")
 
 def add_arguments(parser) -> None:
     parser.add_argument("scenario", help="the TOML file, or a history to run again")
-    parser.add_argument("--out", metavar="FILE.h5", help="history file (default: results/<scenario>.h5)")
+    parser.add_argument(
+        "--out",
+        metavar="FILE.h5",
+        help="history file (default: results/<scenario>.h5, or a name with a number where that is of another scenario)",
+    )
     parser.add_argument(
         "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
     )
