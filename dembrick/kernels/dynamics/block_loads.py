@@ -49,7 +49,7 @@ class Head(NamedTuple):
 
 @jit
 def follow_head(head, force, multiplier, bodies, step):
-    """Put V of a step into its ``multiplier`` and its loads ``force``, found anew after every so many steps."""
+    """Put V of a step into its ``multiplier`` and its loads ``force``, found again after every ``held`` steps."""
     if head.block.size == 0:
         return
     if head.steps[0] % head.held == 0:

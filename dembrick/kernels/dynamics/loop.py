@@ -67,10 +67,9 @@ class Course(NamedTuple):
     displacement: float  # m, see `Limits`
     longest: float  # m
     damping: float  # local damping, where blocks come to rest
-    travel: (
-        ndarray  # (2,) m, what any two blocks may still move against each other before a polygon could be stale; how
-    )
-    # far any one can have moved since the caller last put it to zero
+    # (2,) m, what any two blocks may still move against each other before a polygon could be stale; and how far any one
+    # can have moved since the caller last put it to zero
+    travel: ndarray
 
 
 class Contacts(NamedTuple):

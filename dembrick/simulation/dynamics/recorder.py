@@ -127,8 +127,8 @@ class Recorder:
         """How many rows to pass from now on, a row: none where Python has to do with every step, or is asked for soon.
         ``stride``: steps in a row, of ``total`` of the run.
 
-        Where the loop has blocks in an order of its own they must be put back first, and threads are chosen anew at
-        every call.
+        Where the loop has blocks in an order of its own they must be put back first, and the number of threads is
+        chosen at every call.
         """
         moving, every = self._moving, self._rows_every
         own_order = moving.state.order is not None
@@ -160,11 +160,14 @@ class Recorder:
                 return advance(moving, self.driving, every, limits)
             following.frames_every = self._frames_every if len(record.frame_step) else 0
             following.fastest, following.quiet = detection.calm_for(every, greatest, dt)
-            scene, extremes = scene_of(moving), self._extremes
+            state, scene, extremes = moving.state, scene_of(moving), self._extremes
             moment = first, dt, 0.0, 0.0, 0.0
             code = self._known.of(moving.state, write_row, record, scene, extremes, moment)
 
             def write(done: int, g: Sequence[float]) -> int:
+                nonlocal state, scene
+                if moving.state is not state:  # polygons that were cut may have asked for other arrays
+                    state, scene = moving.state, scene_of(moving)
                 return code(record, scene, extremes, (first + done, dt, *g))
 
             every_gravity = gravity[every::every].tolist()
