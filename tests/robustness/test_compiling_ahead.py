@@ -17,7 +17,7 @@ from dembrick.runs import simulate as simulate_module
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.controls import DynamicControl, SettlementControl
-from dembrick.simulation.dynamics import integrator, run
+from dembrick.simulation.dynamics import chunks, run
 from dembrick.simulation.dynamics.recorder import Recorder
 from helpers.second_process import python
 
@@ -181,7 +181,7 @@ def test_what_contacts_do_is_compiled_ahead_for_what_the_loop_calls_it_with(monk
         tasks.extend(wanted())
         return _ahead.meanwhile(wanted)
 
-    monkeypatch.setattr(integrator, "meanwhile", heard)
+    monkeypatch.setattr(chunks, "meanwhile", heard)
     scene = warmup._scene(formulation, DynamicControl(2e-3), warmup.LOW, warmup.THROWN)
     assert simulate(scene).run.motion.contact_detection.touching is not None
     ((function, *kernel, types),) = tasks
@@ -208,7 +208,7 @@ def test_the_second_process_starts_with_the_first_kernel_of_a_settlement(monkeyp
         compiled(recorder)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(integrator, "meanwhile", started)
+    monkeypatch.setattr(chunks, "meanwhile", started)
     monkeypatch.setattr(Recorder, "compile", looked)
     scene = warmup._scene("concave", SettlementControl(("floor",), displacement=(0.0, 0.0, -1e-3)), warmup.LOW)
     with pytest.raises(KeyboardInterrupt):
