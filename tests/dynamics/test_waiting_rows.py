@@ -9,11 +9,50 @@ from dembrick.assembly.build import assemble
 from dembrick.kernels.math.sums import room_for_halves, sum_in_pairs
 from dembrick.runs.drivers import _set_up
 from dembrick.scenario import shipped, toml
-from dembrick.simulation.dynamics import loads, recorder, run
+from dembrick.simulation.dynamics import chunks, loads, recorder, run
 from dembrick.simulation.dynamics.loads import LoadsAhead
 from dembrick.simulation.dynamics.recorder import Recorder, joined
 from dembrick.simulation.session import Session
 
+OVER_AN_EDGE = """
+title = "A block slides over the edge of its floor, another stays on its own"
+gravity = [0.0, 0.0, -9.81]
+[materials]
+stone = { density = 2000.0 }
+[joint]
+friction = 0.6
+normal_stiffness = 1e9
+shear_stiffness = 4e8
+[[blocks]]
+name = "below"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [0.0, 0.0, 0.05]
+fixed = true
+[[blocks]]
+name = "over"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [0.0, 0.0, 0.15]
+velocity = [0.9, 0.0, 0.0]
+[[blocks]]
+name = "beside"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [0.0, 1.0, 0.05]
+fixed = true
+[[blocks]]
+name = "still"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [0.0, 1.0, 0.15]
+[control]
+kind = "dynamic"
+duration = 0.08
+[output]
+rows = 200
+frames = 20
+"""
 SHAKEN = ["control.duration=0.05", "output.rows=300", "output.frames=40"]
 
 
@@ -62,6 +101,23 @@ def test_rows_together_are_the_rows_one_by_one(monkeypatch, stem):
     assert len(alone["time"]) >= 300 and len(own_frames["time"]) >= 40
     same(together, alone)
     same(frames, own_frames)
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave", "distributed"])
+def test_rows_are_of_the_joints_as_they_are_once_polygons_were_cut(monkeypatch, formulation):
+    """Two blocks share a polygon until one slides over the edge of its floor, and then asks for one of its own."""
+    scenario = toml.loads(OVER_AN_EDGE.replace("[joint]", f'[joint]\nformulation = "{formulation}"'))
+    together, _, calls = observed(scenario)
+    with monkeypatch.context() as changed:
+        changed.setattr(recorder, "TOGETHER", 1)
+        changed.setattr(loads, "AHEAD", 1)
+        alone, _, each = observed(scenario)
+    assert calls < 0.2 * each == 0.2 * len(alone["time"])
+    same(together, alone)
+    monkeypatch.setattr(chunks, "in_one_thread", lambda motion: False)  # every row is Python's
+    monkeypatch.setattr(recorder, "in_one_thread", lambda motion: False)
+    taken, _, _ = observed(scenario)
+    same(together, taken)
 
 
 def test_an_error_in_the_run_loses_no_row(monkeypatch):
