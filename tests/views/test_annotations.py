@@ -11,9 +11,10 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.views import render
 from dembrick.views.motion import hinges
-from dembrick.views.motion.blocks import moving_blocks, round_down
+from dembrick.views.motion.blocks import moving_blocks
 from dembrick.views.motion.frames import frame_number
 from dembrick.views.motion.joints import JointMotion
+from dembrick.views.motion.magnification import round_down
 from dembrick.views.motion.table import joint_table, reaction_table
 from dembrick.views.render import annotations, scene, screen
 from helpers.scenario_text import header

@@ -9,6 +9,7 @@ from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
 from dembrick.views import render
 from dembrick.views.motion.frames import frame_number
 from dembrick.views.motion.joints import JointMotion
@@ -44,6 +45,17 @@ def test_magnification_makes_motion_visible_and_never_shrinks_it(run):
     factor = render.automatic_magnification(run, 3)
     assert factor == 2.0  # 0.12 x 0.3 m over 10.2 mm is 3.5
     assert frame_number(run, time=2.1e-4) == 2
+
+
+def test_joints_are_not_shown_compressed_by_more_than_a_quarter_of_a_block(tmp_path):
+    """Slabs 0.1 m thick whose motion at the limit is compression for the greater part, on a slope of 3 m."""
+    path = tmp_path / "slope.h5"
+    simulate(toml.load(SCENARIOS / "slope_weak_joints.toml"), path)
+    with history.read(path) as found:
+        limit = frame_number(found)
+        factor = render.automatic_magnification(found, limit)
+        sunk = -JointMotion(found).at([limit]).relative.plane[0, :, 0].min()
+    assert 0.01 < factor * sunk <= 0.025
 
 
 @pytest.mark.parametrize("view", list(VIEWS))

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 _MOVES = 0.1  # of the greatest displacement of a corner: a block with less rests
-_SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,18 +87,6 @@ def moving_blocks(history: History, frame: int) -> list[int]:
 def largest_extent(points: np.ndarray, starts: list[int], blocks: Iterable[int]) -> float:
     """Greatest extent along an axis of any of the blocks (m); the points of block i: ``starts[i]:starts[i + 1]``."""
     return max(float(np.ptp(points[starts[i] : starts[i + 1]], axis=0).max()) for i in blocks)
-
-
-def round_down(value: float) -> float:
-    """The greatest of 1, 2 or 5 times a power of ten that is not above ``value``."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9)))
-
-
-def automatic_magnification(moved: float, largest: float) -> float:
-    """A round number, at least 1, by which a motion of ``moved`` (m) is seen beside a block as large as ``largest``
-    (m); 1 without motion."""
-    return round_down(max(1.0, _SEEN * largest / moved)) if moved > 1e-12 * largest else 1.0
 
 
 def block_quantities(history: History, poses: Poses, start: int, stop: int) -> dict[str, np.ndarray]:

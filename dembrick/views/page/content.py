@@ -11,9 +11,10 @@ from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
 from dembrick.views import summary
 from dembrick.views.motion import loads
-from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, automatic_magnification, largest_extent
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.frames import LAST, MECHANISM, ejected, frame_number
 from dembrick.views.motion.joints import CHANNELS, JointMotion
+from dembrick.views.motion.magnification import automatic_magnification
 from dembrick.views.page import choices, diagrams
 from dembrick.views.page.choices import packed as _packed
 from dembrick.views.plot.paths import JointPath, joint_path
@@ -50,9 +51,7 @@ def collect(history: History) -> dict:
     shown = frame_number(history)
     moved = _moved(history, carried, blocks, frames.number.tolist(), shown)
     at = int(np.abs(frames.number - shown).argmin())
-    solid = [i for i in range(history.n_block) if starts[i] < starts[i + 1]]
-    largest = largest_extent(vertices, starts, solid)
-    start = automatic_magnification(float(moved[at]), largest)
+    start = automatic_magnification(history, int(frames.number[at]))
     path = recorded_path(history)
     record = diagrams.record_at(history, frames.time, moved)
     # by actuators, not by the weight of a tilted structure

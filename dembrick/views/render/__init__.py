@@ -15,9 +15,10 @@ from dembrick.history.files import check_output
 from dembrick.views.given import takes_paths
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.frames import LAST, frame_number, nearest
+from dembrick.views.motion.magnification import automatic_magnification
 from dembrick.views.render import images
 from dembrick.views.render.images import MOVIES, write_png
-from dembrick.views.render.look import Look, LookOptions, automatic_magnification
+from dembrick.views.render.look import Look, LookOptions
 from dembrick.views.render.scene import Scene
 from dembrick.views.render.screen import require_display, require_drawing
 

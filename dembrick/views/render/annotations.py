@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.views.motion.blocks import Poses, round_down
+from dembrick.views.motion.blocks import Poses
 from dembrick.views.motion.hinges import CARRIES, closed_edges, hinges
 from dembrick.views.motion.joints import JointMotion
+from dembrick.views.motion.magnification import round_down
 from dembrick.views.render.force_arrows import DrawnForces
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.views.motion import blocks
-from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, block_quantities
+from dembrick.views.motion.blocks import CarriedPoints, Poses, block_quantities
 from dembrick.views.motion.frames import MECHANISM
 from dembrick.views.motion.joints import CHANNELS, JointMotion
 
@@ -71,15 +70,6 @@ class Look:
         factor = self.magnification
         if factor is not None and not (np.isfinite(factor) and factor >= 0.0):
             raise ScenarioError(f"magnification = {factor!r} is out of range: it must be finite and at least 0")
-
-
-def automatic_magnification(history: History, frame: int) -> float:
-    """The magnification by which the motion of the farthest corner in a frame is seen; 1 without motion."""
-    body, block, starts = all_vertices(history)
-    carried, poses = CarriedPoints(history, body, block), Poses.read(history, frame, frame + 1)
-    start = carried.magnified(poses, 0.0)[0]
-    moved = float(np.linalg.norm(carried.moved(poses)[0], axis=1).max())
-    return blocks.automatic_magnification(moved, blocks.largest_extent(start, starts, range(history.n_block)))
 
 
 COLORS = ("displacement", "utilisation", "slip", "energy", "none")

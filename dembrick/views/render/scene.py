@@ -16,18 +16,20 @@ from dembrick.scenario.blocks import DIRECTIONS
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent, moving_blocks
 from dembrick.views.motion.frames import MECHANISM, PEAK, ejected, frame_number
 from dembrick.views.motion.joints import JointMotion
+from dembrick.views.motion.magnification import automatic_magnification
 from dembrick.views.motion.moments import words
 from dembrick.views.plot.subject import chosen_joint, joint_names
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.force_arrows import GREEN, PURPLE, DrawnForces, ForceArrows, glyphs, put_glyphs
 from dembrick.views.render.loads import DrawnLoads, DrawnReactions, DrawnTies
-from dembrick.views.render.look import VIEWS, Colouring, Look, automatic_magnification
+from dembrick.views.render.look import VIEWS, Colouring, Look
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 # Where the blocks go in a picture, as parts of its width and height: text above, colour bar, axes and scale beside.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
+_WORDS, _LINE = 0.985, 1.95  # part of the height at which the words begin; pixels of a line over the size of letters
 _GREY, _BLUE = "#CFCFCF", "#0072B2"
 _WIDE = 76  # characters of a line above the blocks
 # blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
@@ -180,7 +182,11 @@ class Scene:
         self.largest = largest
         width, height = self._plotter.window_size
         extent = (self._seen[1] - self._seen[0])[:2]
-        self.whole = max(extent[1] / (_TOP - self._below), extent[0] / (_RIGHT - _LEFT) * height / width)
+        lines = len(self._title()) + 1 + len(_lines(self._keys(frames[-1], bool(self._marked), n_hinges=9)))
+        # letters grow with the width of the picture
+        taken = (lines + 0.4) * _LINE * _font_size(width) / height
+        self._top = max(min(_TOP, _WORDS - taken), self._below + 0.4)
+        self.whole = max(extent[1] / (self._top - self._below), extent[0] / (_RIGHT - _LEFT) * height / width)
 
     def _make_room(self, points: np.ndarray) -> None:
         """Points (n, 3) that must be in the picture."""
@@ -240,8 +246,8 @@ class Scene:
             self.thrust = ThrustLine(plotter, history, self._joints, self._drawn_forces)
         self._names = self._build_names()
         self.bar = ScaleBar(plotter)
-        size = max(8, round(plotter.window_size[0] / 120))
-        self._text = plotter.add_text(" ", position=(0.012, 0.985), viewport=True, color="black", font_size=size)
+        size = _font_size(plotter.window_size[0])
+        self._text = plotter.add_text(" ", position=(0.012, _WORDS), viewport=True, color="black", font_size=size)
         axes = {"x_color": "#D55E00", "y_color": "#009E73", "z_color": "#0072B2", "color": "black"}
         plotter.add_axes(interactive=False, viewport=(0.84, 0.08, 0.96, 0.22), line_width=3, **axes)
         self._text.prop.justification_vertical = "top"
@@ -336,7 +342,7 @@ class Scene:
         low, high = self._seen
         width, height = plotter.window_size
         # its middle against that of the part used
-        aside = np.array([(1.0 - _LEFT - _RIGHT) * width / height, 1.0 - self._below - _TOP, 0.0])
+        aside = np.array([(1.0 - _LEFT - _RIGHT) * width / height, 1.0 - self._below - self._top, 0.0])
         focus = (0.5 * (low + high) + 0.5 * whole * aside) @ self._screen
         distance = (high - low)[2] + self._length
         plotter.enable_parallel_projection()
@@ -366,23 +372,38 @@ class Scene:
 
     def _words(self, marked: bool) -> str:
         history = self._history
-        shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
+        if history.status == MECHANISM:
+            told = "mechanism of limit analysis: velocities, to no scale"
+        else:
+            shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
+            told = ", ".join([*words(history, self._frame), shown])
+        keys = self._keys(self._frame, marked, len(self.thrust.hinges) if self.thrust else 0)
+        return "\n".join([*self._title(), told, *_lines(keys)]).rstrip()
+
+    def _title(self) -> list[str]:
+        """One line or two."""
+        title = self._history.title
+        return textwrap.wrap(f"{self._name}: {title}" if self._name else title, _WIDE)[:2]
+
+    def _keys(self, frame: int, marked: bool, n_hinges: int) -> list[str]:
+        """Explanations of colours and arrows."""
+        history = self._history
         keys = ["grey: start"] if not self._many else []
-        keys += self._loads.words() + self._ties.words(self._frame) + self._reactions.words()
+        keys += self._loads.words() + self._ties.words(frame) + self._reactions.words()
         if marked:
             keys.append("blue: torsion centre")
         if self.arrows is not None:
             keys.append(self.arrows.words())
             if history.in_real_time and not self._meets and history.new_contacts.any():
                 keys.append("forces of new contacts were not recorded")
-        if self.thrust is not None:
-            keys.append(f"red: line of thrust, {_count(len(self.thrust.hinges), 'hinge')}")
-        if history.status == MECHANISM:
-            told = "mechanism of limit analysis: velocities, to no scale"
-        else:
-            told = ", ".join([*words(history, self._frame), shown])
-        title = textwrap.wrap(f"{self._name}: {history.title}" if self._name else history.title, _WIDE)
-        return "\n".join([*title[:2], told, *_lines(keys)]).rstrip()
+        if self._look.thrust:
+            keys.append(f"red: line of thrust, {_count(n_hinges, 'hinge')}")
+        return keys
+
+
+def _font_size(width: int) -> int:
+    """Size of the letters in a picture ``width`` pixels wide."""
+    return max(8, round(width / 120))
 
 
 def _lines(keys: list[str]) -> list[str]:
