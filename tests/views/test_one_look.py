@@ -157,6 +157,19 @@ def test_lines_of_a_study_over_formulations_have_their_colours(tmp_path):
     axes = plot.study(table_of(tmp_path, head, rows), over=["joint.friction"]).axes[0]
     assert [own[0].get_color() for own in axes.containers] == [style.FORMULATION[name][0] for name in names]
     assert axes.get_ylabel() == "V [N]"
+    assert axes.get_legend() is not None
+
+
+def test_a_cloud_over_formulations_has_their_colours(tmp_path):
+    head = "case,joint.formulation,joint.friction,status,V,V_lower,V_upper,collapse_angle,collapse_load_factor"
+    names, drawn = ("concave", "convex", "corrected"), [0.5 + 0.01 * i for i in range(12)]
+    rows = [
+        f"{i},{name},{mu},yield,{100 * mu},,,," for i, (name, mu) in enumerate((n, m) for n in names for m in drawn)
+    ]
+    axes = plot.study(table_of(tmp_path, head, rows), over=["joint.formulation"]).axes[0]
+    assert [own[0].get_color() for own in axes.containers] == [style.FORMULATION[name][0] for name in names]
+    assert [len(own[0].get_xdata()) for own in axes.containers] == [12, 12, 12]
+    assert axes.get_legend() is None  # the axis names them
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ _UNITS = {
     "deg": ("collapse_angle",),
     "s": ("loop",),
 }
+_FORMULATION = "joint.formulation"
 _MOST_LINES = 8  # in the legend of a panel; more cases than that are a cloud of points
 
 
@@ -111,12 +112,15 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
     axis = _axis(table, answer)
     y, bars = axis.shown(table.numbers(answer)), _bars(table, answer, axis)
     if len(lines) > _MOST_LINES or all(len(line) == 1 for line in lines.values()):
-        lines = {(): list(range(len(table.rows)))}
+        lines, others = {(): list(range(len(table.rows)))}, []
         joined = False
     else:
         joined = numeric
+    if key == _FORMULATION and not others:
+        names = [row[key] for row in table.rows]
+        lines = {(name,): [i for i, own in enumerate(names) if own == name] for name in dict.fromkeys(names)}
     for i, (values, line) in enumerate(lines.items()):
-        colour, dashes, marker = _look(others, values, i)
+        colour, dashes, marker = _look(others or [key], values, i)
         shown = sorted((j for j in line if y[j] is not None), key=lambda j: x[j])
         label = ", ".join(f"{name.rpartition('.')[2]} {value}" for name, value in zip(others, values, strict=False))
         error = None if bars is None else [[bars[j][side] for j in shown] for side in (0, 1)]
@@ -146,7 +150,7 @@ def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
 def _look(others: Sequence[str], values: Sequence[str], number: int) -> tuple:
     """Colour, dashes and mark of a line: those of the formulation where lines differ in it."""
     named = dict(zip(others, values, strict=False))
-    own = style.FORMULATION.get(named.get("joint.formulation", ""))
+    own = style.FORMULATION.get(named.get(_FORMULATION, ""))
     return own if own and len(named) == 1 else style.CYCLE[number % len(style.CYCLE)]
 
 
