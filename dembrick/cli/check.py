@@ -20,7 +20,6 @@ def run(options, console) -> int:
     from dembrick.runs.drivers import driver_of
     from dembrick.runs.reading import load
     from dembrick.scenario.units import unit_slips
-    from dembrick.simulation.expected_cost import START_SECONDS
 
     scenario = load(options.scenario, options.set)
     try:
@@ -56,9 +55,9 @@ def run(options, console) -> int:
         "critical_time_step": plan.critical_time_step,
         "expected_steps": plan.steps,
         "expected_memory": plan.memory,
-        "expected_seconds": None if plan.seconds is None else START_SECONDS + plan.seconds,
-        "expected_seconds_snapping": None if plan.seconds_snapping is None else START_SECONDS + plan.seconds_snapping,
-        "expected_seconds_falling": None if plan.seconds_falling is None else START_SECONDS + plan.seconds_falling,
+        "expected_seconds": _here(plan.seconds),
+        "expected_seconds_snapping": _here(plan.seconds_snapping),
+        "expected_seconds_falling": _here(plan.seconds_falling),
         "warnings": warnings,
     }
     if options.picture:
@@ -90,6 +89,13 @@ def _draw_overlap(scenario, blocks, options, console) -> None:
         console.meter.busy("drawing")
         overlap_picture(scenario, blocks, options.picture)
     console.remark(f"{options.picture}: the blocks that overlap are red")
+
+
+def _here(seconds: float | None) -> float | None:
+    """Seconds of a command on this machine whose loops take so many on that of the costs."""
+    from dembrick.simulation.expected_cost import START_SECONDS, slowness
+
+    return None if seconds is None else slowness() * (START_SECONDS + seconds)
 
 
 def _text(data: dict, plan) -> str:

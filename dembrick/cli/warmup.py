@@ -68,7 +68,7 @@ def _tables(*scenarios) -> None:
 
 
 def _scene(formulation: str, control, *free, **strengths):
-    """Blocks on a floor: position (m) and vertical velocity (m/s) of each; strengths of their joints."""
+    """Blocks on a floor: position (m) and velocity (m/s) of each; strengths of their joints."""
     from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 
     return Scenario(
@@ -79,8 +79,8 @@ def _scene(formulation: str, control, *free, **strengths):
         blocks=(
             Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
             *(
-                Block(f"block {i}", "stone", (0.3, 0.2, 0.1), place, velocity=(0.0, 0.0, speed))
-                for i, (place, speed) in enumerate(free)
+                Block(f"block {i}", "stone", (0.3, 0.2, 0.1), place, velocity=velocity)
+                for i, (place, velocity) in enumerate(free)
             ),
         ),
         control=control,
@@ -88,14 +88,18 @@ def _scene(formulation: str, control, *free, **strengths):
     )
 
 
-LOW, HIGH, THROWN = ((0.0, 0.0, 0.05), 0.0), ((0.0, 0.0, 0.15), 0.0), ((0.5, 0.0, 0.051), -1.0)
+LOW, HIGH = (((0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.05, 0.15))
+SLIDING = (0.0, 0.0, 0.05), (0.3, 0.0, 0.0)  # by so much that its polygon must be looked at
+THROWN = (0.5, 0.0, 0.051), (0.0, 0.0, -1.0)
 
 
 def _motion(formulation: str) -> None:
     """With and without contact detection: one process, as both have most of their code in common."""
     from dembrick.scenario.controls import DynamicControl
 
-    _simulate(_scene(formulation, DynamicControl(1e-3), LOW), _scene(formulation, DynamicControl(2e-3), LOW, THROWN))
+    _simulate(
+        _scene(formulation, DynamicControl(1e-3), SLIDING), _scene(formulation, DynamicControl(2e-3), LOW, THROWN)
+    )
 
 
 def _equilibria(formulation: str) -> None:

@@ -1,15 +1,19 @@
 """Expected steps and seconds of a run, before it is made: measured costs of steps times expected counts.
 
 The costs are processor time of one core of a usual server, of compiled code; docs/performance.md has the tables. They
-are good to a factor of two or so. What nobody knows beforehand is how many Newton steps a search takes: walls of twenty
-to two hundred blocks that rock took 3 to 56, those whose joints slide over one another, as limit analysis counts them,
-55 to 1,055. Of 36 such walls 33 took the steps told here to a factor of four.
+are good to a factor of two or so, and `slowness` compares the machine at hand with that server. What nobody knows
+beforehand is how many Newton steps a search takes: walls of twenty to two hundred blocks that rock took 3 to 56, those
+whose joints slide over one another, as limit analysis counts them, 55 to 1,055. Of 36 such walls 33 took the steps told
+here to a factor of four.
 """
 
 from __future__ import annotations
 
 import math
+import time
+from functools import cache
 
+USUAL_PASS = 3.8e-8  # s of a pass of the loop of `slowness` on the machine that all costs below are of
 START_SECONDS = 0.7  # of a command: start-up, loading what is compiled, building, writing
 LONG = 3600.0  # s: a run that takes more says so before it starts
 ROCKING = 13.0  # steps of a search that rocks, however many blocks
@@ -32,6 +36,18 @@ HEAP_BLOCK_SECONDS = 1.2e-5  # s a step and block, where blocks fall and meet an
 SEARCH_FIRST, SEARCH_PER_DIGIT = 10, 1.2  # Newton steps of a search of a lone joint to 1e-2, and of every digit more
 BENT_FIRST, BENT_PER_DIGIT = 18, 3  # of one whose friction follows the load
 LONE_SECONDS, LONE_POINT_SECONDS = 2.5e-6, 6e-8  # s of a Newton step of it, and a contact point more
+
+
+@cache
+def slowness() -> float:
+    """Time that this machine takes now over that of the costs, by a plain loop of Python; some 5 ms of work."""
+    n_passes, least = 10_000, math.inf
+    for _ in range(12):
+        value, began = 0.0, time.perf_counter()
+        for _ in range(n_passes):
+            value = 0.5 * value + 1.0
+        least = min(least, time.perf_counter() - began)
+    return least / n_passes / USUAL_PASS
 
 
 def search_steps(tolerance: float, bent: bool = False) -> int:

@@ -147,7 +147,10 @@ class Session:
 
     def warn_if_long(self, seconds: float, remedy: str, at_most: bool = False) -> None:
         """Report a run that will take over an hour, before it starts."""
-        if seconds > expected_cost.LONG and self.report:
+        if not self.report or seconds < 0.1 * expected_cost.LONG:
+            return
+        seconds *= expected_cost.slowness()
+        if seconds > expected_cost.LONG:
             takes = f"{'at most' if at_most else 'about'} {expected_cost.duration(seconds)}"
             self.report(f"this run will take {takes} of computing on one core; to shorten it, {remedy}")
 

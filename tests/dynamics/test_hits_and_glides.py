@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dembrick.kernels.dynamics.polygon_cuts import room_along
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
-from dembrick.simulation.dynamics import joint_polygons
-from dembrick.simulation.dynamics.joint_polygons import Polygons, room_along
+from dembrick.simulation.dynamics.joint_polygons import Polygons
 
 G = 9.81
 
@@ -104,7 +104,13 @@ def test_what_glides_along_an_edge_is_cut_at_its_end(monkeypatch, formulation):
     given = scene(slab, block, control=DynamicControl(0.1), formulation=formulation, friction=0.2, **points)
     given = replace(given, joint=replace(given.joint, normal_stiffness=1e8, shear_stiffness=4e7))
     glided = simulate(given)
-    monkeypatch.setattr(joint_polygons, "room_along", lambda *_: 0.0)
+    own = Polygons._cut
+
+    def cut_and_stop(self, j):
+        own(self, j)
+        self.state.links.glide[j] = 1.0, 0.0, 1.0
+
+    monkeypatch.setattr(Polygons, "_cut", cut_and_stop)
     cut = simulate(given)
     ways = [run.frames["displacement"][-1, 1] for run in (glided, cut)]
     assert ways[0][0] > 0.25
@@ -115,6 +121,6 @@ def test_room_along_an_edge():
     """A rectangle flush with two sides of a face, 1 m from its end: along them it may go 1 m and the change."""
     face = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.5], [0.0, 0.5]])
     points = np.array([[0.5, 0.0], [1.0, 0.0], [1.0, 0.5], [0.5, 0.5]])
-    assert room_along(points, face, np.array([1.0, 0.0]), 1e-3, 0.0) == pytest.approx(0.5 + 1e-3)
-    assert room_along(points, face, np.array([0.0, 1.0]), 1e-3, 0.0) == pytest.approx(1e-3)
-    assert room_along(points, face, np.array([1.0, 0.0]), 1e-3, 0.2) == pytest.approx(0.3 + 1e-3)
+    assert room_along(points, face, 1.0, 0.0, 1e-3, 0.0) == pytest.approx(0.5 + 1e-3)
+    assert room_along(points, face, 0.0, 1.0, 1e-3, 0.0) == pytest.approx(1e-3)
+    assert room_along(points, face, 1.0, 0.0, 1e-3, 0.2) == pytest.approx(0.3 + 1e-3)

@@ -278,10 +278,10 @@ def test_polygons_that_are_cut_keep_the_energy_balance():
     """A block slides over the edge of another: what its springs hold less of is let go."""
     below = Block("below", "stone", (0.3, 0.3, 0.1), (0.0, 0.0, 0.05), fixed=True)
     over = Block("over", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.15), velocity=(0.9, 0.0, 0.0))
-    for formulation in ("concave", "distributed", "convex"):
+    for formulation, rounding in (("concave", 5e-11), ("distributed", 2e-5), ("convex", 2e-10)):
         result = simulate(scene(formulation, DynamicControl(0.15), below, over))
         assert result.displacement[-1, 0] > 0.05
-        assert result.energy.relative_residual < 1e-4, formulation
+        assert result.energy.relative_residual < rounding, formulation
 
 
 def test_a_wall_at_rest_is_held_against_what_its_springs_hold():

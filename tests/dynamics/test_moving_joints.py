@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
+from dembrick.geometry import polygons
 from dembrick.geometry.polygons import distance_outside, nearest_points
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.loop import Limits
@@ -264,6 +265,41 @@ def test_a_wall_takes_less_than_2_kb_a_block(formulation):
     assert sum(array.nbytes for array in moving.state.arrays) < 2000 * len(built.names)
     if formulation == "convex":
         assert len(moving.state.faces.count) <= 4  # a head joint, one of half a block, one of a whole one, the last bed
+
+
+@pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])
+def test_polygons_are_cut_as_plane_geometry_says(formulation):
+    """Blocks that slid and twisted to drawn places on a floor of their own size, over one edge, two or three."""
+    draw = np.random.default_rng(4)
+    for _ in range(20):
+        moving, driving = resting(formulation)
+        start, corners = moving.polygons._points[0], moving.state.corners
+        drawn = moving.polygons._joints[0].polygon
+        for _ in range(3):
+            place(moving, (*draw.uniform(-0.05, 0.05, 2), 0.0), about((0, 0, 1), draw.uniform(-0.4, 0.4)))
+            joint_forces(moving, driving)
+            assert moving.polygons.cut_stale() == 1
+        now, shift = moving.state.links.seen[0], moving.polygons.shift[0]
+        tangents = now[[[3, 4], [6, 7]]]
+        origin = now[:2] - shift @ tangents
+        face = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
+        if formulation == "distributed":
+            places = (origin + start.normal_arm @ tangents, start.normal_arm)
+            outside = np.array([distance_outside(points, face) for points in places])
+            left, before = np.clip(0.5 - outside / np.sqrt(start.area), 0.0, 1.0)
+            area = start.area * np.minimum(left / before, 1.0)
+            np.testing.assert_allclose(corners.area, area, rtol=1e-12, atol=1e-16)
+            continue
+        outline = (nearest_points(origin + drawn @ tangents, face) - origin) @ np.linalg.inv(tangents)
+        _, x, y = polygons.area_and_centroid(outline)
+        outline -= (x, y)
+        np.testing.assert_allclose(shift, (x, y), rtol=0, atol=1e-15)
+        np.testing.assert_allclose(corners.area, np.maximum(polygons.tributary_areas(outline), 0.0), atol=1e-16)
+        shrink = np.abs(start.normal_arm).max() / np.abs(drawn).max()
+        np.testing.assert_allclose(np.column_stack([corners.x, corners.y]), shrink * outline, rtol=0, atol=1e-15)
+        assert moving.state.links.reach[0] == pytest.approx(np.hypot(*outline.T).max(), rel=1e-7)
+        # O on the host has moved along
+        np.testing.assert_allclose(seen(moving.state.bodies, moving.state.links)[0], now, rtol=0, atol=1e-14)
 
 
 def test_polygons_inside_the_face_are_left_alone():

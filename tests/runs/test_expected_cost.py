@@ -119,7 +119,21 @@ def test_the_memory_of_a_large_search():
     assert 0.5 < plan.memory / 30e6 < 2.0
 
 
-def test_check_says_it(capsys):
+def test_a_slower_machine_takes_longer(monkeypatch, capsys):
+    """The loop of `slowness` runs at some speed here; what it says multiplies all seconds, and none of the steps."""
+    assert 0.1 < expected_cost.slowness() < 20.0
+    found = []
+    for slowness in (1.0, 3.0):
+        monkeypatch.setattr(expected_cost, "slowness", lambda slowness=slowness: slowness)
+        assert main(["check", str(SCENARIOS / "wall_collapse.toml"), "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    for name in ("expected_seconds", "expected_seconds_falling"):
+        assert found[1][name] == pytest.approx(3.0 * found[0][name], rel=1e-12)
+    assert found[0]["expected_steps"] == found[1]["expected_steps"]
+
+
+def test_check_says_it(monkeypatch, capsys):
+    monkeypatch.setattr(expected_cost, "slowness", lambda: 1.0)
     assert main(["check", str(SCENARIOS / "set4a_curve.toml")]) == 0
     assert "expected      20026 steps, 0.7 s on one core once compiled, 1 MB beside" in capsys.readouterr().out
     assert main(["check", str(SCENARIOS / "arch.toml"), "--json"]) == 0

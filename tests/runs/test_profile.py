@@ -77,7 +77,7 @@ def dropped():
     "phase, owner, name",
     [
         ("contact_search", "dembrick.simulation.dynamics.contact_detection.ContactDetection", "follow"),
-        ("geometry", "dembrick.simulation.dynamics.joint_polygons.Polygons", "cut_stale"),
+        ("geometry", "dembrick.simulation.dynamics.joint_polygons.Polygons", "cut"),
         ("record", "dembrick.simulation.dynamics.recorder.Recorder", "curve"),
         ("driving", "dembrick.simulation.dynamics.contact_detection.ContactDetection", "steps_to_go"),
     ],

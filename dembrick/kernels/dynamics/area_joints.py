@@ -4,7 +4,7 @@ of a family are those of `point_joints`, and `joint_families` calls them.
 Shear memory lives in the polygon's axes and turns with them. The normal force acts along the other's normal.
 """
 
-from math import inf
+from math import inf, sqrt
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.area_energy import add_slip_work, add_work, keep_for_work
@@ -302,6 +302,19 @@ def spring_energy(links, faces, a, held):
     sheared = (e1 * e1 + e2 * e2) / (k * face.area[lane])
     sheared += em * em / (k * (yy + xx))
     return 0.5 * (n * g0 + nx * gx + ny * gy + sheared)
+
+
+@jit
+def work_ahead(faces, a, held, sense, offset, now, step, slip, turn):
+    """Work (J) that the springs of convex joint ``a`` would take over a ``step`` (9) of `Links.seen` from ``now``, if
+    their forces stayed; ``slip`` (9) and ``turn`` of the feet in it, ``held`` (a, 3) N and its moments."""
+    e1, e2, em = three(faces.sheared[faces.place[a] // W].elastic, faces.place[a] % W)
+    c, s = now[3] + step[3], now[4] + step[4]
+    length = sqrt(c * c + s * s)
+    c /= length
+    s /= length
+    work = -sense * (held[a, 0] * step[2] + held[a, 1] * step[5] + held[a, 2] * step[8])
+    return work + e1 * (c * slip[0] + s * slip[1]) + e2 * (c * slip[1] - s * slip[0]) + em * turn
 
 
 @jit

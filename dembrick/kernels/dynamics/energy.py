@@ -12,10 +12,10 @@ it has its own term.
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.rigid_bodies import gathered
-from dembrick.kernels.dynamics.tiles import W
+from dembrick.kernels.dynamics.tiles import W, combined, dot, four, offset_of, sense_of, three
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import tie_losses
-from dembrick.kernels.math.vectors import add_wrench, cross, put_vector, rotate
+from dembrick.kernels.math.vectors import add_wrench, axes_of, cross, product, put_vector, rotate
 
 
 @jit
@@ -51,6 +51,63 @@ def take_stock(links, corners, faces, held_out, energy_out):
         for i in range(joint_count(corners, faces, family)):
             j = joint_of(corners, faces, family, i)
             energy_out[j] = families.spring_energy(links, corners, faces, family, i, held_out)
+
+
+@jit
+def seen_now(links, bodies, j):
+    """`Links.seen` (9) of joint ``j`` where the blocks are now."""
+    tile = links.tiles[links.place[j] // W]
+    lane = links.place[j] % W
+    host, other = links.host[j], links.other[j]
+    q, x = bodies.orientation, bodies.position
+    p = product(q[other, 0], q[other, 1], q[other, 2], q[other, 3], *four(tile.plane, lane))
+    t = product(q[host, 0], q[host, 1], q[host, 2], q[host, 3], *four(tile.tangents, lane))
+    u, w, m = axes_of(p)
+    e, g, n = axes_of(product(p[0], -p[1], -p[2], -p[3], *t))
+    r = combined(three(tile.lever, lane), (0.0, 0.0, 0.0), e, g, n)
+    d = x[host, 0] - x[other, 0], x[host, 1] - x[other, 1], x[host, 2] - x[other, 2]
+    return (dot(d, u) + r[0], dot(d, w) + r[1], dot(d, m) + r[2], *e, *g)
+
+
+@jit
+def step_of_feet(offset, now, step):
+    """Displacement (9) of the feet of points in the plane, where friction acts, by a ``step`` (9) from ``now``, all in
+    the form of `Links.seen`; and the turn about the plane's normal (rad)."""
+    o = now[2] + 0.5 * step[2] - offset
+    u1, u2, u3 = now[3] + 0.5 * step[3], now[4] + 0.5 * step[4], now[5] + 0.5 * step[5]
+    r1, r2, r3 = cross(u1, u2, u3, step[3], step[4], step[5])
+    about = dot((u1, u2, u3), cross(now[6], now[7], now[8], step[6], step[7], step[8]))  # r misses the turn about u
+    r1 += about * u1
+    r2 += about * u2
+    r3 += about * u3
+    v = now[8] + 0.5 * step[8]
+    return (
+        (step[0] - o * r2, step[1] + o * r1, step[2],
+         step[3] - u3 * r2, step[4] + u3 * r1, step[5],
+         step[6] - v * r2, step[7] + v * r1, step[8]),
+        r3,
+    )  # fmt: skip
+
+
+@entry
+def work_ahead(links, corners, faces, bodies, held, places, joints, worked):
+    """Work (k,) in J that the springs of ``joints`` (k,) would take over the step since the last forces, if these
+    stayed, into ``worked``; ``held``: see `take_stock`, ``places``: `EnergyTerms.place`."""
+    for i in range(joints.size):
+        j = joints[i]
+        seen = links.seen_tiles[links.place[j] // W]
+        lane = links.place[j] % W
+        now = (*three(seen.origin, lane), *three(seen.first, lane), *three(seen.second, lane))
+        then = seen_now(links, bodies, j)
+        step = (
+            then[0] - now[0], then[1] - now[1], then[2] - now[2],
+            then[3] - now[3], then[4] - now[4], then[5] - now[5],
+            then[6] - now[6], then[7] - now[7], then[8] - now[8],
+        )  # fmt: skip
+        slip, turn = step_of_feet(offset_of(links, j), now, step)
+        family, index = families.family_of(places[j])
+        more = held, sense_of(links, j), offset_of(links, j), now, step, slip, turn
+        worked[i] = families.work_ahead(corners, faces, family, index, *more)
 
 
 @entry

@@ -48,5 +48,7 @@ def spring_energy(links, corners, faces, family, index, held):
     return 0.0
 
 
+# Work (J) that the springs of a joint would take if their forces stayed, asked by corners, faces, family, index
+work_ahead = by_family(point_joints.work_ahead, area_joints.work_ahead, 0.0)
 # Length of the slip path (m) of a joint, asked by corners, faces, family, index
 mean_slip = by_family(point_joints.mean_slip, area_joints.mean_slip, 0.0)

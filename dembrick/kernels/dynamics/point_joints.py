@@ -338,6 +338,27 @@ def spring_energy_by(custom, links, corners, p):
 
 
 @jit
+def work_ahead(corners, p, held, sense, offset, now, step, slip, turn):
+    """Work (J) that the springs of point joint ``p`` would take over a ``step`` (9) of `Links.seen` from ``now``, if
+    their forces stayed; ``slip`` (9) and ``turn`` of the feet in it, ``held`` is for the pressure of convex joints."""
+    law = corners.law[p]
+    arm = corners.shear_arm[law]
+    work = 0.0
+    for i in range(corners.start[p + 1] - corners.start[p]):
+        place = corners.place[p] + i * W
+        point = corners.points[place // W]
+        own = place % W
+        x, y = point.x[own], point.y[own]
+        e1, e2 = two(corners.sheared[place // W].elastic, own)
+        g = sense * (offset - now[2] - x * now[5] - y * now[8])
+        g = spring_length(corners.strengths, corners.bonds, law, corners.k_n[law], place, g)
+        work -= corners.k_n[law] * sense * point.area[own] * g * (step[2] + x * step[5] + y * step[8])
+        work += e1 * (slip[0] + arm * (x * slip[3] + y * slip[6]))
+        work += e2 * (slip[1] + arm * (x * slip[4] + y * slip[7]))
+    return work
+
+
+@jit
 def mean_slip(corners, p):
     """Length of the slip path (m) of point joint ``p``, averaged over its points by their areas."""
     area = slip = 0.0

@@ -424,22 +424,27 @@ def offset_of(links, j):
 
 
 @jit
+def way_of(links, j):
+    """How far the polygon of joint ``j`` has moved along its plane since it was last cut (m)."""
+    kept = links.kept[j]
+    seen = links.seen_tiles[links.place[j] // W]
+    lane = links.place[j] % W
+    p1 = seen.origin[0, lane] - kept[0]
+    p2 = seen.origin[1, lane] - kept[1]
+    e1 = seen.first[0, lane] - kept[2]
+    e2 = seen.first[1, lane] - kept[3]
+    f1 = float(links.glide[j, 0])
+    f2 = float(links.glide[j, 1])
+    along = float(links.glide[j, 2]) * (p1 * f1 + p2 * f2)
+    across = p2 * f1 - p1 * f2
+    reach = float(links.reach[j])  # double precision in plain Python as well
+    return sqrt(along * along + across * across) + reach * sqrt(e1 * e1 + e2 * e2)
+
+
+@jit
 def least_slack(links):
     """How much farther a polygon may move along its plane before one must be cut again (m); zero or less: now."""
     least = 1e300
     for j in range(links.host.size):
-        kept = links.kept[j]
-        seen = links.seen_tiles[links.place[j] // W]
-        lane = links.place[j] % W
-        p1 = seen.origin[0, lane] - kept[0]
-        p2 = seen.origin[1, lane] - kept[1]
-        e1 = seen.first[0, lane] - kept[2]
-        e2 = seen.first[1, lane] - kept[3]
-        f1 = float(links.glide[j, 0])
-        f2 = float(links.glide[j, 1])
-        along = float(links.glide[j, 2]) * (p1 * f1 + p2 * f2)
-        across = p2 * f1 - p1 * f2
-        reach, slack = float(links.reach[j]), float(links.slack[j])  # double precision in plain Python as well
-        moved = sqrt(along * along + across * across) + reach * sqrt(e1 * e1 + e2 * e2)
-        least = min(least, slack - moved)
+        least = min(least, float(links.slack[j]) - way_of(links, j))
     return least

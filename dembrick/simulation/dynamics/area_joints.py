@@ -14,7 +14,7 @@ from dembrick.assembly.joints import JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics.area_tiles import FACE, SHEARED, FaceBonds, Faces
-from dembrick.kernels.dynamics.tiles import W, in_lanes, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import W, rows_of_lanes
 from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
 from dembrick.simulation.joint_laws import (
     bonded_at_start,
@@ -128,15 +128,6 @@ def stiffness(faces: Faces) -> np.ndarray:
     yy, xx, xy = faces.second.T
     moments, k_n, k_s = (faces.area, 0.0, 0.0, xx, yy, xy), faces.k_n, faces.k_s
     return elastic_stiffness([k_s * a for a in moments], [k_n * a for a in moments])
-
-
-def work_ahead(faces: Faces, a: int, held, sense: float, offset: float, now, step, slip, turn: float) -> float:
-    """Work (J) that the springs of joint ``a`` would take over a ``step`` (9,) of `Links.seen` from ``now``, if their
-    forces stayed; ``slip`` (9,) and ``turn`` of the feet in it, ``held`` (a, 3) N and its moments."""
-    e, after = in_lanes(faces.sheared, "elastic", faces.place[a]), now + step
-    along = after[3:5] / np.hypot(*after[3:5])
-    work = -sense * (held[a] @ step[[2, 5, 8]]) + e[0] * (along @ slip[:2])
-    return float(work + e[1] * (along[0] * slip[1] - along[1] * slip[0]) + e[2] * turn)
 
 
 def friction(faces: Faces) -> np.ndarray:

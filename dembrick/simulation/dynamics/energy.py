@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.kernels.dynamics.energy import settle_all, take_stock
+from dembrick.kernels.dynamics.energy import settle_all, take_stock, work_ahead
 from dembrick.kernels.dynamics.energy_terms import CARRIED, LEDGER, LOST, PRESSURE, TOTAL, EnergyTerms
 from dembrick.kernels.dynamics.tiles import put_in_lanes, rows_of_lanes
 from dembrick.kernels.joint.ties import tie_energy
@@ -17,7 +17,7 @@ from dembrick.simulation.checkpoint_arrays import plain
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.known_types import KnownTypes
-from dembrick.simulation.dynamics.state import MovingState, cross, out_of_balance, seen
+from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 from dembrick.simulation.energy_audit import Sums
 
 FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, errors are rounding
@@ -77,10 +77,10 @@ class MotionEnergy:
             return
         stale, table = polygons.stale(), self.table
         held, before = self._springs(polygons.state)
-        worked = _work_ahead(polygons.state, held, stale, table.place)
-        polygons.cut_stale()
+        worked = self._work_ahead(polygons.state, held, stale)
+        polygons.cut(stale)
         after, energy = self._springs(polygons.state)
-        worked -= _work_ahead(polygons.state, after, stale, table.place)
+        worked -= self._work_ahead(polygons.state, after, stale)
         self._put_springs(polygons.state, after)
         table.lost["released"][stale] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
 
@@ -97,6 +97,14 @@ class MotionEnergy:
         held, energy = np.zeros((len(joint_families.convex_joints(state)), 3)), np.zeros(n)
         self._known.call(state, take_stock, state.links, state.corners, state.faces, held, energy)
         return held, energy
+
+    def _work_ahead(self, state: MovingState, held: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """Work (k,) in J that the springs of ``joints`` (k,) would take over the step since the last forces, if these
+        stayed; ``held``: see `take_stock`."""
+        worked = np.zeros(len(joints))
+        of_state = state.links, state.corners, state.faces, state.bodies
+        self._known.call(state, work_ahead, *of_state, held, self.table.place, joints, worked)
+        return worked
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
         """Sums for the audit; None if nothing was counted. ``rounding`` (J): less is no error of the run."""
@@ -142,31 +150,3 @@ def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
         gravity=np.zeros(3),
         begun=np.zeros(1),
     )
-
-
-def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Work (k,) in J that the springs of ``joints`` (k,) would take over the step since the last forces, if these
-    stayed; ``held``: see `take_stock`, ``place``: see `EnergyTerms`."""
-    links = state.links
-    wanted = {name: getattr(links, name)[joints] for name in ("host", "other", "place", "tangents", "plane")}
-    own = links._replace(**wanted)
-    before, sense, offset = own.seen, own.sense, own.offset
-    steps, work = seen(state.bodies, own) - before, np.zeros(len(joints))
-    for i, j in enumerate(joints.tolist()):
-        now, step = before[i], steps[i]
-        slip, turn = _of_feet(offset[i], now, step)
-        module, family, index = joint_families.family_of(state, int(place[j]))
-        work[i] = module.work_ahead(family, index, held, sense[i], offset[i], now, step, slip, turn)
-    return work
-
-
-def _of_feet(offset: float, now: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, float]:
-    """Displacement (9,) of the feet of points in the plane, where friction acts, by a ``step`` (9,) from ``now``, all
-    in the form of `Links.seen`; and the turn about the plane's normal (rad)."""
-    middle = now + 0.5 * step
-    u, du, v, dv = (part[None] for part in (middle[3:6], step[3:6], now[6:], step[6:]))
-    turn = (cross(u, du) + (u * cross(v, dv)).sum() * u)[0]
-    height, slip = middle[[2, 5, 8]] - (offset, 0.0, 0.0), step.copy()
-    slip[[0, 3, 6]] -= height * turn[1]
-    slip[[1, 4, 7]] += height * turn[0]
-    return slip, float(turn[2])

@@ -119,26 +119,6 @@ def _moments(x: np.ndarray, y: np.ndarray) -> tuple:
     return 1.0, x, y, x * x, y * y, x * y
 
 
-def work_ahead(corners: Corners, p: int, held, sense: float, offset: float, now, step, slip, turn: float) -> float:
-    """Work (J) that the springs of joint ``p`` would take over a ``step`` (9,) of `Links.seen` from ``now``, if their
-    forces stayed; ``slip`` (9,) and ``turn`` of the feet in it, ``held`` is for the pressure of convex joints."""
-    law = corners.law[p]
-    x, y, area = (corners.field(name, p) for name in ("x", "y", "area"))
-    e1, e2 = corners.field("elastic", p).T
-    arm = corners.shear_arm[law]
-    depth = sense * (offset - now[2] - x * now[5] - y * now[8])
-    if corners.bonds is None:
-        depth = np.maximum(depth, 0.0)
-    else:
-        bonded, crushed, rise = (corners.field(name, p) for name in BOND.names or ())
-        depth = np.minimum(depth + rise - crushed, corners.strengths.crushing[law] / corners.k_n[law])
-        depth = np.where(bonded > 0.0, depth, np.maximum(depth, 0.0))
-    of_point = -corners.k_n[law] * sense * area * depth * (step[2] + x * step[5] + y * step[8])
-    of_point += e1 * (slip[0] + arm * (x * slip[3] + y * slip[6]))
-    of_point += e2 * (slip[1] + arm * (x * slip[4] + y * slip[7]))
-    return float(of_point.sum())
-
-
 def friction(corners: Corners) -> np.ndarray:
     """A copy of the friction of the laws (l,)."""
     return corners.friction.copy()

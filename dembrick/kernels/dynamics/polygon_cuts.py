@@ -1,0 +1,301 @@
+"""Contact polygons of moving joints, cut to the face that they lie on; `simulation.dynamics.joint_polygons` says why.
+
+A face is an array (m, 2) of the corners of a convex polygon, counter-clockwise, in the axes of the plane.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import entry, jit
+from dembrick.kernels.dynamics.tiles import W, way_of
+
+GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
+PARALLEL = 1.0 - 1e-4  # cosine: a polygon that moves so near to along an edge moves along it
+
+
+class Drawn(NamedTuple):
+    """A joint as it was drawn, and what cutting has made of it."""
+
+    face: ndarray  # (m, 2) m, of the other block, in the plane's axes from its centroid
+    outline: ndarray  # (k, 2) m, corners along e1 and e2 from O
+    arms: ndarray  # (c, 2) m, contact points; none of a convex joint
+    areas: ndarray  # (c,) m2
+    start: ndarray  # (c, 2) m, where they were at the start, in the plane's axes
+    placed: ndarray  # (k, 2) m, scratch: the corners in the plane's axes
+    cut: ndarray  # (k, 2) m, scratch: the corners that are left
+    shift: ndarray  # (2,) m, where O is now, from where it was on the host at the start, along e1 and e2
+    whole: ndarray  # (1,) bool, nothing of the polygon has been cut off
+    area: float  # m2
+    bound: float  # m, how far the polygon may move before it is looked at again
+    shrink: float  # arms of the points over those of the corners
+    margin: float  # m, points this far inside an edge are not touched by it
+    fades: bool  # points lose their area one by one, in place of moving with the corners
+
+
+@jit
+def edge_of(face, i):
+    """First corner (m), direction and length (m) of edge ``i``."""
+    k = i + 1 if i + 1 < face.shape[0] else 0
+    x = face[k, 0] - face[i, 0]
+    y = face[k, 1] - face[i, 1]
+    length = sqrt(x * x + y * y)
+    return face[i, 0], face[i, 1], x / length, y / length, length
+
+
+@jit
+def outside(face, x, y):
+    """How far a point lies beyond the nearest edge line of a face (m); negative inside."""
+    most = -1e300
+    for i in range(face.shape[0]):
+        a, b, t, s, _ = edge_of(face, i)
+        most = max(most, (x - a) * s - (y - b) * t)
+    return most
+
+
+@jit
+def nearest(face, x, y):
+    """The point of a face that is nearest to (x, y)."""
+    if outside(face, x, y) <= 0.0:
+        return x, y
+    least = 1e300
+    p = x
+    q = y
+    for i in range(face.shape[0]):
+        a, b, t, s, length = edge_of(face, i)
+        along = min(max((x - a) * t + (y - b) * s, 0.0), length)
+        u = a + along * t
+        v = b + along * s
+        away = (x - u) * (x - u) + (y - v) * (y - v)
+        if away < least:
+            least = away
+            p = u
+            q = v
+    return p, q
+
+
+@jit
+def room_along(points, face, t, s, change, margin):
+    """How far (m) ``points`` (k, 2) can go along a direction (t, s), either way, before the distance of one beyond an
+    edge of a face changes by more than ``change`` (m); those further inside than ``margin`` (m) do not count."""
+    least = 1e300
+    for i in range(face.shape[0]):
+        a, b, f, g, _ = edge_of(face, i)
+        rate = max(abs(g * t - f * s), 1e-12)
+        for k in range(points.shape[0]):
+            beyond = (points[k, 0] - a) * g - (points[k, 1] - b) * f + margin
+            least = min(least, (max(-beyond, 0.0) + change) / rate)
+    return least
+
+
+@jit
+def tangents_of(links, j):
+    """O (m), e1 and e2 of a polygon along the plane's axes."""
+    seen = links.seen_tiles[links.place[j] // W]
+    lane = links.place[j] % W
+    return (
+        (seen.origin[0, lane], seen.origin[1, lane]),
+        (seen.first[0, lane], seen.first[1, lane]),
+        (seen.second[0, lane], seen.second[1, lane]),
+    )
+
+
+@jit
+def start_of(drawn, o, e, g):
+    """Where O of the start is now (m), in the plane's axes."""
+    x, y = drawn.shift[0], drawn.shift[1]
+    return o[0] - x * e[0] - y * g[0], o[1] - x * e[1] - y * g[1]
+
+
+@jit
+def looked_at(links, j, drawn, o, e, g):
+    """Place the corners; whether the polygon must be cut, or is whole and inside the face, with how far it may move
+    until it is not."""
+    a, b = start_of(drawn, o, e, g)
+    most = -1e300
+    for k in range(drawn.outline.shape[0]):
+        x = drawn.outline[k, 0]
+        y = drawn.outline[k, 1]
+        drawn.placed[k, 0] = a + x * e[0] + y * g[0]
+        drawn.placed[k, 1] = b + x * e[1] + y * g[1]
+        most = max(most, outside(drawn.face, drawn.placed[k, 0], drawn.placed[k, 1]))
+    if drawn.whole[0] and most <= 0.0:
+        links.slack[j] = drawn.bound - most
+        return False
+    drawn.whole[0] = most <= 0.0
+    links.slack[j] = drawn.bound
+    return True
+
+
+@jit
+def let_go_on(links, j, drawn, o):
+    """Let a polygon that was `looked_at` go on as it has moved to O = ``o`` since the last time."""
+    glide = links.glide[j]
+    glide[0] = 1.0
+    glide[1] = 0.0
+    glide[2] = 1.0
+    t = o[0] - links.kept[j, 0]
+    s = o[1] - links.kept[j, 1]
+    length = sqrt(t * t + s * s)
+    if not length > 0.0:
+        return
+    t /= length
+    s /= length
+    nearly = PARALLEL
+    p, q = t, s
+    for i in range(drawn.face.shape[0]):
+        _, _, f, g, _ = edge_of(drawn.face, i)
+        if abs(f * t + g * s) > nearly:
+            nearly = abs(f * t + g * s)
+            p, q = f, g
+    slack = float(links.slack[j])
+    far = room_along(drawn.placed, drawn.face, p, q, 0.5 * drawn.bound, drawn.margin)
+    if far > slack and slack > 0.0:
+        glide[0] = p
+        glide[1] = q
+        glide[2] = slack / far
+
+
+@jit
+def keep(links, j):
+    """Write down where a polygon is that has been cut."""
+    o, e, _ = tangents_of(links, j)
+    kept = links.kept[j]
+    kept[0], kept[1] = o
+    kept[2], kept[3] = e
+
+
+@jit
+def stand_alone(like, t):
+    """Let tile ``t`` stand for no other one in ``like``, and no other one for it; as `tiles.set_apart`."""
+    heir = -1
+    for k in range(like.size):
+        if k != t and like[k] == t:
+            if heir < 0:
+                heir = k
+            like[k] = heir
+    like[t] = t
+
+
+@jit
+def move_origin(links, j, drawn, x, y):
+    """Put O of a joint at (x, y) from O of the start (m, along e1 and e2)."""
+    dx = x - drawn.shift[0]
+    dy = y - drawn.shift[1]
+    t = links.place[j] // W
+    lane = links.place[j] % W
+    stand_alone(links.like, t)
+    lever = links.tiles[t].lever
+    lever[0, lane] += dx
+    lever[1, lane] += dy
+    seen = links.seen_tiles[t]
+    for i in range(3):
+        seen.origin[i, lane] += dx * seen.first[i, lane] + dy * seen.second[i, lane]
+    drawn.shift[0] = x
+    drawn.shift[1] = y
+
+
+@jit
+def project(links, corners, p, j, drawn, o, e, g):
+    """Move corners beyond the edge to the nearest point of the face, and the contact points with them."""
+    a, b = start_of(drawn, o, e, g)
+    det = e[0] * g[1] - e[1] * g[0]
+    n = drawn.outline.shape[0]
+    for k in range(n):
+        x, y = nearest(drawn.face, drawn.placed[k, 0], drawn.placed[k, 1])
+        x -= a
+        y -= b
+        drawn.cut[k, 0] = (x * g[1] - y * g[0]) / det
+        drawn.cut[k, 1] = (e[0] * y - e[1] * x) / det
+    # area and centroid from the first corner, so that a distant one costs no digits
+    double = cx = cy = 0.0
+    x0, y0 = drawn.cut[0, 0], drawn.cut[0, 1]
+    for k in range(1, n - 1):
+        ux, uy = drawn.cut[k, 0] - x0, drawn.cut[k, 1] - y0
+        vx, vy = drawn.cut[k + 1, 0] - x0, drawn.cut[k + 1, 1] - y0
+        part = ux * vy - uy * vx
+        double += part
+        cx += part * (ux + vx)
+        cy += part * (uy + vy)
+    stand_alone(corners.like, links.place[j] // W)  # tiles of points are the first ones of all
+    if not 0.5 * double > GONE * drawn.area:
+        for k in range(n):
+            place = corners.place[p] + k * W
+            corners.points[place // W].area[place % W] = 0.0
+        return
+    cx = x0 + cx / (3.0 * double)
+    cy = y0 + cy / (3.0 * double)
+    move_origin(links, j, drawn, cx, cy)
+    far = 0.0
+    for k in range(n):
+        drawn.cut[k, 0] -= cx
+        drawn.cut[k, 1] -= cy
+        far = max(far, drawn.cut[k, 0] * drawn.cut[k, 0] + drawn.cut[k, 1] * drawn.cut[k, 1])
+    links.reach[j] = sqrt(far)
+    for k in range(n):
+        last = k - 1 if k > 0 else n - 1
+        after = k + 1 if k + 1 < n else 0
+        x, y = drawn.cut[k, 0], drawn.cut[k, 1]
+        sides = x * drawn.cut[after, 1] - y * drawn.cut[after, 0] + drawn.cut[last, 0] * y - drawn.cut[last, 1] * x
+        place = corners.place[p] + k * W
+        point = corners.points[place // W]
+        point.area[place % W] = max(0.25 * sides, 0.0)
+        point.x[place % W] = drawn.shrink * x
+        point.y[place % W] = drawn.shrink * y
+
+
+@jit
+def inside(face, x, y, area):
+    """The part of the cell of a point, as a square of that ``area``, that lies on a face, as its nearest edge passes
+    through it."""
+    return min(max(0.5 - outside(face, x, y) / sqrt(area), 0.0), 1.0)
+
+
+@jit
+def fade(links, corners, p, j, drawn, o, e, g):
+    """Take from each point the part of its area that its cell has lost to the edge."""
+    a, b = start_of(drawn, o, e, g)
+    stand_alone(corners.like, links.place[j] // W)
+    for k in range(drawn.areas.size):
+        x, y = drawn.arms[k, 0], drawn.arms[k, 1]
+        left = inside(drawn.face, a + x * e[0] + y * g[0], b + x * e[1] + y * g[1], drawn.areas[k])
+        left /= inside(drawn.face, drawn.start[k, 0], drawn.start[k, 1], drawn.areas[k])
+        place = corners.place[p] + k * W
+        corners.points[place // W].area[place % W] = drawn.areas[k] * min(left, 1.0)
+
+
+@entry
+def cut_points(links, corners, p, j, drawn):
+    """Cut the polygon of joint ``j``, number ``p`` of those that act at points, to the face that it lies on."""
+    o, e, g = tangents_of(links, j)
+    if looked_at(links, j, drawn, o, e, g):
+        if drawn.fades:
+            fade(links, corners, p, j, drawn, o, e, g)
+        else:
+            project(links, corners, p, j, drawn, o, e, g)
+    let_go_on(links, j, drawn, o)
+    keep(links, j)
+
+
+@entry
+def must_clip(links, j, drawn):
+    """Whether the polygon of convex joint ``j`` must be clipped: its corners are ``drawn.placed``. It goes on from
+    here."""
+    o, e, g = tangents_of(links, j)
+    clipped = looked_at(links, j, drawn, o, e, g)
+    let_go_on(links, j, drawn, o)
+    keep(links, j)
+    return clipped
+
+
+@entry
+def find_stale(links, found):
+    """Write the joints whose polygons have moved too far into ``found`` (j,); returns how many there are."""
+    count = 0
+    for j in range(links.host.size):
+        # a little before the loop does, whose square roots may round the other way
+        if way_of(links, j) >= float(links.slack[j]) * (1.0 - 1e-9):
+            found[count] = j
+            count += 1
+    return count
