@@ -273,6 +273,8 @@ def _unbalanced(results: Mapping) -> Told | None:
 
 def _simulated(results: Mapping) -> Told | None:
     seconds = number(results.get("simulated_time"))
+    if results.get("critical_time_step", 0.0) is None:  # equilibria are numbered; no time passes between them
+        return None
     return None if seconds is None else Told(f"{seconds:.6g} s")
 
 

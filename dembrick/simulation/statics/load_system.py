@@ -54,7 +54,8 @@ class After(NamedTuple):
 class Replay(Ended):
     """A finished search or test: the yield point, the state at the limit, what the program chose, how long it took (s).
 
-    ``left``: the state in which it ended, if that is another; ``after``: what moves there, if that is something else.
+    ``left``: the state in which it ended, if that is another; ``after``: what moves there, if that is something else;
+    ``critical_time_step``: None where equilibria follow one another and no time passes.
     """
 
     yield_point: YieldPoint
@@ -62,7 +63,7 @@ class Replay(Ended):
     converged: bool
     steps: int
     time_step: float
-    critical_time_step: float
+    critical_time_step: float | None
     simulated_time: float
     unbalanced: float
     compile_seconds: float
