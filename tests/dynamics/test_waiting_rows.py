@@ -23,36 +23,27 @@ stone = { density = 2000.0 }
 friction = 0.6
 normal_stiffness = 1e9
 shear_stiffness = 4e8
-[[blocks]]
-name = "below"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, 0.0, 0.05]
-fixed = true
-[[blocks]]
-name = "over"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, 0.0, 0.15]
-velocity = [0.9, 0.0, 0.0]
-[[blocks]]
-name = "beside"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, 1.0, 0.05]
-fixed = true
-[[blocks]]
-name = "still"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, 1.0, 0.15]
 [control]
 kind = "dynamic"
 duration = 0.08
 [output]
 rows = 200
 frames = 20
+""" + "".join(
+    f"""[[blocks]]
+name = "{name}"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [0.0, {y}, {z}]
+{more}
 """
+    for name, y, z, more in (
+        ("below", 0.0, 0.05, "fixed = true"),
+        ("over", 0.0, 0.15, "velocity = [0.9, 0.0, 0.0]"),
+        ("beside", 1.0, 0.05, "fixed = true"),
+        ("still", 1.0, 0.15, ""),
+    )
+)
 SHAKEN = ["control.duration=0.05", "output.rows=300", "output.frames=40"]
 
 
