@@ -304,7 +304,7 @@ def _cut(position: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray | Non
     n = len(position)
     cuts = np.arange(max(1, int((0.5 - UNEVEN) * n)), min(n - 1, int(np.ceil((0.5 + UNEVEN) * n))) + 1)
     best, found = np.inf, None
-    for axis in range(3):
+    for axis in np.flatnonzero(np.ptp(position, axis=0) > 0.0).tolist():
         order = np.argsort(position[:, axis], kind="stable")
         rank = np.empty(n, np.int64)
         rank[order] = np.arange(n)
