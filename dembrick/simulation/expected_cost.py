@@ -32,6 +32,7 @@ STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have b
 RELAXATION_SECONDS = 1.5e-6  # s a joint and step of a dead-load equilibrium
 LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s a joint and step of a constant-rate test, and a contact point more
 MOTION_SECONDS, MOTION_JOINT_SECONDS = 9e-6, 5e-8  # s a step in real time, and a joint more, contacts sought as well
+ROW_SECONDS = 4e-5  # s a row of the record in real time
 HEAP_BLOCK_SECONDS = 1.2e-5  # s a step and block, where blocks fall and meet anywhere
 SEARCH_FIRST, SEARCH_PER_DIGIT = 10, 1.2  # Newton steps of a search of a lone joint to 1e-2, and of every digit more
 BENT_FIRST, BENT_PER_DIGIT = 18, 3  # of one whose friction follows the load
@@ -92,6 +93,11 @@ def loop_seconds(steps: int, joints: int, points: int) -> float:
 def motion_seconds(steps: int, joints: int) -> float:
     """Of a run in real time on one thread."""
     return steps * (MOTION_SECONDS + MOTION_JOINT_SECONDS * joints)
+
+
+def row_seconds(rows: int) -> float:
+    """Of the rows of a run in real time."""
+    return ROW_SECONDS * rows
 
 
 def heap_seconds(steps: int, blocks: int) -> float:

@@ -35,7 +35,7 @@ from dembrick.simulation.dynamics.state import (
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_step import damping_of_restitution
 from dembrick.simulation.energy_audit import Sums
-from dembrick.simulation.expected_cost import fall_seconds, heap_seconds, motion_seconds
+from dembrick.simulation.expected_cost import fall_seconds, heap_seconds, motion_seconds, row_seconds
 from dembrick.simulation.session import Kept, Plan, Session
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def plan(moving: Motion, control: Control, driving: Driving, output: Output, loa
     copies = 2 if "velocity" in output.channels else 1  # see `present_velocities`
     memory = copies * sum(array.nbytes for array in moving.state.arrays)
     memory += bytes_of(fields, rows, frames, frames * MEETINGS * len(moving.assembly.names))
-    seconds = motion_seconds(steps, len(moving.assembly.joints))
+    seconds = motion_seconds(steps, len(moving.assembly.joints)) + row_seconds(rows)
     at_most = falls and load_factor is None
     free = int((~np.asarray(moving.assembly.fixed)).sum())
     falling = None if falls else max(seconds, heap_seconds(steps, free))
