@@ -9,7 +9,7 @@ from dembrick.assembly.build import assemble
 from dembrick.kernels.math.sums import room_for_halves, sum_in_pairs
 from dembrick.runs.drivers import _set_up
 from dembrick.scenario import shipped, toml
-from dembrick.simulation.dynamics import chunks, loads, recorder, run
+from dembrick.simulation.dynamics import loads, recorder, run
 from dembrick.simulation.dynamics.loads import LoadsAhead
 from dembrick.simulation.dynamics.recorder import Recorder, joined
 from dembrick.simulation.session import Session
@@ -105,8 +105,7 @@ def test_rows_are_of_the_joints_as_they_are_once_polygons_were_cut(monkeypatch, 
         alone, _, each = observed(scenario)
     assert calls < 0.2 * each == 0.2 * len(alone["time"])
     same(together, alone)
-    monkeypatch.setattr(chunks, "in_one_thread", lambda motion: False)  # every row is Python's
-    monkeypatch.setattr(recorder, "in_one_thread", lambda motion: False)
+    monkeypatch.setattr(recorder, "in_one_thread", lambda motion: False)  # every row is Python's
     taken, _, _ = observed(scenario)
     same(together, taken)
 

@@ -25,6 +25,7 @@ from dembrick.kernels.dynamics.point_laws import (
     answer_custom,
     bonded_pair,
     energy_of,
+    place_of,
     rows_of,
     spring_length,
 )
@@ -303,6 +304,21 @@ def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, e
 
 
 @jit
+def springs_at(corners, p, i, sense, offset, heights):
+    """Point ``i`` of joint ``p``: its place (m, along e1 and e2), its area (m2), its elastic shear force (N) and by how
+    much its normal spring is pressed (m); ``heights``: parts of O (m), e1 and e2 along the plane's normal."""
+    place = place_of(corners, p, i)
+    point = corners.points[place // W]
+    own = place % W
+    x, y = point.x[own], point.y[own]
+    e1, e2 = two(corners.sheared[place // W].elastic, own)
+    g = sense * (offset - heights[0] - x * heights[1] - y * heights[2])
+    law = corners.law[p]
+    g = spring_length(corners.strengths, corners.bonds, law, corners.k_n[law], place, g)
+    return x, y, point.area[own], e1, e2, g
+
+
+@jit
 def spring_energy(links, corners, p, held):
     """Energy (J) in the springs of point joint ``p``; ``held`` is for the pressure of convex joints."""
     return spring_energy_by(corners.custom, links, corners, p)
@@ -319,17 +335,10 @@ def spring_energy_by(custom, links, corners, p):
     sense = sense_of(links, j)
     offset = offset_of(links, j)
     law = corners.law[p]
+    heights = seen.origin[2, lane], seen.first[2, lane], seen.second[2, lane]
     twice = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
-        place = corners.place[p] + i * W
-        point = corners.points[place // W]
-        own = place % W
-        area = point.area[own]
-        e1, e2 = two(corners.sheared[place // W].elastic, own)
-        g = sense * (
-            offset - seen.origin[2, lane] - point.x[own] * seen.first[2, lane] - point.y[own] * seen.second[2, lane]
-        )
-        g = spring_length(corners.strengths, corners.bonds, law, corners.k_n[law], place, g)
+        _, _, area, e1, e2, g = springs_at(corners, p, i, sense, offset, heights)
         if g != 0.0:
             twice += corners.k_n[law] * area * g * g
         if area > 0.0:
@@ -345,14 +354,8 @@ def work_ahead(corners, p, held, sense, offset, now, step, slip, turn):
     arm = corners.shear_arm[law]
     work = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
-        place = corners.place[p] + i * W
-        point = corners.points[place // W]
-        own = place % W
-        x, y = point.x[own], point.y[own]
-        e1, e2 = two(corners.sheared[place // W].elastic, own)
-        g = sense * (offset - now[2] - x * now[5] - y * now[8])
-        g = spring_length(corners.strengths, corners.bonds, law, corners.k_n[law], place, g)
-        work -= corners.k_n[law] * sense * point.area[own] * g * (step[2] + x * step[5] + y * step[8])
+        x, y, area, e1, e2, g = springs_at(corners, p, i, sense, offset, (now[2], now[5], now[8]))
+        work -= corners.k_n[law] * sense * area * g * (step[2] + x * step[5] + y * step[8])
         work += e1 * (slip[0] + arm * (x * slip[3] + y * slip[6]))
         work += e2 * (slip[1] + arm * (x * slip[4] + y * slip[7]))
     return work
@@ -363,7 +366,7 @@ def mean_slip(corners, p):
     """Length of the slip path (m) of point joint ``p``, averaged over its points by their areas."""
     area = slip = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
-        place = corners.place[p] + i * W
+        place = place_of(corners, p, i)
         own = corners.points[place // W].area[place % W]
         area += own
         slip += own * corners.slipped[place // W].length[place % W]

@@ -104,6 +104,12 @@ def spring_length(strengths, bonds, law, k_n, place, g):
 
 
 @jit
+def place_of(corners, p, i):
+    """Where point ``i`` of point joint ``p`` is, in the sense of `Corners.where`."""
+    return corners.place[p] + i * W
+
+
+@jit
 def rows_of(custom, point):
     """The rows of two points in `Corners.custom`, from number ``point`` on; None without any."""
     if custom is None:
@@ -152,7 +158,7 @@ def energy_of(custom, corners, p):
     """Energy (J) that the points of joint ``p`` hold."""
     total = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
-        place = corners.place[p] + i * W
+        place = place_of(corners, p, i)
         if corners.points[place // W].area[place % W] > 0.0:
             total += energy_held(custom, place)
     return total

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
+from dembrick.kernels.dynamics.point_laws import place_of
 from dembrick.kernels.dynamics.tiles import W, way_of
 
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
@@ -178,7 +179,7 @@ def stand_alone(like, t):
     like[t] = t
 
 
-@jit
+@entry
 def move_origin(links, j, drawn, x, y):
     """Put O of a joint at (x, y) from O of the start (m, along e1 and e2)."""
     dx = x - drawn.shift[0]
@@ -221,7 +222,7 @@ def project(links, corners, p, j, drawn, o, e, g):
     stand_alone(corners.like, links.place[j] // W)  # tiles of points are the first ones of all
     if not 0.5 * double > GONE * drawn.area:
         for k in range(n):
-            place = corners.place[p] + k * W
+            place = place_of(corners, p, k)
             corners.points[place // W].area[place % W] = 0.0
         return
     cx = x0 + cx / (3.0 * double)
@@ -238,7 +239,7 @@ def project(links, corners, p, j, drawn, o, e, g):
         after = k + 1 if k + 1 < n else 0
         x, y = drawn.cut[k, 0], drawn.cut[k, 1]
         sides = x * drawn.cut[after, 1] - y * drawn.cut[after, 0] + drawn.cut[last, 0] * y - drawn.cut[last, 1] * x
-        place = corners.place[p] + k * W
+        place = place_of(corners, p, k)
         point = corners.points[place // W]
         point.area[place % W] = max(0.25 * sides, 0.0)
         point.x[place % W] = drawn.shrink * x
@@ -261,7 +262,7 @@ def fade(links, corners, p, j, drawn, o, e, g):
         x, y = drawn.arms[k, 0], drawn.arms[k, 1]
         left = inside(drawn.face, a + x * e[0] + y * g[0], b + x * e[1] + y * g[1], drawn.areas[k])
         left /= inside(drawn.face, drawn.start[k, 0], drawn.start[k, 1], drawn.areas[k])
-        place = corners.place[p] + k * W
+        place = place_of(corners, p, k)
         corners.points[place // W].area[place % W] = drawn.areas[k] * min(left, 1.0)
 
 

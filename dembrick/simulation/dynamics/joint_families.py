@@ -47,11 +47,6 @@ def places(state) -> np.ndarray:
     return found
 
 
-def family_of(state, place: int) -> tuple[ModuleType, Any, int]:
-    """Module, joints and number of the joint with that entry of `places`."""
-    return (point_joints, state.corners, place) if place >= 0 else (area_joints, state.faces, -1 - place)
-
-
 def stiffness(state) -> np.ndarray:
     """Elastic stiffness (j, 6, 6) of the closed joints against (d1, d2, dn, r1, r2, rn) at O, in the plane's axes."""
     found = np.zeros((len(state.links.host), 6, 6))

@@ -23,7 +23,7 @@ from dembrick.assembly.joints import JointTable
 from dembrick.geometry import polygons
 from dembrick.geometry.clipping import clip, simplify
 from dembrick.geometry.shapes import parts_of
-from dembrick.kernels.dynamics.polygon_cuts import GONE, Drawn, cut_points, find_stale, must_clip
+from dembrick.kernels.dynamics.polygon_cuts import GONE, Drawn, cut_points, find_stale, move_origin, must_clip
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.area_joints import put_outlines, with_outlines
 from dembrick.simulation.dynamics.known_types import KnownTypes
@@ -168,16 +168,6 @@ class Polygons:
             self._clip(j, place, drawn)
             links.kept[j] = links.seen_of(j)[[0, 1, 3, 4]]  # O may have moved
 
-    def _move_origin(self, j: int, to: np.ndarray) -> np.ndarray:
-        """Put O of joint ``j`` at ``to`` (from O of the start, along e1 and e2); returns how far that is (2,)."""
-        links = self.state.links
-        step = to - self.shift[j]
-        seen = links.seen_of(j)
-        links.put("lever", links.field("lever", j) + [*step, 0.0], j)
-        links.put_seen([*(seen[:3] + step @ seen[3:].reshape(2, 3)), *seen[3:]], j)
-        self.shift[j] = to
-        return step
-
     def _clip(self, j: int, i: int, drawn: Drawn) -> None:
         """The polygon of an integral is what both faces share."""
         faces, links = self.state.faces, self.state.links
@@ -190,7 +180,8 @@ class Polygons:
         if not area > GONE * drawn.area:
             faces.put("k_n", 0.0, i)
             return
-        step = self._move_origin(j, np.array([x, y]))
+        step = (x, y) - self.shift[j]
+        self._known.call(self.state, move_origin, links, j, drawn, float(x), float(y))
         if faces.outline[i] < self._shared:
             self.make_room(int(faces.outline.max()) + 2)
             faces = self.state.faces

@@ -26,7 +26,7 @@ def automatic_magnification(history: History, frame: int) -> float:
     if not moved > 1e-12 * largest:
         return 1.0
     factor = _SEEN * largest / moved
-    if history.n_joint:
+    if factor > 1.0 and history.n_joint:
         sunk = -float(JointMotion(history).at([frame]).relative.plane[..., 0].min())
         thinnest = min(float(np.ptp(body[starts[i] : starts[i + 1]], axis=0).min()) for i in solid)
         if sunk * factor > _SUNK * thinnest:
