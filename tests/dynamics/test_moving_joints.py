@@ -302,6 +302,54 @@ def test_polygons_are_cut_as_plane_geometry_says(formulation):
         np.testing.assert_allclose(seen(moving.state.bodies, moving.state.links)[0], now, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])
+def test_points_let_go_of_the_shear_of_what_they_lose(formulation):
+    """A point that keeps half its area keeps half its shear; one that gains some begins there without any."""
+    moving, driving = resting(formulation)
+    corners = moving.state.corners
+    for to, turn, loses in (((0.06, 0.03), 0.1, True), ((-0.04, -0.03), -0.1, False), ((0.2, 0.3), 0.0, True)):
+        place(moving, (*to, 0.0), about((0, 0, 1), turn))
+        joint_forces(moving, driving)
+        corners.put("elastic", np.arange(1.0, 1.0 + 2 * len(corners.area)).reshape(-1, 2))
+        before, area = corners.elastic, corners.area
+        assert moving.polygons.cut_stale() == 1
+        share = np.ones(len(area))
+        share[area > 0.0] = np.minimum(corners.area[area > 0.0] / area[area > 0.0], 1.0)
+        assert (share < 0.999).any() == loses
+        np.testing.assert_allclose(corners.elastic, before * share[:, None], rtol=1e-12, atol=0.0)
+    assert not corners.area.any() and not corners.elastic[area > 0.0].any()
+
+
+def test_a_convex_joint_lets_go_of_the_shear_of_what_it_loses():
+    """What is left holds what a fine grid of springs over it would; on the way back nothing is added."""
+    moving, driving = resting("convex")
+    faces, polygons_ = moving.state.faces, moving.polygons
+    force = np.array([30.0, -20.0, 4.0])
+    place(moving, (0.06, 0.03, 0.0), about((0, 0, 1), 0.1))
+    joint_forces(moving, driving)
+    faces.put_elastic(force, 0)
+    area, polar = faces.field("area", 0), faces.field("second", 0)[:2].sum()
+    assert polygons_.cut_stale() == 1
+    faces = moving.state.faces
+    x, y = np.stack(np.meshgrid(*((np.arange(2000) + 0.5) * (side / 2000) - side / 2 for side in (0.3, 0.2))))
+    now, shift = moving.state.links.seen[0], polygons_.shift[0].copy()
+    there = now[:2, None, None] + (x - shift[0]) * now[3:5, None, None] + (y - shift[1]) * now[6:8, None, None]
+    on = (np.abs(there[0]) < 0.15) & (np.abs(there[1]) < 0.1)
+    x, y, part = x[on], y[on], 0.3 * 0.2 / on.size
+    shear = force[0] / area - force[2] / polar * y, force[1] / area + force[2] / polar * x
+    held = [part * own.sum() for own in shear]
+    held.append(part * ((x - shift[0]) * shear[1] - (y - shift[1]) * shear[0]).sum())
+    assert part * on.sum() < 0.75 * area
+    np.testing.assert_allclose(faces.elastic[0], held, rtol=1e-3)
+    place(moving, (-0.04, -0.03, 0.0), about((0, 0, 1), -0.1))
+    joint_forces(moving, driving)
+    faces.put_elastic(force, 0)
+    assert polygons_.cut_stale() == 1
+    moved = polygons_.shift[0] - shift
+    moment = force[2] - (moved[0] * force[1] - moved[1] * force[0])
+    np.testing.assert_allclose(moving.state.faces.elastic[0], [*force[:2], moment], rtol=1e-12)
+
+
 def test_polygons_inside_the_face_are_left_alone():
     """On a floor larger than its path a polygon is looked at when it nears the edge, and never cut."""
     moving, driving = resting(floor=(2.0, 2.0, 0.1))

@@ -198,6 +198,20 @@ def move_origin(links, j, drawn, x, y):
 
 
 @jit
+def put_area(corners, place, area):
+    """Give a contact point another area (m2). Springs over what it loses let go: the rest keeps its share of the shear
+    force; those over what it gains begin without any."""
+    point = corners.points[place // W]
+    lane = place % W
+    before = point.area[lane]
+    if area < before:
+        elastic = corners.sheared[place // W].elastic
+        elastic[0, lane] *= area / before
+        elastic[1, lane] *= area / before
+    point.area[lane] = area
+
+
+@jit
 def project(links, corners, p, j, drawn, o, e, g):
     """Move corners beyond the edge to the nearest point of the face, and the contact points with them."""
     a, b = start_of(drawn, o, e, g)
@@ -222,8 +236,7 @@ def project(links, corners, p, j, drawn, o, e, g):
     stand_alone(corners.like, links.place[j] // W)  # tiles of points are the first ones of all
     if not 0.5 * double > GONE * drawn.area:
         for k in range(n):
-            place = place_of(corners, p, k)
-            corners.points[place // W].area[place % W] = 0.0
+            put_area(corners, place_of(corners, p, k), 0.0)
         return
     cx = x0 + cx / (3.0 * double)
     cy = y0 + cy / (3.0 * double)
@@ -241,7 +254,7 @@ def project(links, corners, p, j, drawn, o, e, g):
         sides = x * drawn.cut[after, 1] - y * drawn.cut[after, 0] + drawn.cut[last, 0] * y - drawn.cut[last, 1] * x
         place = place_of(corners, p, k)
         point = corners.points[place // W]
-        point.area[place % W] = max(0.25 * sides, 0.0)
+        put_area(corners, place, max(0.25 * sides, 0.0))
         point.x[place % W] = drawn.shrink * x
         point.y[place % W] = drawn.shrink * y
 
@@ -262,8 +275,7 @@ def fade(links, corners, p, j, drawn, o, e, g):
         x, y = drawn.arms[k, 0], drawn.arms[k, 1]
         left = inside(drawn.face, a + x * e[0] + y * g[0], b + x * e[1] + y * g[1], drawn.areas[k])
         left /= inside(drawn.face, drawn.start[k, 0], drawn.start[k, 1], drawn.areas[k])
-        place = place_of(corners, p, k)
-        corners.points[place // W].area[place % W] = drawn.areas[k] * min(left, 1.0)
+        put_area(corners, place_of(corners, p, k), drawn.areas[k] * min(left, 1.0))
 
 
 @entry

@@ -137,7 +137,7 @@ def alike(tiles: Iterable[ndarray]) -> ndarray:
 def in_lanes(tiles: ndarray, field: str, place: ndarray) -> ndarray:
     """A copy of one field of the joints at ``place`` (k,), as in `Links`: (k, rows), or (k,) if it is one row."""
     place = np.asarray(place, np.int64)
-    found = tiles[field][place // W, ..., place % W]
+    found = tiles[field][place // W, ..., place % W].copy()  # of a single joint it would be the lane itself
     found.flags.writeable = False  # who writes into it means `put_in_lanes`
     return found
 

@@ -4,7 +4,7 @@ A polygon rides on its host. Where the host slides or twists past the edge of th
 and what hangs over carries nothing. The number of contact points never changes, so that nothing jumps: a corner beyond
 the edge moves to the nearest point of the face, and the tributary areas are those of the polygon that this makes; a
 point of a ``distributed`` joint fades out while the edge passes through its cell; a ``convex`` joint, which is an
-integral, is clipped. Shear memory stays with the points (and with the centroid of a convex joint).
+integral, is clipped. Springs over what is cut off let go of their shear; the rest keeps its own.
 
 Cutting costs as much as many thousand steps of a joint, so it is done only where a polygon has moved along its plane by
 ``STALE`` of its short side since the last time; polygons well inside the other's face wait until they reach its edge.
@@ -180,7 +180,7 @@ class Polygons:
         if not area > GONE * drawn.area:
             faces.put("k_n", 0.0, i)
             return
-        step = (x, y) - self.shift[j]
+        memory = faces.elastic[i], faces.field("area", i), faces.field("second", i)[:2].sum(), (x, y) - self.shift[j]
         self._known.call(self.state, move_origin, links, j, drawn, float(x), float(y))
         if faces.outline[i] < self._shared:
             self.make_room(int(faces.outline.max()) + 2)
@@ -188,6 +188,21 @@ class Polygons:
             faces.outline[i] = faces.outline.max() + 1
         put_outlines(faces, faces.outline[[i]], (outline - (x, y))[None], np.array([i]), np.array([0]))
         faces.put("k_n", self._joints.law[j].normal_stiffness, i)
-        e1, e2, em = faces.elastic[i]
-        faces.put_elastic([e1, e2, em - (step[0] * e2 - step[1] * e1)], i)
+        faces.put_elastic(_what_is_left(*memory, faces.field("area", i), faces.field("second", i)[:2].sum()), i)
         links.reach[j] = faces.field("reach", i)
+
+
+def _what_is_left(
+    elastic: np.ndarray, area: float, polar: float, step: np.ndarray, new_area: float, new_polar: float
+) -> tuple[float, float, float]:
+    """Elastic shear resultants (N, N, N m) about the new centroid, ``step`` (m) from the old one, of a polygon whose
+    area (m2) and polar moment (m4) have changed.
+
+    The springs under (e_1, e_2, e_m) carry e / A + e_m / J (-y, x) each. Those over what is lost let go; those over
+    what is gained begin without any force.
+    """
+    e1, e2, em = elastic
+    if new_area >= area:
+        return e1, e2, em - (step[0] * e2 - step[1] * e1)
+    turn = em / polar
+    return new_area * (e1 / area - turn * step[1]), new_area * (e2 / area + turn * step[0]), turn * new_polar

@@ -133,8 +133,9 @@ def put_friction(corners: Corners, values) -> None:
 
 
 def retire(corners: Corners, p: int) -> None:
-    """Let joint ``p`` carry nothing any more."""
+    """Let joint ``p`` carry nothing any more, and hold no shear."""
     corners.put("area", 0.0, p)
+    corners.put("elastic", 0.0, p)
 
 
 def take_memory(corners: Corners, left: Points, sense: np.ndarray) -> None:
