@@ -17,7 +17,7 @@ from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
-from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion
+from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, look_first, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
 from dembrick.simulation.session import Kept
@@ -348,6 +348,24 @@ def test_a_convex_joint_lets_go_of_the_shear_of_what_it_loses():
     moved = polygons_.shift[0] - shift
     moment = force[2] - (moved[0] * force[1] - moved[1] * force[0])
     np.testing.assert_allclose(moving.state.faces.elastic[0], [*force[:2], moment], rtol=1e-12)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_block_that_fell_past_an_edge_and_comes_back_below_is_not_thrown_out(formulation):
+    """Far below the face of the other, its joint would be closed by all that depth if it were still there."""
+    moving, driving = resting(formulation)
+    place(moving, (0.5, 0.0, -0.4), about((0, 1, 0), 0.8))
+    joint_forces(moving, driving)
+    moving.polygons.cut_stale()
+    joint_forces(moving, driving)
+    assert not moving.state.links.wrench.any()
+    look_first(moving)
+    assert moving.contact_detection.retired.all()
+    place(moving, (-0.5, 0.0, 0.0), about((0, 1, 0), 0.0))
+    joint_forces(moving, driving)
+    moving.polygons.cut_stale()
+    joint_forces(moving, driving)
+    assert not moving.state.links.wrench.any()
 
 
 def test_polygons_inside_the_face_are_left_alone():

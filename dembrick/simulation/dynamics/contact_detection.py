@@ -29,7 +29,7 @@ MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of the
 FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far
 STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
 GONE = 0.05  # of its size: an open joint whose nearest corner is so far apart will not be handed back,
-TIPPED = 0.02  # of its size: nor one that has turned or slipped far, if its farthest corner is
+TIPPED = 0.02  # of its size: nor one that has turned or slipped far, if a corner is, before the face or behind it
 LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
 # Edges that lie along each other from the start overlap as the joints beside them give way. They press nothing until
 # their force would be that part of the lighter block's weight, or their depth that part of the thinner one's radius
@@ -246,8 +246,10 @@ class ContactDetection:
         """Joints (j,) that are open, and so far apart, turned or slipped that they will not be handed back."""
         links, size = state.links, polygons.size
         is_open = (links.wrench[:, :3] == 0.0).all(axis=1)
-        gap = links.sense * (links.field("origin")[:, 2] - links.offset)
-        tipped = self._strayed(state, polygons) & (gap + size * self._turn(state) > TIPPED * size)
+        gap, tilt = links.sense * (links.field("origin")[:, 2] - links.offset), size * self._turn(state)
+        # one that is open though it lies below the face has slid over its edge: it would come back as if from within
+        beside = np.maximum(gap + tilt, tilt - gap) > TIPPED * size
+        tipped = self._strayed(state, polygons) & beside
         return is_open & (tipped | (self._apart(state, polygons) > GONE * size))
 
     def _strayed(self, state: MovingState, polygons: Polygons) -> np.ndarray:
