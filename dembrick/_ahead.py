@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 
-from dembrick import _kernel_cache
+from dembrick import _file_locks, _kernel_cache
 from dembrick._jit import WHY_PUBLIC, hearing
 from dembrick._kernel_sources import compiler_hash
 
@@ -94,7 +94,7 @@ def possible() -> bool:
         and not WHY_PUBLIC
         and cores() > 1
         and kept
-        and _kernel_cache.fcntl is not None
+        and _file_locks.known()
         and bool(sys.executable)
     )
 

@@ -16,11 +16,7 @@ from functools import cache
 from pathlib import Path
 from types import FunctionType
 
-try:
-    import fcntl
-except ImportError:  # a system without POSIX locks
-    fcntl = None  # type: ignore[assignment]
-
+from dembrick import _file_locks
 from dembrick._kernel_sources import compiler_hash
 
 PATIENCE = 60.0  # s, for which a process waits for another that compiles what it wants; then it compiles that itself
@@ -94,20 +90,21 @@ class Claims:
 
     def __init__(self, path: Path):
         self._path = path
-        self._file = None
+        self._file: int | None = None
+        self._held: set[int] = set()
 
     def take(self, byte: int) -> bool:
         """Whether no other process has the claim: this one has it then, or nobody can, as on a disk without locks."""
-        if fcntl is None:
+        if not _file_locks.known() or byte in self._held:
             return True
-        try:
+        with suppress(OSError):  # where the file cannot be made, or on a disk without locks
             if self._file is None:
-                self._file = open(self._path, "ab")  # noqa: SIM115
-            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
-        except (BlockingIOError, PermissionError):  # what a lock that another has looks like
-            return self._file is None
-        except OSError:
-            pass
+                self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
+            try:
+                _file_locks.lock_byte(self._file, byte)
+            except BlockingIOError:
+                return False
+            self._held.add(byte)
         return True
 
     def wait(self, byte: int) -> None:
@@ -118,9 +115,10 @@ class Claims:
 
     def let_go(self, byte: int) -> None:
         """Let others have it."""
-        if self._file is not None:
+        if self._file is not None and byte in self._held:
+            self._held.remove(byte)
             with suppress(OSError):
-                fcntl.lockf(self._file, fcntl.LOCK_UN, 1, byte)
+                _file_locks.unlock_byte(self._file, byte)
 
 
 @cache

@@ -23,7 +23,7 @@ from numba.core.typing.typeof import typeof
 from numba.extending import intrinsic
 from numba.np.numpy_support import from_dtype, map_layout
 
-from dembrick import _kernel_cache
+from dembrick import _file_locks, _kernel_cache
 from dembrick._kernel_cache import WAITING, claims_in, renamed
 from dembrick._kernel_sources import closure_hash
 from dembrick._packaged_kernels import packaged_kernels
@@ -100,9 +100,9 @@ class CacheFile(IndexDataCacheFile):
     def save(self, key, data):
         """See numba."""
         with suppress(OSError), open(_kernel_cache.CACHE_FOLDER / ".lock", "a") as lock:
-            if _kernel_cache.fcntl is not None:
+            if _file_locks.known():
                 with suppress(OSError):  # a disk without locks
-                    _kernel_cache.fcntl.flock(lock, _kernel_cache.fcntl.LOCK_EX)  # until the file is closed
+                    _file_locks.lock(lock.fileno(), wait=True)  # until the file is closed
             super().save(key, data)
 
 
@@ -161,7 +161,7 @@ class ParallelKernelCache(FunctionCache):
         found = self._load(sig, target_context)
         if found is None:
             what = f"{self._impl.filename_base} {sig} {target_context.codegen().magic_tuple()}"
-            byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:7], "big")
+            byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:4], "big") & _file_locks.MOST
             self._claimed[sig] = byte
             claims = claims_in(_kernel_cache.CACHE_FOLDER)
             if not claims.take(byte):

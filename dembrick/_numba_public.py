@@ -19,7 +19,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload, register_jitable
 
-from dembrick import _kernel_cache
+from dembrick import _file_locks, _kernel_cache
 from dembrick._kernel_cache import claims_in, is_own
 from dembrick._kernel_sources import kernel_hash
 
@@ -30,7 +30,7 @@ compute_fingerprint = numba.typeof
 def _folder() -> Path | None:
     """Folder of the machine code; None if this process cannot have it for itself."""
     folder = _kernel_cache.CACHE_FOLDER / f"public-{kernel_hash()}"
-    if _kernel_cache.fcntl is None or not is_own(folder):
+    if not _file_locks.known() or not is_own(folder):
         return None
     return folder if claims_in(folder).take(0) else None
 

@@ -1,6 +1,6 @@
 """One writer a file: a second run that would write the same history is refused while the first one goes on.
 
-The lock is that of the system, POSIX or Windows, which lets go of it when a process ends, however it ends.
+The lock is that of the system, see `_file_locks`.
 """
 
 from __future__ import annotations
@@ -8,21 +8,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib import import_module
-from typing import Any
 
+from dembrick import _file_locks
 from dembrick.errors import OutputError
 
-
-def _module(name: str) -> Any:
-    """A module of this system, None if it is one of another."""
-    try:
-        return import_module(name)
-    except ImportError:
-        return None
-
-
-fcntl, msvcrt = _module("fcntl"), _module("msvcrt")
 _NO_LINKS = getattr(os, "O_NOFOLLOW", 0)  # Windows has no such flag
 
 
@@ -35,7 +24,7 @@ def claimed(path: str | os.PathLike) -> Iterator[None]:
     """
     folder, name = os.path.split(os.path.realpath(path))
     neighbour = os.path.join(folder, f".{name}.lock")
-    lock = _locked(neighbour, os.fspath(path)) if fcntl or msvcrt else None
+    lock = _locked(neighbour, os.fspath(path)) if _file_locks.known() else None
     try:
         yield
     finally:
@@ -56,7 +45,7 @@ def _locked(neighbour: str, path: str) -> int | None:
         except OSError:
             return None
         try:
-            _lock(lock)
+            _file_locks.lock(lock)
             if os.stat(neighbour).st_ino == os.fstat(lock).st_ino:
                 return lock
         except BlockingIOError:
@@ -70,14 +59,3 @@ def _locked(neighbour: str, path: str) -> int | None:
             os.close(lock)
             return None
         os.close(lock)
-
-
-def _lock(file: int) -> None:
-    """Lock an open file until it is closed: BlockingIOError if another has it, OSError on a disk without locks."""
-    if fcntl is not None:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return
-    try:
-        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)  # its first byte, which need not be there
-    except PermissionError as error:
-        raise BlockingIOError(error.errno, error.strerror) from None

@@ -1,17 +1,22 @@
 """The calls of Windows that lock bytes of a file, by locks of Linux that belong to an open file as those do."""
 
 import errno
+import os
 import struct
 
-LK_NBLCK, LK_UNLCK = 2, 0
+LK_LOCK, LK_NBLCK, LK_UNLCK = 1, 2, 0
 
 
 def locking(file, mode, count):
-    """As ``msvcrt.locking`` from the first byte on: PermissionError if another open file has one of the bytes."""
+    """As ``msvcrt.locking`` of the bytes that come next: PermissionError if another open file has one of them."""
     import fcntl
 
-    kind = fcntl.F_WRLCK if mode == LK_NBLCK else fcntl.F_UNLCK
+    kind = fcntl.F_UNLCK if mode == LK_UNLCK else fcntl.F_WRLCK
     try:
-        fcntl.fcntl(file, fcntl.F_OFD_SETLK, struct.pack("hhqqi", kind, 0, 0, count, 0))
+        fcntl.fcntl(
+            file,
+            fcntl.F_OFD_SETLKW if mode == LK_LOCK else fcntl.F_OFD_SETLK,
+            struct.pack("hhqqi", kind, os.SEEK_SET, os.lseek(file, 0, os.SEEK_CUR), count, 0),
+        )
     except BlockingIOError:
         raise PermissionError(errno.EACCES, "Permission denied") from None

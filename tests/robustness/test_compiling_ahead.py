@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from dembrick import _ahead, _kernel_cache
+from dembrick import _ahead, _file_locks, _kernel_cache
 from dembrick.assembly.build import assemble
 from dembrick.cli import main, warmup
 from dembrick.errors import ScenarioError
@@ -156,7 +156,7 @@ def test_no_second_process_without_a_core_a_shared_cache_or_locks(allowed, monke
     for module, name, value in (
         (_ahead, "cores", lambda: 1),
         (_kernel_cache, "CACHE_FOLDER", tmp_path),  # of this process alone
-        (_kernel_cache, "fcntl", None),
+        (_file_locks, "fcntl", None),
     ):
         with monkeypatch.context() as changed:
             changed.setattr(module, name, value)

@@ -9,10 +9,9 @@ from pathlib import Path
 import h5py
 import pytest
 
-from dembrick import history
+from dembrick import _file_locks, history
 from dembrick.cli import main
 from dembrick.errors import OutputError
-from dembrick.history import claims
 from dembrick.history.claims import claimed
 from dembrick.runs.simulate import simulate
 from helpers import windows_locks
@@ -104,11 +103,11 @@ def system(request, monkeypatch):
         return ""
     if sys.platform != "linux":
         pytest.skip("locks of Windows are played by those of Linux")
-    monkeypatch.setattr(claims, "fcntl", None)
-    monkeypatch.setattr(claims, "msvcrt", windows_locks)
+    monkeypatch.setattr(_file_locks, "fcntl", None)
+    monkeypatch.setattr(_file_locks, "msvcrt", windows_locks)
     return (
         f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r})\nfrom helpers import windows_locks\n"
-        "from dembrick.history import claims\nclaims.fcntl, claims.msvcrt = None, windows_locks\n"
+        "from dembrick import _file_locks\n_file_locks.fcntl, _file_locks.msvcrt = None, windows_locks\n"
     )
 
 
