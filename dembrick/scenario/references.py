@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.generators import GENERATORS
 
 if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
@@ -94,8 +95,15 @@ def _rates(block: Block) -> tuple[float, ...]:
 
 
 def _of_block(scenario: Scenario, number: int) -> tuple[str, int]:
-    """Table and number of a block; of one that a generator lays, the top of the file."""
-    return ("blocks", number) if number <= len(scenario.blocks) else ("", 1)
+    """Table and number of a block, or of the generator that lays it; the top of the file if neither is there."""
+    if number <= len(scenario.blocks):
+        return "blocks", number
+    name = scenario.all_blocks[number - 1].name
+    for key in GENERATORS:
+        for i, laid in enumerate(getattr(scenario, key), 1):
+            if name.startswith(f"{laid.name}."):
+                return key, i
+    return "", 1
 
 
 def _loads(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:

@@ -17,6 +17,7 @@ import select
 import stat
 
 from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import show
 
 PATIENCE = 10.0  # s, for which a pipe may be silent
 LARGEST_FILE = 16 << 20  # bytes; a scenario of some hundred thousand blocks, or a million lines of numbers
@@ -111,3 +112,16 @@ def _extent(lines: list[str], table: str, number: int) -> tuple[int | None, int]
         if number == 0:
             begin = i
     return begin, len(lines)
+
+
+def hint_of(text: str, error: str) -> str:
+    """The line of a text that an error of TOML names, and what it lacks where that is a pair of quotes or a point."""
+    found = re.search(r"at line (\d+)", error)
+    lines = text.split("\n")
+    if found is None or not 1 <= int(found.group(1)) <= len(lines):
+        return ""
+    line = lines[int(found.group(1)) - 1].strip()
+    bare = re.fullmatch(r"""[^=#]+=\s*([^\W\d][^"'\[\]{}=#]*?)\s*(?:#.*)?""", line)
+    quotes = f'; texts need quotes: "{bare.group(1)}"' if bare and bare.group(1) not in ("true", "false") else ""
+    comma = re.fullmatch(r"[^=#]+=\s*([+-]?\d+),(\d+)\s*(?:#.*)?", line)
+    return f": {show(line)}{quotes}" + (f"; with a decimal point: {comma.group(1)}.{comma.group(2)}" if comma else "")

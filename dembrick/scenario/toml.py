@@ -27,7 +27,7 @@ from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario
 from dembrick.scenario.overrides import apply_overrides, assign
 from dembrick.scenario.references import ScenarioErrors
 from dembrick.scenario.stages import controls_of
-from dembrick.scenario.text_files import line_of, read_text
+from dembrick.scenario.text_files import hint_of, line_of, read_text
 
 
 def _keys_of(kind: type) -> dict[str, bool]:
@@ -183,19 +183,7 @@ def _parse(text: str, file: str) -> dict[str, Any]:
     except RecursionError:
         raise ScenarioError(f"{file}: not a scenario: lists or tables are nested without end") from None
     except ValueError as error:
-        raise ScenarioError(f"{file}: not valid TOML: {error}{_line_of(text, str(error))}") from None
-
-
-def _line_of(text: str, error: str) -> str:
-    """The line of a text that an error of TOML names, and what it lacks where that is a pair of quotes."""
-    found = re.search(r"at line (\d+)", error)
-    lines = text.split("\n")
-    if found is None or not 1 <= int(found.group(1)) <= len(lines):
-        return ""
-    line = lines[int(found.group(1)) - 1].strip()
-    bare = re.fullmatch(r"""[^=#]+=\s*([^\W\d][^"'\[\]{}=#]*?)\s*(?:#.*)?""", line)
-    quotes = f'; texts need quotes: "{bare.group(1)}"' if bare and bare.group(1) not in ("true", "false") else ""
-    return f": {show(line)}{quotes}"
+        raise ScenarioError(f"{file}: not valid TOML: {error}{hint_of(text, str(error))}") from None
 
 
 def _decode(
@@ -304,7 +292,8 @@ def _control(data: Any, place: _Place) -> Any:
     existing = ", ".join(show(name) for name in CONTROLS)
     from difflib import get_close_matches
 
-    close = get_close_matches(kind, CONTROLS, 1, cutoff=0.8) if isinstance(kind, str) else []
+    likely = 0.7 if len(str(kind)) < 8 else 0.8  # of the letters: a short word is soon half another
+    close = get_close_matches(kind, CONTROLS, 1, likely) if isinstance(kind, str) else []
     hint = f"; did you mean {show(close[0])}?" if close else ""
     place.fail(f"kind = {show(kind)} is not a kind of control; the kinds are {existing}{hint}")
 
@@ -385,7 +374,7 @@ def _entries(document: dict[str, Any], key: str, place: _Place) -> Iterable[tupl
     entries = document.get(key, [])
     if not isinstance(entries, list):
         hint = f"; write [[{key}]] before each" if isinstance(entries, dict) else ""
-        place.fail(f"{key} must be a list of tables, not {show(entries)}{hint}")
+        place.inside("", key).fail(f"{key} must be a list of tables, not {show(entries)}{hint}")
     for i, entry in enumerate(entries, 1):
         yield entry, place.inside(f"[[{key}]] number {i}", key, i)
 

@@ -30,6 +30,21 @@ def test_a_text_without_quotes():
     assert 'texts need quotes: "convex"' in said and "formulation      = convex" in said
 
 
+def test_a_decimal_comma():
+    assert "with a decimal point: 0.64" in refused(re.sub(r"= 0\.64.*", "= 0,64", SET4A, count=1))
+
+
+def test_a_material_of_a_generated_block_is_named_by_the_line_of_its_generator():
+    wall = (SCENARIOS / "templates" / "wall.toml").read_text()
+    said = refused(re.sub(r'material( *)= "\w+"', r'material\1= "tuf"', wall))
+    lines = wall.splitlines()
+    line = 1 + lines.index("[[walls]]")
+    key = 1 + next(i for i in range(line, len(lines)) if lines[i].startswith("material"))
+    assert re.search(rf":{key}: material of block .* = 'tuf'", said)
+    single = refused(wall.replace("[[walls]]", "[walls]"))
+    assert f":{line}: " in single and "write [[walls]] before each" in single
+
+
 def test_joints_for_joint():
     assert "you wrote [joints], and the default law is [joint]" in refused(SET4A.replace("[joint]", "[joints]"))
 
@@ -37,6 +52,7 @@ def test_joints_for_joint():
 def test_a_kind_of_control_that_is_none_gets_the_list_of_them():
     said = refused(SET4A.replace('"yield"', '"support-displacement"'))
     assert "the kinds are 'yield', 'displacement', " in said and "did you mean" not in said
+    assert "did you mean 'tilt'?" in refused(SET4A.replace('"yield"', '"tild"'))
     assert "did you mean 'pushover'?" in refused(SET4A.replace('"yield"', '"push-over"'))
 
 
