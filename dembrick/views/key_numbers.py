@@ -172,7 +172,12 @@ def _of_theory(theory: dict) -> list[KeyNumber]:
 
 
 def _outcome(results: Mapping) -> Told | None:
-    return Told(results["outcome"]) if isinstance(results.get("outcome"), str) else None
+    """It stood or fell; of what stands and moves when the run ends nobody knows yet."""
+    told, speed = results.get("outcome"), number(results.get("speed_at_the_end"))
+    if not isinstance(told, str):
+        return None
+    open_ended = told == "stood" and speed is not None and speed > 0.0
+    return Told(told, f"so far: it still moves at {speed:.2g} m/s; give a longer duration" if open_ended else "")
 
 
 def _drift(results: Mapping) -> Told | None:
@@ -273,8 +278,6 @@ def _unbalanced(results: Mapping) -> Told | None:
 
 def _simulated(results: Mapping) -> Told | None:
     seconds = number(results.get("simulated_time"))
-    if results.get("critical_time_step", 0.0) is None:  # equilibria are numbered; no time passes between them
-        return None
     return None if seconds is None else Told(f"{seconds:.6g} s")
 
 

@@ -63,6 +63,17 @@ def test_a_stone_that_stays_stood_and_has_slid(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["outcome"] == "stood"
 
 
+def test_what_still_moves_when_the_run_ends_stood_so_far(tmp_path):
+    """A stone that the ground rocks, seen in the middle of it: its top goes at its spin times its diagonal."""
+    result, told = ran(column(4.0, duration=0.45), tmp_path / "run.h5")
+    bodies = result.run.motion.state.bodies
+    speed = np.linalg.norm(bodies.velocity[1]) + np.linalg.norm(bodies.spin[1]) * np.sqrt(0.2**2 + 0.2**2 + 0.8**2) / 2
+    assert told["outcome"] == "stood" and told["speed_at_the_end"] == pytest.approx(speed, rel=1e-12) and speed > 0.05
+    assert f"stood; so far: it still moves at {speed:.2g} m/s; give a longer duration" in result.text()
+    rest, told = ran(column(0.1, duration=1.0), tmp_path / "rest.h5")
+    assert told["outcome"] == "stood" and told["speed_at_the_end"] == 0.0 and "so far" not in rest.text()
+
+
 TIED = """
 [[ties]]
 between = [{ block = "ground", point = [-1.0, 0.0, 0.0] }, { block = "stone", point = [-0.4, 0.0, 0.1] }]

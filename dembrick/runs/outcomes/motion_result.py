@@ -124,6 +124,7 @@ class MotionResult(RunResult):
         found = drift(self.assembly, self.run.furthest)
         return {
             "outcome": outcome(self.fallen, self.not_standing),
+            "speed_at_the_end": self.run.speed,
             "drift": None if found is None else found._asdict(),
             "residual_displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
         }

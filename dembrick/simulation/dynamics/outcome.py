@@ -24,6 +24,7 @@ TURNED_OVER = math.cos(math.radians(45.0))  # of the angle between a block's ver
 STILL = 1e-12  # of a turn: rounding
 PEAK_TENSIONS = "extremes.tension"  # name in checkpoints of the greatest tensions of ties, which may come and go
 CARRIED = 20.0  # times that where supports move under them, which speeds blocks up that stand
+MOVES = 0.01  # of sqrt(g d), d a block's least dimension: a speed that could lift it by d / 20000, no more than rest
 OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it have begun to come down
 
 
@@ -83,6 +84,15 @@ def fallen(moving: Motion) -> np.ndarray:
         turned = np.einsum("nij,nj,i->n", bodies.rotation, line, turn @ down) < TURNED_OVER
         found &= dropped | turned
     return found
+
+
+def speed_at_the_end(moving: Motion) -> float:
+    """The greatest speed (m/s) of any point of a free block, seen from the supports; zero if all are at rest."""
+    assembly, bodies = moving.assembly, moving.state.bodies
+    least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
+    speed = np.linalg.norm(bodies.velocity, axis=1) + np.linalg.norm(bodies.spin, axis=1) * bodies.reach
+    moves = speed > MOVES * np.sqrt(float(np.linalg.norm(assembly.gravity)) * least)
+    return float(speed[moves & ~np.asarray(assembly.fixed)].max(initial=0.0))
 
 
 def _carried(moving: Motion) -> list[tuple[np.ndarray, np.ndarray]]:

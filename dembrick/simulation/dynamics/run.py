@@ -24,7 +24,7 @@ from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.integrator import MOST_STEPS, NO_LIMIT, Motion, advance, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import CARRIED, collapse_of, collapse_of_settlement, fallen
+from dembrick.simulation.dynamics.outcome import CARRIED, collapse_of, collapse_of_settlement, fallen, speed_at_the_end
 from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.state import (
@@ -55,7 +55,7 @@ class MotionRun:
 
     ``furthest`` (n,) m: the greatest displacement of every centroid, as seen at the rows, and ``peak_tension`` (t,) N:
     the greatest tension of every tie, ``turned`` (n,) rad: the greatest turn of every block; ``fallen`` (n,): which of
-    them have fallen.
+    them have fallen; ``speed`` (m/s): see `speed_at_the_end`.
     """
 
     motion: Motion
@@ -66,6 +66,7 @@ class MotionRun:
     peak_tension: np.ndarray
     turned: np.ndarray
     fallen: np.ndarray
+    speed: float
     settings: dict = field(default_factory=dict)
     energy: Sums | None = None
     yield_point = None  # a run in real time looks for no limit load
@@ -259,6 +260,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
         peak_tension=past.extremes.noted.tension,
         turned=past.extremes.turn,
         fallen=fallen(moving),
+        speed=speed_at_the_end(moving),
         settings=settings,
         energy=moving.energy.sums(moving.state, rounding(moving)),
     )

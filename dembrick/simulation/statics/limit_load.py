@@ -146,7 +146,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         steps=path.iterations,
         time_step=1.0,
         critical_time_step=None,
-        simulated_time=float(path.equilibria),
+        simulated_time=None,  # equilibria are numbered; no time passes between them
         unbalanced=setup.unbalanced,
         compile_seconds=setup.compile_seconds + ready - began + follower.relaxation.compile_seconds,
         loop_seconds=sum(phases.values()),
@@ -220,7 +220,7 @@ def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Re
         steps=int(search.found["iterations"]),
         time_step=1.0,
         critical_time_step=None,
-        simulated_time=float(equilibria),
+        simulated_time=None,
         unbalanced=float(search.found["unbalanced"]),
         compile_seconds=compiled - began,
         loop_seconds=seconds,

@@ -64,7 +64,7 @@ class Replay(Ended):
     steps: int
     time_step: float
     critical_time_step: float | None
-    simulated_time: float
+    simulated_time: float | None
     unbalanced: float
     compile_seconds: float
     loop_seconds: float
