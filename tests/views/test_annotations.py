@@ -94,6 +94,12 @@ def test_the_picture_of_a_table_tells_its_angle(column, drawing):
     assert f"table at {angle:.4g} deg, load factor {float(column.load[-1]):.4g}" in drawn(column)._text.input
 
 
+def test_the_picture_of_a_load_without_a_limit_says_so(column, drawing, monkeypatch):
+    assert "no limit" not in drawn(column)._text.input
+    monkeypatch.setitem(column.__dict__, "results", {"unlimited": True})
+    assert "\nno limit: stones sink into each other" in drawn(column)._text.input
+
+
 def test_the_scale_bar_is_as_long_as_it_says(column, drawing):
     """In pixels: the width of a cube, seen from the front, is to the bar as 0.2 m to what is written at it."""
     found = drawn(column, size=(1200, 900), view="front", magnification=0.0, color="none")

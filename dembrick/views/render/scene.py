@@ -377,6 +377,8 @@ class Scene:
         else:
             shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
             told = ", ".join([*words(history, self._frame), shown])
+            if history.results.get("unlimited"):
+                told += "\nno limit: stones sink into each other, as much as the stiffness of their joints lets them"
         keys = self._keys(self._frame, marked, len(self.thrust.hinges) if self.thrust else 0)
         return "\n".join([*self._title(), told, *_lines(keys)]).rstrip()
 
