@@ -66,7 +66,7 @@ class MotionRun:
     peak_tension: np.ndarray
     turned: np.ndarray
     fallen: np.ndarray
-    speed: float
+    speed: float = 0.0
     settings: dict = field(default_factory=dict)
     energy: Sums | None = None
     yield_point = None  # a run in real time looks for no limit load
