@@ -24,7 +24,7 @@ _SERIES = {
 
 
 @lru_cache(maxsize=1)
-def _series_matrices() -> dict[int, np.ndarray]:
+def series_matrices() -> dict[int, np.ndarray]:
     """For each order n the matrix (n + 1, n + 1) from the mean values of x^(n-k) y^k to the coefficients of J_n.
 
     s = v2 x - v1 y and t = v1 x + v2 y are multiplied out as polynomials in v2/v1 (rows) and y/x (columns).
@@ -47,7 +47,7 @@ def _series_matrices() -> dict[int, np.ndarray]:
 
 
 @lru_cache(maxsize=1)
-def _rule() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def triangle_rule() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Product rule (r, s, weight) on the triangle r (P + s (Q - P)), exact for polynomials up to degree eight."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
     u, w = 0.5 * (nodes + 1.0), 0.5 * weights
@@ -67,7 +67,7 @@ def far_moments(polygon: np.ndarray) -> np.ndarray:
     if p.ndim == 3 and len(p) > _CHUNK:
         return np.concatenate([far_moments(p[i : i + _CHUNK]) for i in range(0, len(p), _CHUNK)])
     q = np.concatenate([p[..., 1:, :], p[..., :1, :]], axis=-2)
-    r, s, weights = _rule()
+    r, s, weights = triangle_rule()
     share = (p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0])[..., None] * weights
     share /= share.sum(axis=(-2, -1), keepdims=True)
     x = r * (p[..., :1] + s * (q - p)[..., :1])
@@ -77,7 +77,7 @@ def far_moments(polygon: np.ndarray) -> np.ndarray:
         powers_x.append(powers_x[-1] * x)
         powers_y.append(powers_y[-1] * y)
     forms = []
-    for n, matrix in _series_matrices().items():
+    for n, matrix in series_matrices().items():
         means = [(powers_x[n - k] * powers_y[k]).sum(axis=(-2, -1)) for k in range(n + 1)]
         forms.append(np.stack(means, axis=-1) @ matrix.T)
     return np.concatenate(forms, axis=-1)

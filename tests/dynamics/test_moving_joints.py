@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
-from dembrick.geometry import polygons
+from dembrick.geometry import friction_integrals, polygons
+from dembrick.geometry.clipping import clip, simplify
 from dembrick.geometry.polygons import distance_outside, nearest_points
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.loop import Limits
@@ -300,6 +301,43 @@ def test_polygons_are_cut_as_plane_geometry_says(formulation):
         assert moving.state.links.reach[0] == pytest.approx(np.hypot(*outline.T).max(), rel=1e-7)
         # O on the host has moved along
         np.testing.assert_allclose(seen(moving.state.bodies, moving.state.links)[0], now, rtol=0, atol=1e-14)
+
+
+def test_convex_polygons_are_clipped_as_plane_geometry_says():
+    """The same for the integrals of a convex joint: corners, moments, the series and the torsion radius, against the
+    functions for many polygons at once."""
+    draw, counts = np.random.default_rng(5), set()
+    face = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
+    for _ in range(40):
+        moving, driving = resting("convex")
+        drawn = moving.polygons._joints[0].polygon
+        for _ in range(2):
+            place(moving, (*draw.uniform(-0.07, 0.07, 2), 0.0), about((0, 0, 1), draw.uniform(-0.4, 0.4)))
+            joint_forces(moving, driving)
+            assert moving.polygons.cut_stale() == 1
+        now, shift, faces = moving.state.links.seen[0], moving.polygons.shift[0], moving.state.faces
+        tangents = now[[[3, 4], [6, 7]]]
+        origin = now[:2] - shift @ tangents
+        shared, count = simplify(*clip((origin + drawn @ tangents)[None], face[None]), np.array([1e-9]))
+        outline = (shared[0, : count[0]] - origin) @ np.linalg.inv(tangents)
+        area, x, y = polygons.area_and_centroid(outline)
+        outline -= (x, y)
+        counts.add(int(count[0]))
+        row = int(faces.outline[0])
+        np.testing.assert_allclose(shift, (x, y), rtol=0, atol=1e-15)
+        corners = np.column_stack([faces.x[row, : count[0]], faces.y[row, : count[0]]])
+        assert faces.count[row] == count[0]
+        start = int(np.argmin(np.hypot(*(corners - outline[0]).T)))
+        np.testing.assert_allclose(np.roll(corners, -start, axis=0), outline, rtol=0, atol=1e-15)
+        assert faces.area[0] == pytest.approx(area, rel=1e-13)
+        np.testing.assert_allclose(faces.second[0], polygons.second_moments(outline), rtol=1e-12, atol=1e-17)
+        reach = np.hypot(*outline.T).max()
+        assert faces.reach[0] == pytest.approx(reach, rel=1e-14)
+        assert moving.state.links.reach[0] == pytest.approx(reach, rel=1e-7)
+        scale = np.repeat(reach ** np.arange(2.0, 9.0), np.arange(3, 10))
+        np.testing.assert_allclose(faces.far[row] / scale, friction_integrals.far_moments(outline) / scale, atol=1e-14)
+        assert faces.radius[0] == pytest.approx(friction_integrals.area_radius(outline), rel=1e-11)
+    assert counts >= {4, 5, 6}
 
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])

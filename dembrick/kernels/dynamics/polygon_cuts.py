@@ -179,7 +179,7 @@ def stand_alone(like, t):
     like[t] = t
 
 
-@entry
+@jit
 def move_origin(links, j, drawn, x, y):
     """Put O of a joint at (x, y) from O of the start (m, along e1 and e2)."""
     dx = x - drawn.shift[0]
@@ -289,17 +289,6 @@ def cut_points(links, corners, p, j, drawn):
             project(links, corners, p, j, drawn, o, e, g)
     let_go_on(links, j, drawn, o)
     keep(links, j)
-
-
-@entry
-def must_clip(links, j, drawn):
-    """Whether the polygon of convex joint ``j`` must be clipped: its corners are ``drawn.placed``. It goes on from
-    here."""
-    o, e, g = tangents_of(links, j)
-    clipped = looked_at(links, j, drawn, o, e, g)
-    let_go_on(links, j, drawn, o)
-    keep(links, j)
-    return clipped
 
 
 @entry

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.joints import JointTable
-from dembrick.geometry import polygons
-from dembrick.geometry.clipping import clip, simplify
+from dembrick.geometry import friction_integrals, polygons
 from dembrick.geometry.shapes import parts_of
-from dembrick.kernels.dynamics.polygon_cuts import GONE, Drawn, cut_points, find_stale, move_origin, must_clip
+from dembrick.kernels.dynamics.polygon_clips import ORDER, Clipping, clip_area, must_clip
+from dembrick.kernels.dynamics.polygon_cuts import Drawn, cut_points, find_stale
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.area_joints import put_outlines, with_outlines
+from dembrick.simulation.dynamics.area_joints import with_outlines
 from dembrick.simulation.dynamics.known_types import KnownTypes
 from dembrick.simulation.dynamics.state import MovingState
 
@@ -58,6 +58,7 @@ class Polygons:
         self.shift = np.zeros((len(joints), 2))
         self.whole = np.ones(len(joints), bool)
         self._drawn: dict[int, Drawn] = {}  # joints that have been looked at
+        self._clipping: Clipping | None = None
         self._known, self._stale = KnownTypes(), np.zeros(len(joints), np.int64)
         self._place = {int(j): i for _, joints in joint_families.present(state) for i, j in enumerate(joints.joint)}
         state.links.slack[:] = self.bound
@@ -166,43 +167,24 @@ class Polygons:
             self._known.call(self.state, cut_points, links, self.state.corners, place, j, drawn)
         elif self._known.call(self.state, must_clip, links, j, drawn):
             self._clip(j, place, drawn)
-            links.kept[j] = links.seen_of(j)[[0, 1, 3, 4]]  # O may have moved
 
     def _clip(self, j: int, i: int, drawn: Drawn) -> None:
         """The polygon of an integral is what both faces share."""
-        faces, links = self.state.faces, self.state.links
-        seen = links.seen_of(j)
-        tangents = seen[[[3, 4], [6, 7]]]
-        origin = seen[:2] - self.shift[j] @ tangents  # where O of the start is now
-        shared, count = simplify(*clip(drawn.placed[None], drawn.face[None]), np.array([1e-9 * links.reach[j]]))
-        outline = (shared[0, : int(count[0])] - origin) @ np.linalg.inv(tangents)
-        area, x, y = polygons.area_and_centroid(outline) if len(outline) else (0.0, 0.0, 0.0)
-        if not area > GONE * drawn.area:
-            faces.put("k_n", 0.0, i)
-            return
-        memory = faces.elastic[i], faces.field("area", i), faces.field("second", i)[:2].sum(), (x, y) - self.shift[j]
-        self._known.call(self.state, move_origin, links, j, drawn, float(x), float(y))
+        faces = self.state.faces
         if faces.outline[i] < self._shared:
             self.make_room(int(faces.outline.max()) + 2)
             faces = self.state.faces
             faces.outline[i] = faces.outline.max() + 1
-        put_outlines(faces, faces.outline[[i]], (outline - (x, y))[None], np.array([i]), np.array([0]))
-        faces.put("k_n", self._joints.law[j].normal_stiffness, i)
-        faces.put_elastic(_what_is_left(*memory, faces.field("area", i), faces.field("second", i)[:2].sum()), i)
-        links.reach[j] = faces.field("reach", i)
+        if self._clipping is None:
+            self._clipping = clipping(faces.x.shape[1])
+        stiffness = self._joints.law[j].normal_stiffness
+        self._known.call(self.state, clip_area, self.state.links, faces, i, j, drawn, stiffness, self._clipping)
 
 
-def _what_is_left(
-    elastic: np.ndarray, area: float, polar: float, step: np.ndarray, new_area: float, new_polar: float
-) -> tuple[float, float, float]:
-    """Elastic shear resultants (N, N, N m) about the new centroid, ``step`` (m) from the old one, of a polygon whose
-    area (m2) and polar moment (m4) have changed.
-
-    The springs under (e_1, e_2, e_m) carry e / A + e_m / J (-y, x) each. Those over what is lost let go; those over
-    what is gained begin without any force.
-    """
-    e1, e2, em = elastic
-    if new_area >= area:
-        return e1, e2, em - (step[0] * e2 - step[1] * e1)
-    turn = em / polar
-    return new_area * (e1 / area - turn * step[1]), new_area * (e2 / area + turn * step[0]), turn * new_polar
+def clipping(room: int) -> Clipping:
+    """Scratch for polygons of up to so many corners."""
+    series = np.zeros((ORDER + 1, ORDER + 1, ORDER + 1))
+    for n, matrix in friction_integrals.series_matrices().items():
+        series[n, : n + 1, : n + 1] = matrix
+    rule = np.ascontiguousarray(friction_integrals.triangle_rule())
+    return Clipping(*np.zeros((4, room)), np.zeros((ORDER + 1, ORDER + 1)), rule, series)
