@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dembrick.scenario.controls import Control
     from dembrick.scenario.model import Scenario
 
-ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the face
+ON_FACE = 1e-6  # of the block's diameter: a point so little outside is on the face, as files give coordinates
 
 
 # kinds of actuators

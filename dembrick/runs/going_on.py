@@ -87,7 +87,8 @@ def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly
     for key in (field.name for field in fields(old) if field.init and field.name not in _SHOWN):
         if getattr(old, key) != getattr(new, key) and key not in _CHANGING:
             listed = ", ".join(_CHANGING)
-            raise ScenarioError(f"{file}: {key} cannot change on the way; what may is in {listed}")
+            whole = f"dembrick run {file} --set {key}... changes it from the start"
+            raise ScenarioError(f"{file}: {key} cannot change on the way; what may is in {listed}; {whole}")
     if any(pressure.actuator for pressure in (*old.pressures, *new.pressures)) and old.pressures != new.pressures:
         raise ScenarioError(f"{file}: pressures cannot change on the way of a run that one of them drives")
     before, now = old.control, new.control

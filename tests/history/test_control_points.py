@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dembrick import history
+from dembrick.assembly.build import assemble
 from dembrick.cli import main
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs.simulate import simulate
@@ -16,6 +17,8 @@ from dembrick.scenario import toml as scenarios
 from dembrick.views import plot
 from helpers import history_cases as cases
 from helpers.places import SCENARIOS
+
+TOP = 0.1  # m, of the upper block of set4a
 
 
 def with_points(stem, *points):
@@ -96,6 +99,13 @@ def test_on_the_command_line(tmp_path, capsys):
     simulate(SCENARIOS / "set4a.toml", tmp_path / "none.h5")
     with history.read(tmp_path / "none.h5") as found, pytest.raises(HistoryError, match=r"add \[\[control_points\]\]"):
         plot.control_points([found])
+
+
+def test_a_point_that_a_file_rounds_to_the_outside_is_on_the_face():
+    """By less than a part of the block in a million, as coordinates in files are rounded."""
+    assemble(with_points("set4a", ("a", "upper", (0.0, 0.0, TOP + 2e-7))))
+    with pytest.raises(ScenarioError, match="outside block 'upper'"):
+        assemble(with_points("set4a", ("a", "upper", (0.0, 0.0, TOP + 2e-6))))
 
 
 @pytest.mark.parametrize(
