@@ -41,6 +41,19 @@ def overhanging(share: float, control=None) -> Scenario:
     return scene(tuple(blocks), control=control)
 
 
+def test_a_stone_that_falls_is_shown_where_its_mechanism_is_seen():
+    """It turns about the edge of its base, however far the search for rest has let it fall."""
+    base = Block("base", "stone", (1.0, 0.5, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    result = simulate(scene((base, Block("over", "stone", (1.0, 0.5, 0.2), (0.7, 0.0, 0.1)))))
+    assert result.status == "falls" and result.as_dict()["statics"]["mechanism"] == "rocking"
+    blocks = result.run.state.blocks
+    turn, moved = blocks.rotation[1], blocks.displacement[1]
+    assert 0.01 < turn[1] < 0.5 and np.linalg.norm(moved) < 0.1
+    for y in (-0.25, 0.25):
+        np.testing.assert_allclose(moved + np.cross(turn, (-0.2, y, -0.1)), 0.0, atol=1e-3 * np.linalg.norm(moved))
+    np.testing.assert_allclose(result.run.state.joints.relative[0, 3:], [0.0, turn[1], 0.0], atol=1e-12)
+
+
 @pytest.mark.parametrize("share, stands", [(0.999, True), (1.001, False)])
 def test_harmonic_stack(share, stands):
     result = simulate(overhanging(share))

@@ -43,6 +43,7 @@ UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
+FALLEN = 0.2  # of a joint's reach: how far blocks that fall have moved when they are shown
 FEW = 8  # steps in the first chunk, before the pace is known
 MOVING = ("displacement", "rotation", "velocity", "spin", "force", "torque", "guide")  # fields of blocks, and of joints
 CARRYING = ("relative", "opening", "step", "tilt", "resultant")  # that relaxation changes
@@ -174,6 +175,7 @@ def rest(
         ratio, steps = motion.unbalanced, steps + motion.iterations
     if stands is False:
         mechanism, moving = mechanism_of(state), moving_blocks(state)
+        _seen_falling(state)
     done = time.perf_counter()
     seconds = compiled - began, done - compiled
     if stands:
@@ -187,6 +189,16 @@ def _come_to_rest(state: State) -> None:
     ties.remember(state)
     for array in (blocks.velocity, blocks.spin, joints.step, joints.tilt):
         array[:] = 0.0
+
+
+def _seen_falling(state: State) -> None:
+    """Bring blocks that fall back along their way, which has no end, to where their mechanism is seen."""
+    blocks, joints = state.blocks, state.joints
+    reach = float(joint_families.reach(state).max())
+    moved = np.linalg.norm(blocks.displacement, axis=1) + reach * np.linalg.norm(blocks.rotation, axis=1)
+    share = min(1.0, FALLEN * reach / float(moved.max()))
+    for array in (blocks.displacement, blocks.rotation, joints.relative):
+        array *= share
 
 
 def _changing(state: State) -> Iterator[np.ndarray]:
