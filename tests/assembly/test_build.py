@@ -236,9 +236,9 @@ def test_points_outside_their_block():
     refused("jack", "upper", "0.05 m outside", actuators=(moved(JACK, point=(0.2, 0.0, 0.0)),))
     refused("load number 2", "upper", "0.01 m outside",
             loads=(Load("upper", (0, 0, -1.0)), Load("upper", (0, 0, -1.0), (0.0, 0.11, 0.05))))  # fmt: skip
-    for point in ((0.15, 0.1, 0.1), (-0.15, 0.0, 0.0), (0.15 + 1e-11, 0.0, 0.05)):
+    for point in ((0.15, 0.1, 0.1), (-0.15, 0.0, 0.0), (0.15 + 1e-7, 0.0, 0.05)):
         assemble(scenario(actuators=(moved(JACK, point=point),)))
-    refused("outside", actuators=(moved(JACK, point=(0.15 + 1e-8, 0.0, 0.05)),))
+    refused("outside", actuators=(moved(JACK, point=(0.15 + 1e-6, 0.0, 0.05)),))
     turned = moved(UPPER, orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
     assemble(scenario(LOWER, turned, actuators=(moved(JACK, point=(0.0, 0.15, 0.05)),)))
     refused(LOWER, turned, "0.05 m outside", actuators=(moved(JACK, point=(0.15, 0.0, 0.05)),))
