@@ -15,7 +15,7 @@ import numba
 
 PACKAGE = Path(__file__).parent
 # Beside numba, what all machine code depends on.
-TOOLS = ("_file_locks.py", "_jit.py", "_kernel_cache.py", "_numba.py", "_numba_check.py", "_numba_public.py")
+TOOLS = ("_jit.py", "_kernel_cache.py", "_numba.py", "_numba_check.py", "_numba_public.py")
 _IMPORT = re.compile(r"^[ ]*(?:from ([\w.]+) import (?:\(([^)]*)\)|([^\n]*))|import ([^\n]*))", re.M)
 _NAME = re.compile(r"([\w.]+)(?: as \w+)?")
 _COMMENT = re.compile(r"#[^\n]*")

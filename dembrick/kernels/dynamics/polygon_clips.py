@@ -10,8 +10,10 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
+from dembrick.kernels.dynamics.contact_friction import second_moments
 from dembrick.kernels.dynamics.polygon_cuts import (
     GONE,
+    area_and_centroid,
     edge_of,
     keep,
     let_go_on,
@@ -65,37 +67,6 @@ def without_idle_corners(room, count, least):
         else:
             k += 1
     return count if count >= 3 else 0
-
-
-@jit
-def area_sums(room, count):
-    """Area (m2) and centroid (m) of the corners, from the first one, so that a distant one costs no digits."""
-    double = cx = cy = 0.0
-    x0, y0 = room.x[0], room.y[0]
-    for k in range(1, count - 1):
-        ux, uy = room.x[k] - x0, room.y[k] - y0
-        vx, vy = room.x[k + 1] - x0, room.y[k + 1] - y0
-        part = ux * vy - uy * vx
-        double += part
-        cx += part * (ux + vx)
-        cy += part * (uy + vy)
-    if not double > 0.0:
-        return 0.0, x0, y0
-    return 0.5 * double, x0 + cx / (3.0 * double), y0 + cy / (3.0 * double)
-
-
-@jit
-def second_moments(room, count):
-    """Integrals of y^2, x^2 and x y (m4) over the corners, about O."""
-    yy = xx = xy = 0.0
-    for k in range(count):
-        after = k + 1 if k + 1 < count else 0
-        px, py, qx, qy = room.x[k], room.y[k], room.x[after], room.y[after]
-        cross = px * qy - py * qx
-        yy += (py * py + py * qy + qy * qy) * cross
-        xx += (px * px + px * qx + qx * qx) * cross
-        xy += (px * (2.0 * py + qy) + qx * (py + 2.0 * qy)) * cross
-    return yy / 12.0, xx / 12.0, xy / 24.0
 
 
 @jit
@@ -205,7 +176,7 @@ def clip_area(links, faces, a, j, drawn, stiffness, room):
     stand_alone(faces.like, t)
     face = faces.tiles[t]
     count = common_part(links, j, drawn, room)
-    area, x, y = area_sums(room, count) if count else (0.0, 0.0, 0.0)
+    area, x, y = area_and_centroid(room.x, room.y, count) if count else (0.0, 0.0, 0.0)
     if not area > GONE * drawn.area:
         face.k_n[lane] = 0.0
         return
@@ -221,7 +192,7 @@ def clip_area(links, faces, a, j, drawn, stiffness, room):
         far = max(far, room.x[k] * room.x[k] + room.y[k] * room.y[k])
     faces.count[outline] = count
     write_series(room, count, faces.far[outline])
-    yy, xx, xy = second_moments(room, count)
+    xx, xy, yy = second_moments(room.x, room.y, 0, count, 1.0, 0.0, 0.0)
     by, bx, _ = three(face.second, lane)
     before, after = (face.area[lane], by + bx), (area, yy + xx)
     elastic = faces.sheared[t].elastic

@@ -198,6 +198,23 @@ def move_origin(links, j, drawn, x, y):
 
 
 @jit
+def area_and_centroid(x, y, count):
+    """Area (m2) and centroid (m) of a polygon, from its first corner, so that a distant one costs no digits; the corner
+    itself if there is no area."""
+    double = cx = cy = 0.0
+    for k in range(1, count - 1):
+        ux, uy = x[k] - x[0], y[k] - y[0]
+        vx, vy = x[k + 1] - x[0], y[k + 1] - y[0]
+        part = ux * vy - uy * vx
+        double += part
+        cx += part * (ux + vx)
+        cy += part * (uy + vy)
+    if not double > 0.0:
+        return 0.0, x[0], y[0]
+    return 0.5 * double, x[0] + cx / (3.0 * double), y[0] + cy / (3.0 * double)
+
+
+@jit
 def put_area(corners, place, area):
     """Give a contact point another area (m2). Springs over what it loses let go: the rest keeps its share of the shear
     force; those over what it gains begin without any."""
@@ -223,23 +240,12 @@ def project(links, corners, p, j, drawn, o, e, g):
         y -= b
         drawn.cut[k, 0] = (x * g[1] - y * g[0]) / det
         drawn.cut[k, 1] = (e[0] * y - e[1] * x) / det
-    # area and centroid from the first corner, so that a distant one costs no digits
-    double = cx = cy = 0.0
-    x0, y0 = drawn.cut[0, 0], drawn.cut[0, 1]
-    for k in range(1, n - 1):
-        ux, uy = drawn.cut[k, 0] - x0, drawn.cut[k, 1] - y0
-        vx, vy = drawn.cut[k + 1, 0] - x0, drawn.cut[k + 1, 1] - y0
-        part = ux * vy - uy * vx
-        double += part
-        cx += part * (ux + vx)
-        cy += part * (uy + vy)
+    area, cx, cy = area_and_centroid(drawn.cut[:, 0], drawn.cut[:, 1], n)
     stand_alone(corners.like, links.place[j] // W)  # tiles of points are the first ones of all
-    if not 0.5 * double > GONE * drawn.area:
+    if not area > GONE * drawn.area:
         for k in range(n):
             put_area(corners, place_of(corners, p, k), 0.0)
         return
-    cx = x0 + cx / (3.0 * double)
-    cy = y0 + cy / (3.0 * double)
     move_origin(links, j, drawn, cx, cy)
     far = 0.0
     for k in range(n):

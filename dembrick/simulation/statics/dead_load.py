@@ -196,7 +196,7 @@ def _seen_falling(state: State) -> None:
     blocks, joints = state.blocks, state.joints
     reach = float(joint_families.reach(state).max())
     moved = np.linalg.norm(blocks.displacement, axis=1) + reach * np.linalg.norm(blocks.rotation, axis=1)
-    share = min(1.0, FALLEN * reach / float(moved.max()))
+    share = FALLEN * reach / max(float(moved.max()), FALLEN * reach)
     for array in (blocks.displacement, blocks.rotation, joints.relative):
         array *= share
 
