@@ -63,6 +63,23 @@ def bilinear(move, law, memory):
     return normal, t1, t2, 0.5 * (held + (t1 * t1 + t2 * t2) / law.shear_stiffness)
 
 
+def cohesive(move, law, memory):
+    """`coulomb` with a ``cohesion`` (Pa) that stays, of a point that presses."""
+    normal = law.normal_stiffness * move.penetration
+    if normal <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    t1 = memory.shear_1 + law.shear_stiffness * move.slip_1
+    t2 = memory.shear_2 + law.shear_stiffness * move.slip_2
+    size = math.hypot(t1, t2)
+    cap = law.friction * normal + law.cohesion * law.area
+    if size > cap:
+        t1 *= cap / size
+        t2 *= cap / size
+    held = normal * normal / law.normal_stiffness + (t1 * t1 + t2 * t2) / law.shear_stiffness
+    return normal, t1, t2, 0.5 * held
+
+
 COULOMB = dembrick.joint_law(coulomb)
 FOLLOWING = dembrick.joint_law(following, memory="slipped", slip_distance=2e-5, rise=0.2, residual=0.5)
 BILINEAR = dembrick.joint_law(bilinear, knee=1e-7, part=0.25)
+COHESIVE = dembrick.joint_law(cohesive, cohesion=500.0)

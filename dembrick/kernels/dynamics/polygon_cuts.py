@@ -11,6 +11,7 @@ from numpy import ndarray
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.point_laws import place_of
 from dembrick.kernels.dynamics.tiles import W, way_of
+from dembrick.kernels.joint.custom_law import resize
 
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
 PARALLEL = 1.0 - 1e-4  # cosine: a polygon that moves so near to along an edge moves along it
@@ -215,9 +216,12 @@ def area_and_centroid(x, y, count):
 
 
 @jit
-def put_area(corners, place, area):
-    """Give a contact point another area (m2). Springs over what it loses let go: the rest keeps its share of the shear
-    force; those over what it gains begin without any."""
+def put_area(corners, p, i, area):
+    """Give contact point ``i`` of joint ``p`` another area (m2). Springs over what it loses let go: the rest keeps its
+    share of the shear force; those over what it gains begin without any."""
+    place = place_of(corners, p, i)
+    law = corners.law[p]
+    resize(corners.custom, place, area, corners.k_n[law], corners.k_s[law])
     point = corners.points[place // W]
     lane = place % W
     before = point.area[lane]
@@ -244,7 +248,7 @@ def project(links, corners, p, j, drawn, o, e, g):
     stand_alone(corners.like, links.place[j] // W)  # tiles of points are the first ones of all
     if not area > GONE * drawn.area:
         for k in range(n):
-            put_area(corners, place_of(corners, p, k), 0.0)
+            put_area(corners, p, k, 0.0)
         return
     move_origin(links, j, drawn, cx, cy)
     far = 0.0
@@ -258,9 +262,9 @@ def project(links, corners, p, j, drawn, o, e, g):
         after = k + 1 if k + 1 < n else 0
         x, y = drawn.cut[k, 0], drawn.cut[k, 1]
         sides = x * drawn.cut[after, 1] - y * drawn.cut[after, 0] + drawn.cut[last, 0] * y - drawn.cut[last, 1] * x
+        put_area(corners, p, k, max(0.25 * sides, 0.0))
         place = place_of(corners, p, k)
         point = corners.points[place // W]
-        put_area(corners, place, max(0.25 * sides, 0.0))
         point.x[place % W] = drawn.shrink * x
         point.y[place % W] = drawn.shrink * y
 
@@ -281,7 +285,7 @@ def fade(links, corners, p, j, drawn, o, e, g):
         x, y = drawn.arms[k, 0], drawn.arms[k, 1]
         left = inside(drawn.face, a + x * e[0] + y * g[0], b + x * e[1] + y * g[1], drawn.areas[k])
         left /= inside(drawn.face, drawn.start[k, 0], drawn.start[k, 1], drawn.areas[k])
-        put_area(corners, place_of(corners, p, k), drawn.areas[k] * min(left, 1.0))
+        put_area(corners, p, k, drawn.areas[k] * min(left, 1.0))
 
 
 @entry

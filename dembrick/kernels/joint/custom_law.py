@@ -82,6 +82,21 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s):
 
 
 @jit
+def resize(custom, i, area, k_n, k_s):
+    """Give contact point ``i`` another ``area`` (m2), with springs of ``k_n`` and ``k_s`` (Pa/m); ``custom`` may be
+    None. Over what it loses the law lets go of its part of the forces and of the energy; what it gains begins without
+    any. What the law remembers itself stays as it is."""
+    if custom is not None:
+        record = custom.record[i]
+        if area < record[0]:
+            for k in range(ANSWERS):
+                custom.memory[i, k] *= area / record[0]
+        record[0] = area
+        record[1] = k_n * area
+        record[2] = k_s * area
+
+
+@jit
 def energy_held(custom, i):
     """Energy (J) that the springs of point ``i`` hold."""
     return custom.memory[i, 3]
