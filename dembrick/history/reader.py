@@ -30,6 +30,7 @@ from dembrick.scenario.regimes import (
 from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NEW_CONTACTS, Channel, Sizes
 
 if TYPE_CHECKING:
+    import h5py
     import pandas
     import xarray
 
@@ -88,7 +89,9 @@ class History(RestGeometry):
             raise
 
     def _open_series(self) -> None:
-        self._series, self.energy_names, self.has_frames, self.has_joints = {}, (), False, False
+        self._series: dict[str, tuple[tuple[int | None, ...], str, int]] = {}  # shape, kind, entries that were written
+        self._opened: dict[str, h5py.Dataset] = {}
+        self.energy_names, self.has_frames, self.has_joints = (), False, False
         self.n_row = self.n_frames = self.n_block = self.n_joint = self.n_actuator = self.n_control_point = 0
         self.n_support = self.n_tie = 0
         self.begun = guard.exists(self._file, WRITTEN) or self.status != "running"
@@ -111,13 +114,21 @@ class History(RestGeometry):
         n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
         counts = self.n_block, self.n_joint, self.n_actuator, self.n_control_point, n_point, self.n_support, self.n_tie
         sizes = Sizes(*counts)
+
+        def expect(channel: Channel, count: int) -> None:
+            kind = "integer" if channel.kind == "<i8" else "number"
+            self._series[channel.path] = (None, *channel.tail(sizes)), kind, count
+
         for channel in CHANNELS:
             if channel.grows_by != CONTACTS and self._has(channel, found):
-                self._open(channel, sizes, self.n_frames if channel.grows_by == FRAMES else self.n_row)
+                expect(channel, self.n_frames if channel.grows_by == FRAMES else self.n_row)
+        for path in ("history/time", "frames/time"):  # whose lengths bear out how many there are
+            if path in self._series:
+                self._data(path)
         if self.has_new_contacts:
             count = self.new_contacts_before(self.n_frames)
             for channel in NEW_CONTACTS.values():
-                self._open(channel, sizes, count)
+                expect(channel, count)
         energies = [path for path in self._series if path.startswith("history/energy/")]
         self.energy_names = tuple(path.rpartition("/")[2] for path in energies)
         if self.n_frames and not self.has_frames:
@@ -132,13 +143,15 @@ class History(RestGeometry):
         folder, group = channel.path.split("/")[:2]
         return channel.always or group in found[folder]
 
-    def _open(self, channel: Channel, sizes: Sizes, count: int) -> None:
-        """The dataset of a channel, of which ``count`` entries were written."""
-        name, kind = channel.path, "integer" if channel.kind == "<i8" else "number"
-        data = guard.dataset(self._file, name, kind, (None, *channel.tail(sizes)))
-        if not 0 <= count <= len(data):
-            raise HistoryError(f"{self.path}: {name} has {len(data)} entries where {count} were written")
-        self._series[name] = data
+    def _data(self, path: str) -> h5py.Dataset:
+        """The dataset of a channel, looked at when it is first asked for: a plot needs few of dozens."""
+        if path not in self._opened:
+            shape, kind, count = self._series[path]
+            data = guard.dataset(self._file, path, kind, shape)
+            if not 0 <= count <= len(data):
+                raise HistoryError(f"{self.path}: {path} has {len(data)} entries where {count} were written")
+            self._opened[path] = data
+        return self._opened[path]
 
     def close(self) -> None:
         self._file.close()
@@ -222,13 +235,13 @@ class History(RestGeometry):
 
     def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """Entries start to stop (default: all that were written) of a series such as ``load`` or ``joint/N``."""
-        data = self._series.get(f"history/{name}")
-        if data is None and not self.begun:
-            return np.zeros(0)
-        if data is None:
+        path = f"history/{name}"
+        if path not in self._series:
+            if not self.begun:
+                return np.zeros(0)
             raise KeyError(f"no series {name!r} in {self.path}")
         start, stop, _ = slice(start, stop).indices(self.n_row)
-        return guard.values(data, start, max(start, stop))
+        return guard.values(self._data(path), start, max(start, stop))
 
     def series_names(self, group: str) -> list[str]:
         """Names of what grows with the run in ``history`` or ``frames``."""
@@ -236,7 +249,7 @@ class History(RestGeometry):
 
     def entries(self, path: str, start: int, stop: int) -> np.ndarray:
         """Entries start to stop of a dataset that grows with the run, by its path in the file."""
-        return guard.values(self._series[path], start, stop)
+        return guard.values(self._data(path), start, stop)
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -300,7 +313,7 @@ class History(RestGeometry):
 
     def unit(self, path: str) -> str:
         """The unit of a dataset that grows with the run, by its path in the file."""
-        found = guard.attribute(self._series[path], "units")
+        found = guard.attribute(self._data(path), "units")
         return found if isinstance(found, str) else ""
 
     @cached_property
@@ -350,7 +363,7 @@ class History(RestGeometry):
     @cached_property
     def frame_time(self) -> np.ndarray:
         """(F,) s"""
-        return guard.values(self._series["frames/time"], 0, self.n_frames) if self.has_frames else np.zeros(0)
+        return guard.values(self._data("frames/time"), 0, self.n_frames) if self.has_frames else np.zeros(0)
 
     def frame(self, name: str, k: int) -> np.ndarray | None:
         """Record of the blocks in frame k, negative from the end; None if it was not recorded.
@@ -370,8 +383,8 @@ class History(RestGeometry):
         ``contact_force``, ``contact_arm`` or ``joint_shift``, as (f, ...); None if not recorded."""
         if not 0 <= start <= stop <= self.n_frames:
             raise IndexError(f"frames {start} to {stop} of {self.path}, which has {self.n_frames}")
-        data = self._series.get(f"frames/{name}")
-        return None if data is None else guard.values(data, start, stop)
+        path = f"frames/{name}"
+        return guard.values(self._data(path), start, stop) if path in self._series else None
 
     @property
     def has_new_contacts(self) -> bool:
@@ -380,10 +393,9 @@ class History(RestGeometry):
 
     def new_contacts_before(self, frame: int) -> int:
         """How many new contacts the frames before ``frame`` have in all; zero if they were not recorded."""
-        data = self._series.get("frames/new_contacts/end")
-        if data is None or frame <= 0:
+        if not self.has_new_contacts or frame <= 0:
             return 0
-        return int(guard.values(data, frame - 1, frame)[0])
+        return int(guard.values(self._data("frames/new_contacts/end"), frame - 1, frame)[0])
 
     def frame_new_contacts(self, start: int, stop: int) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
         """New contacts of the frames start to stop, None if not recorded: where those of each frame begin and the last
@@ -396,12 +408,12 @@ class History(RestGeometry):
         if not self.has_new_contacts:
             return None
         first = self.new_contacts_before(start)
-        ends = guard.values(self._series["frames/new_contacts/end"], start, stop).astype(np.int64)
+        ends = guard.values(self._data("frames/new_contacts/end"), start, stop).astype(np.int64)
         starts = np.concatenate([[first], ends])
         last = int(starts[-1])
-        if (np.diff(starts) < 0).any() or not 0 <= first <= last <= len(self._series["frames/new_contacts/area"]):
+        if (np.diff(starts) < 0).any() or not 0 <= first <= last <= len(self._data("frames/new_contacts/area")):
             raise HistoryError(f"{self.path}: frames/new_contacts/end does not divide the contacts of its frames")
-        found = {name: guard.values(self._series[f"frames/new_contacts/{name}"], first, last) for name in NEW_CONTACTS}
+        found = {name: guard.values(self._data(f"frames/new_contacts/{name}"), first, last) for name in NEW_CONTACTS}
         blocks = found["blocks"]
         if blocks.size and not 0 <= blocks.min() <= blocks.max() < self.n_block:
             raise HistoryError(f"{self.path}: frames/new_contacts/blocks names a block that is not there")

@@ -9,8 +9,10 @@ import pytest
 
 from dembrick import history
 from dembrick.errors import HistoryError
-from dembrick.simulation.channels import JOINT_CHANNELS
+from dembrick.simulation.channels import CHANNELS, FRAMES, JOINT_CHANNELS
 from helpers import history_cases as cases
+
+FRAME_CHANNELS = [channel.path.removeprefix("frames/") for channel in CHANNELS if channel.grows_by == FRAMES]
 
 
 def test_a_cut_file_is_refused_at_every_length(tmp_path):
@@ -44,8 +46,8 @@ def read_all(path):
         for i in range(found.n_block):
             found.block_vertices(i), found.block_faces(i)
         for k in range(found.n_frames):
-            found.frame("position", k), found.frame("displacement", k), found.frame("orientation", k)
-            found.frame("velocity", k), found.frame("spin", k), found.frame("contact_force", k)
+            for name in FRAME_CHANNELS:
+                found.frame(name, k)
             found.frame_new_contacts(k, k + 1)
 
 

@@ -130,6 +130,11 @@ def stiffness(faces: Faces) -> np.ndarray:
     return elastic_stiffness([k_s * a for a in moments], [k_n * a for a in moments])
 
 
+def normal_stiffness(faces: Faces) -> np.ndarray:
+    """The entry of `stiffness` along the normal (a,), N/m, by itself."""
+    return faces.k_n * faces.area
+
+
 def friction(faces: Faces) -> np.ndarray:
     """A copy of the friction of the joints (a,)."""
     return faces.friction.copy()

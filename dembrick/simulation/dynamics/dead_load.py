@@ -254,7 +254,6 @@ def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tu
     worst = math.sqrt(float((force[free] ** 2).sum(axis=1).max(initial=0.0)))
     if not worst > 0.0:
         return 0.0, BALANCED
-    rounding = (
-        np.finfo(float).eps * np.abs(state.bodies.position).max() * joint_families.stiffness(state)[:, 2, 2].max()
-    )
-    return float(worst / max(worst, largest)), max(BALANCED, float(ROUNDING * rounding / max(worst, largest)))
+    farthest = float(np.abs(state.bodies.position).max())
+    rounding = np.finfo(float).eps * farthest * joint_families.greatest_normal_stiffness(state)
+    return float(worst / max(worst, largest)), max(BALANCED, ROUNDING * rounding / max(worst, largest))

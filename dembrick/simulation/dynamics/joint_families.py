@@ -55,6 +55,11 @@ def stiffness(state) -> np.ndarray:
     return found
 
 
+def greatest_normal_stiffness(state) -> float:
+    """That of any closed joint (N/m)."""
+    return max((float(module.normal_stiffness(joints).max()) for module, joints in present(state)), default=0.0)
+
+
 def arrays(state) -> list[np.ndarray]:
     return [array for module, joints in present(state) for array in module.arrays(joints)]
 

@@ -115,6 +115,11 @@ def stiffness(corners: Corners) -> np.ndarray:
     )
 
 
+def normal_stiffness(corners: Corners) -> np.ndarray:
+    """The entry of `stiffness` along the normal (p,), N/m, by itself."""
+    return corners.k_n[corners.law] * np.add.reduceat(corners.area, corners.start[:-1])
+
+
 def _moments(x: np.ndarray, y: np.ndarray) -> tuple:
     return 1.0, x, y, x * x, y * y, x * y
 

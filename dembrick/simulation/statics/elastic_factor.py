@@ -12,7 +12,7 @@ there: what they move along it is `RIGID` times less than what they move elsewhe
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import time
 
 import numpy as np
 
@@ -23,10 +23,6 @@ from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.sparse_equations import Factors, Pattern, analyse, check_room
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import block_stiffness, to_joint
-
-if TYPE_CHECKING:
-    from dembrick.simulation.statics.state import State
-
 
 SINGULAR = 1e-13  # of a diagonal entry: a pivot below this is rounding
 
@@ -55,10 +51,11 @@ def elastic_factor(state: State, position: np.ndarray) -> Factors:
     Ties count where they are tight now. Raises ScenarioError if the joints, closed and sticking, do not hold every
     free block, and if the equations of a search would not fit into the memory.
     """
-    joints, free = state.joints, state.blocks.free
+    joints, free, began = state.joints, state.blocks.free, time.perf_counter()
     pattern = equations(state, position)
     check_room(pattern)
     factors = Factors(pattern)
+    factors.seconds = time.perf_counter() - began  # the order of elimination is part of the work on the equations
     diagonal = np.diagonal(block_stiffness(state, shared=1.0)[free], axis1=1, axis2=2)
     seen = ends(state, to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b))
     own, least = stiffness(state), pattern.to_rows(SINGULAR * diagonal)

@@ -72,7 +72,7 @@ class Factors:
             near=np.empty(SIX * int(np.diff(pattern.fronts.edge).max(initial=0))),
         )
 
-        self.seconds = 0.0  # that went into making factors
+        self.seconds = 0.0  # that went into analysis and factors
 
     def prepare(self, left_a: np.ndarray, left_b: np.ndarray, middle: np.ndarray) -> None:
         """Compile what `make` and `solve` call, or load it, without any work."""

@@ -88,6 +88,10 @@ class EquilibriumPath(ABC):
         self.path: list[tuple[float, float, float]] = []
         self.collapse: dict | None = None
         self.fall: list[dict] | None = None
+        self.free = ~np.asarray(moving.assembly.fixed)
+        self.least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in moving.assembly.shapes])[
+            self.free
+        ]
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
         self.recorder = Recorder(moving, driving, session, self.past.extremes, 1, 1, equilibria=True)
         self.dt = STEP * moving.time_step
@@ -179,7 +183,6 @@ class EquilibriumPath(ABC):
     def _rest(self, parameter: float, before: np.ndarray) -> float | None:
         """Let the blocks come to rest, which were at ``before`` (n, 3) at the last equilibrium; as `_go`."""
         still = self._at(parameter)
-        free = ~np.asarray(self.moving.assembly.fixed)
         balanced, chunks, passed, ratio = 0, most_steps(self.moving) // CHUNK, {}, 1.0
         for chunk in range(ROUNDS * chunks):
             self.advance(still, CHUNK)
@@ -187,7 +190,7 @@ class EquilibriumPath(ABC):
             self._look_on(down)
             if down > 1.0:
                 return None
-            ratio, enough = unbalanced(self.moving.state, still, free)
+            ratio, enough = unbalanced(self.moving.state, still, self.free)
             ratio = not_nan(ratio, f"what is out of balance at {self.said(parameter)}")
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
@@ -206,10 +209,8 @@ class EquilibriumPath(ABC):
 
     def _down(self, before: np.ndarray) -> float:
         """How far blocks have come down that were at ``before`` (n, 3): 1 for one that has."""
-        assembly = self.moving.assembly
-        least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
-        away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
-        return float((away / (self.dropped * least))[~np.asarray(assembly.fixed)].max())
+        away = np.linalg.norm((self.moving.state.bodies.position - before)[self.free], axis=1)
+        return float((away / (self.dropped * self.least)).max())
 
     def _look_on(self, down: float) -> None:
         """Keep a frame of how blocks come down, where that is to be seen: ``down`` is how far, 1 at the end."""
