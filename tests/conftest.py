@@ -19,6 +19,9 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(Path(dembrick.__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
 
+# What they import is compiled once, not by each.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # A worker a core: threads of the linear algebra would wait for one another, which takes both cores at once. The workers
 # and what they start read it as numpy is imported, which comes later.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,6 +1,7 @@
 """New contacts: the surface of equal penetration, its forces, and what friction remembers."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from dembrick.geometry.shapes import box
 from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, touch
 from dembrick.kernels.joint.no_tension import no_tension
 from helpers.pairs import BLOCK, K_N, K_S, SETTINGS, Pair, no_joints, quaternion, set_up, turned
+from helpers.plain_python import cases
 
 
 @pytest.mark.parametrize("depth", [1e-7, 1e-5])
@@ -93,12 +95,12 @@ def test_nothing_jumps(name):
     """The greatest step of the wrench along a path halves with its steps: there is no jump in it."""
     pair = Pair(BLOCK, BLOCK)
     steps = []
-    for n in (500, 1000, 2000):
+    for n in cases((500, 1000, 2000), (500, 1000)):
         wrench = sweep(pair, PATHS[name], n + 1)
         assert np.count_nonzero(wrench.any(axis=1)) > n / 4
         steps.append(np.abs(np.diff(wrench, axis=0)).max() / np.abs(wrench).max())
     assert steps[0] < 0.1
-    assert steps[1] < 0.6 * steps[0] and steps[2] < 0.6 * steps[1]
+    assert all(later < 0.6 * earlier for earlier, later in pairwise(steps))
 
 
 def test_a_square_loop_gives_nothing_back():
