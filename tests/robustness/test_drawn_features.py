@@ -1,4 +1,4 @@
-"""Features that meet: 150 drawn scenes, each judged by limit analysis, a second route and another view of it."""
+"""Features that meet: 100 drawn scenes, each judged by limit analysis, a second route and another view of it."""
 
 import pytest
 
@@ -11,7 +11,7 @@ features = tool_module("drawn_features")
 
 @pytest.fixture(scope="module")
 def drawn():
-    return features.scenes(150, 1, quick=True)
+    return features.scenes(100, 1, quick=True)
 
 
 @pytest.mark.parametrize("part", range(PARTS))
@@ -26,4 +26,4 @@ def test_no_answer_is_wrong(part, drawn, monkeypatch):
         verdict, why = features.judged(one, deformed=False)
         assert verdict != "WRONG", (number, levels, why)
         answered += verdict in ("right", "told")
-    assert answered >= 5
+    assert answered >= 3
