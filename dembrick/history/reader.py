@@ -380,7 +380,7 @@ class History(RestGeometry):
 
     def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
         """Frames start to stop of ``position``, ``displacement``, ``orientation``, ``velocity``, ``spin``,
-        ``contact_force``, ``contact_arm`` or ``joint_shift``, as (f, ...); None if not recorded."""
+        ``contact_force``, ``contact_arm``, ``contact_area`` or ``joint_shift``, as (f, ...); None if not recorded."""
         if not 0 <= start <= stop <= self.n_frames:
             raise IndexError(f"frames {start} to {stop} of {self.path}, which has {self.n_frames}")
         path = f"frames/{name}"

@@ -224,6 +224,10 @@ CHANNELS = (
         ("point", 2), "contacts", True,
     ),
     Channel(
+        "frames/contact_area", "m2", "tributary area of each contact point: less where part of its joint was cut off",
+        ("point",), "contacts", True,
+    ),
+    Channel(
         "frames/new_contacts/end", "1", "entries of frames/new_contacts of all frames up to this one", (), "contacts",
         True, kind="<i8",
     ),

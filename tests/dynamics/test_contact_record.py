@@ -205,13 +205,16 @@ def test_contacts_of_a_plate_over_the_edge_stay_on_both_faces(tmp_path, formulat
             np.testing.assert_allclose(moment[:, :2], whole[:, :2], atol=2e-3 * np.abs(whole).max())
 
 
+@pytest.mark.parametrize("cohesion", [0.0, 100.0])
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "corrected-shear", "distributed", "convex"])
-def test_utilisation_of_a_plate_that_slides_and_spins_over_the_edge(tmp_path, formulation):
-    """While every point slides the joint is on the edge of its yield domain, that of the points where they are now."""
-    given = slid_over_the_edge(formulation, 0.9)
+def test_utilisation_of_a_plate_that_slides_and_spins_over_the_edge(tmp_path, formulation, cohesion):
+    """While every point slides the joint is on the edge of its yield domain, that of the points where they are now,
+    with a cohesion that stays on the area that they have now."""
+    given = slid_over_the_edge(formulation, 0.9 + 0.1 * (cohesion > 0.0))
     floor, plate = given.blocks
     plate = dataclasses.replace(plate, angular_velocity=(0.0, 0.0, 6.0))
-    simulate(dataclasses.replace(given, blocks=(floor, plate)), tmp_path / "run.h5")
+    law = dataclasses.replace(given.joint, cohesion=cohesion, residual_cohesion=cohesion) if cohesion else given.joint
+    simulate(dataclasses.replace(given, blocks=(floor, plate), joint=law), tmp_path / "run.h5")
     with history.read(tmp_path / "run.h5") as found:
         joints = JointMotion(found)
         now = joints.at(range(found.n_frames))

@@ -73,6 +73,7 @@ def real_time(folder, n_frame=N_FRAME):
         met, arms = cases.new_contacts(0, n_frame), np.tile(assembly.joints[0].polygon, (n_frame, 1, 1))
         arms[2:, 1] += [-0.02, 0.03]
         moving = cases.motion(0, n_frame) | {"joint_shift": np.zeros((n_frame, 1, 2)), "contact_arm": arms}
+        moving |= {"contact_area": np.tile(assembly.contact_points.area[:4], (n_frame, 1))}
         writer.append_frames(*cases.frames(0, n_frame), **moving, new_contacts=met)
         writer.finish("completed", {})
     return history.read(folder / "run.h5")

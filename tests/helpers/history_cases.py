@@ -180,6 +180,7 @@ def finished(path, in_real_time=False, **options):
     with open_writer(path, channels=model.CHANNELS, **options) as out:
         out.append((moving_record if in_real_time else record)(0, 20))
         shifted = {"joint_shift": np.zeros((4, 1, 2)), "contact_arm": np.zeros((4, 4, 2))}
+        shifted |= {"contact_area": np.ones((4, 4))}
         out.append_frames(*frames(0, 4), **motion(0, 4), **shifted, new_contacts=new_contacts(0, 4))
         out.finish("yield", RESULTS)
     return path

@@ -131,8 +131,9 @@ for round in range(10**6):
     print(rows, frames, flush=True)
     if round % 2:
         met = cases.new_contacts(frames, frames + 1)
-        shifted = dict(joint_shift=[[[0.0, 0.0]]], contact_arm=[[[0.0, 0.0]] * 4], new_contacts=met)
-        out.append_frames(*cases.frames(frames, frames + 1, n), **cases.motion(frames, frames + 1, n), **shifted)
+        shifted = dict(joint_shift=[[[0.0, 0.0]]], contact_arm=[[[0.0, 0.0]] * 4], contact_area=[[1.0] * 4])
+        moved = cases.motion(frames, frames + 1, n)
+        out.append_frames(*cases.frames(frames, frames + 1, n), **moved, **shifted, new_contacts=met)
         frames += 1
         print(rows, frames, flush=True)
     if round % 40 == 39:

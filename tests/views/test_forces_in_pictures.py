@@ -65,6 +65,7 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
     with cases.open_writer(tmp_path / "run.h5", channels=CHANNELS, control=cases.MOTION) as writer:
         writer.append(cases.moving_record(0, 5))
         still = {"joint_shift": np.zeros((4, 1, 2)), "contact_arm": np.zeros((4, 4, 2))}
+        still |= {"contact_area": np.ones((4, 4))}
         met = cases.new_contacts(0, 4)
         writer.append_frames(*cases.frames(0, 4), **cases.motion(0, 4), **still, new_contacts=met)
         writer.finish("completed", {})

@@ -35,7 +35,7 @@ from dembrick.simulation.dynamics.outcome import Extremes
 from dembrick.simulation.dynamics.pace import LONGEST_CHUNK
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.row_arrays import bytes_of_row, record_of, scene_of
-from dembrick.simulation.dynamics.state import contact_arms, contact_forces
+from dembrick.simulation.dynamics.state import contact_areas, contact_arms, contact_forces
 from dembrick.simulation.session import Session
 
 if TYPE_CHECKING:
@@ -282,6 +282,7 @@ class Recorder:
         if "contacts" in channels:
             left = moving.contact_detection.left_to_joints()
             frames["contact_arm"] = contact_arms(moving.state, shift)[None]
+            frames["contact_area"] = contact_areas(moving.state)[None].copy()
             frames["contact_force"] = contact_forces(moving.state, left)[None]
             frames["new_contacts"] = _in_frames(moving.contact_detection.pressed(moving.state.middle))
         return frames

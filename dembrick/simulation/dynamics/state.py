@@ -248,6 +248,11 @@ def contact_arms(state: MovingState, shift: np.ndarray) -> np.ndarray:
     return np.column_stack([corners.x, corners.y]) + shift[own]
 
 
+def contact_areas(state: MovingState) -> np.ndarray:
+    """Tributary area (c,) of every contact point now (m2)."""
+    return np.zeros(0) if state.corners is None else np.asarray(state.corners.area)
+
+
 def out_of_balance(state: MovingState, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force (n, 3) and torque (n, 3) on every block under ``gravity`` (3,), loads and the last joint forces."""
     bodies, links = state.bodies, state.links

@@ -24,6 +24,7 @@ class Bonds:
             np.array([joint[key] for joint in joints.given], float) for key in STRENGTHS
         )
         self._area, self._friction = joints.area, joints.friction
+        self.cohere = (self.cohesion > 0.0) | (self.after > 0.0)  # shear strength goes with the area
         self.bonded = (self.cohesion > 0.0) | (self.tension > 0.0) | (self.residual < self._friction)
         arms, _, self._areas, self._owner = joints.points
         self._start = joints.point_start
@@ -65,16 +66,16 @@ class Bonds:
         return np.maximum(held * bonded + (1.0 - held) * broken, 0.0)
 
     def point_strength(
-        self, resultants: np.ndarray, held: np.ndarray, normal: np.ndarray, recorded: bool
+        self, resultants: np.ndarray, held: np.ndarray, normal: np.ndarray, recorded: bool, area: np.ndarray
     ) -> np.ndarray:
-        """Shear (N) that every contact point (f, c) may carry under its ``normal`` force; unless those were
-        ``recorded``, under a linear stress in joints whose bonds all hold. Of joints that have lost some of their bonds
-        the mean of both."""
+        """Shear (N) that every contact point (f, c) may carry under its ``normal`` force on its ``area``, (f, c) or
+        (c,) in m2; unless the forces were ``recorded``, under a linear stress in joints whose bonds all hold. Of joints
+        that have lost some of their bonds the mean of both."""
         normal = normal.copy()
         for j in np.flatnonzero(np.diff(self._start)) if not recorded else ():
             own, whole = slice(self._start[j], self._start[j + 1]), held[:, j] == 1.0
             normal[whole, own] = self._stress(j, resultants)[whole] * self._areas[own]
         owner, held = self._owner, held[:, self._owner]
-        bonded = self.cohesion[owner] * self._areas + self._friction[owner] * normal
-        broken = np.where(normal > 0.0, self.after[owner] * self._areas + self.residual[owner] * normal, 0.0)
+        bonded = self.cohesion[owner] * area + self._friction[owner] * normal
+        broken = np.where(normal > 0.0, self.after[owner] * area + self.residual[owner] * normal, 0.0)
         return np.maximum(held * bonded + (1.0 - held) * broken, 0.0)

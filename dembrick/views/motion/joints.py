@@ -50,7 +50,7 @@ class JointMotion:
         of_points = slice(None) if only is None else slice(before[only], before[only + 1])
         # where these joints and their contact points stand in what a history holds of all
         self.column = {"joint": own, "joint_shift": own, "bond": own}
-        self.column |= {"contact_force": of_points, "contact_arm": of_points}
+        self.column |= dict.fromkeys(("contact_force", "contact_arm", "contact_area"), of_points)
         self.n_joint = len(joints)
         self.block_a, self.block_b, self.host = (
             np.array([joint[name] for joint in joints], np.int64) for name in ("block_a", "block_b", "host")
@@ -339,9 +339,20 @@ class JointFrames:
         0 if the joint carries nothing, NaN if it was cut as it slid over an edge, see `friction_utilisation`."""
         normals, distance = self.joints.edges
         found = (np.einsum("jmk,fjk->fjm", normals, self.pressure_centre) / distance).max(axis=-1, initial=0.0)
-        found[self.shift.any(axis=2) & (self.resultants[..., 0] > 0.0)] = np.nan
         bonds = self.joints.bonds
-        return found if bonds is None else np.where(self._held > 0.0, bonds.tension_utilisation(self.resultants), found)
+        if bonds is not None:
+            found = np.where(self._held > 0.0, bonds.tension_utilisation(self.resultants), found)
+        found[self._cut & self.resultants[..., :6].any(axis=2)] = np.nan
+        return found
+
+    @cached_property
+    def _cut(self) -> np.ndarray:
+        """(f, j): whether part of the polygon was cut off."""
+        found, areas = self.shift.any(axis=2), self._values("contact_area")
+        if areas is not None:
+            less = (areas < (1.0 - 1e-9) * self.joints.points[2]).astype(float)
+            found |= self.joints.sum_of_points(less) > 0.0
+        return found
 
     @cached_property
     def _held(self) -> np.ndarray:
@@ -378,7 +389,7 @@ class JointFrames:
                 closed = 1.0 - self.relative.open_share
                 strength = joints.bonds.area_strength(resultants[..., 0], self._held, closed)
             area_gauges(*joints.surfaces, pressed, bending, strength, force, joints.twist[0], found)
-        unknown = self.shift.any(axis=2) & (force != 0.0).any(axis=2)
+        unknown = self._cut & (force != 0.0).any(axis=2)
         if joints.point_start[-1]:
             joint = np.flatnonzero(np.diff(joints.point_start))
             start = np.append(joints.point_start[joint], joints.point_start[-1])
@@ -386,13 +397,15 @@ class JointFrames:
             normal = np.ascontiguousarray(self.normal_forces)
             rest = (start, joint, joints.friction)
             if joints.bonds is not None:  # strengths in place of normal forces
-                recorded = self.point_forces is not None
-                normal = joints.bonds.point_strength(resultants, self._held, normal, recorded)
+                recorded, areas = self.point_forces is not None, self._values("contact_area")
+                area = joints.points[2] if areas is None else areas
+                normal = joints.bonds.point_strength(resultants, self._held, normal, recorded, area)
                 rest = (start, joint, np.ones(joints.n_joint))
             point_gauges(x, y, *rest, normal, force, joints.twist[1], np.zeros(6), found)
             arms = self._values("contact_arm")
             if arms is not None:
-                unknown[:, joint] = False
+                without_area = joints.bonds is not None and self._values("contact_area") is None  # of an older history
+                unknown[:, joint] &= joints.bonds.cohere[joint] if without_area else False
                 for k in np.flatnonzero((arms != joints.points[0]).any(axis=(1, 2))):
                     x, y = self._shear_arms(k, arms[k])
                     one = slice(k, k + 1)
