@@ -174,6 +174,13 @@ def moving_record(start, stop, n_joint=1, n_actuator=1):
     return rows | {"new_contacts": np.arange(start, stop) % 4}
 
 
+def moved(start, stop):
+    """Where O of the joint and its four contact points are, and their areas, by the numbers of the frames."""
+    number, points = np.arange(start, stop, dtype=float)[:, None, None], np.arange(4.0)
+    arms, areas = number + points[:, None] + [0.0, 0.5], number[..., 0] + points
+    return {"joint_shift": number + np.zeros((1, 2)), "contact_arm": arms, "contact_area": areas}
+
+
 def finished(path, in_real_time=False, **options):
     """A finished history of 20 rows and 4 frames at ``path``, with all channels."""
     options |= {"control": MOTION} if in_real_time else {}

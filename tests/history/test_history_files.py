@@ -99,10 +99,8 @@ def test_new_contacts_come_back_however_many_a_frame_has(tmp_path, monkeypatch, 
     def add(out, start, stop):
         out.append(cases.moving_record(start, stop))
         met = cases.new_contacts(start, stop)
-        number = np.arange(start, stop, dtype=float)[:, None, None]
-        moved = {"joint_shift": number + np.zeros((1, 2)), "contact_arm": number + np.arange(4.0)[:, None] + [0.0, 0.5]}
-        moved |= {"contact_area": number[..., 0] + np.arange(4.0)}
-        out.append_frames(*cases.frames(start, stop), **cases.motion(start, stop), **moved, new_contacts=met)
+        moved = cases.motion(start, stop) | cases.moved(start, stop)
+        out.append_frames(*cases.frames(start, stop), **moved, new_contacts=met)
 
     with cases.open_writer(tmp_path / "run.h5", hold=hold, channels=channels, control=cases.MOTION) as out:
         for start in range(0, 300, 5):
@@ -113,9 +111,8 @@ def test_new_contacts_come_back_however_many_a_frame_has(tmp_path, monkeypatch, 
                     cases.check_new_contacts(found, start + 5)
         with pytest.raises(ValueError, match="new_contacts/force has shape"):
             wrong = cases.new_contacts(300, 305) | {"force": np.zeros((2, 3))}
-            moved = {"joint_shift": np.zeros((5, 1, 2)), "contact_arm": np.zeros((5, 4, 2))}
-            moved |= {"contact_area": np.zeros((5, 4))}
-            out.append_frames(*cases.frames(300, 305), **cases.motion(300, 305), **moved, new_contacts=wrong)
+            moved = cases.motion(300, 305) | cases.moved(300, 305)
+            out.append_frames(*cases.frames(300, 305), **moved, new_contacts=wrong)
     left = history.read(tmp_path / "run.h5")
     assert left.n_frames == 300 and (left.new_contacts_before(0), left.new_contacts_before(4)) == (0, 6)
     with history.HistoryWriter.resume(left, cases.assembly(), {}, channels, 203, 203, cases.MOTION) as out:
@@ -124,9 +121,10 @@ def test_new_contacts_come_back_however_many_a_frame_has(tmp_path, monkeypatch, 
     with history.read(tmp_path / "run.h5") as found:
         cases.check_rows(found, 401)
         cases.check_new_contacts(found, 401)
-        assert found.frame_values("joint_shift", 400, 401).tolist() == [[[400.0, 400.0]]]
-        assert found.frame_values("contact_area", 7, 8)[0].tolist() == [7.0, 8.0, 9.0, 10.0]
-        assert found.frame_values("contact_arm", 7, 8)[0].tolist() == [[7.0, 7.5], [8.0, 8.5], [9.0, 9.5], [10.0, 10.5]]
+        names = ("joint_shift", "contact_arm", "contact_area")
+        shift, arm, area = (found.frame_values(name, 7, 8)[0].tolist() for name in names)
+        assert shift == [[7.0, 7.0]] and area == [7.0, 8.0, 9.0, 10.0]
+        assert arm == [[7.0, 7.5], [8.0, 8.5], [9.0, 9.5], [10.0, 10.5]]
         with pytest.raises(IndexError):
             found.frame_new_contacts(0, 402)
     with h5py.File(tmp_path / "run.h5") as file:
