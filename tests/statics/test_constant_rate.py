@@ -8,10 +8,23 @@ import numpy as np
 import pytest
 
 from dembrick import theory
+from dembrick.assembly import build
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
-from dembrick.scenario.model import FORMULATIONS, DisplacementControl, Load, Solver
+from dembrick.scenario.model import (
+    FORMULATIONS,
+    Actuator,
+    Block,
+    DisplacementControl,
+    JointLaw,
+    Load,
+    Material,
+    Scenario,
+    Solver,
+)
+from dembrick.simulation.statics import guards
+from dembrick.simulation.statics.handover import starting_state
 
 SETS = ("2a", "2b", "4a", "4b")
 TRAVEL = 2.5e-5
@@ -206,3 +219,58 @@ def test_frames_show_the_motion():
     at = np.searchsorted(result.rows["time"], frames["time"][-1])
     assert angle == pytest.approx(result.displacement[at] / 0.135, rel=1e-3)
     assert math.hypot(x, y) < 1e-3 * z
+
+
+def on_a_floor(floor, travel, cohesion=500.0):
+    """A block of 0.3 m x 0.2 m pushed along its length over a floor of those edges (m)."""
+    law = JointLaw("concave", 0.3, 1e9, 4e8, cohesion=cohesion, residual_cohesion=cohesion)
+    return Scenario(
+        title="over an edge",
+        gravity=(0.0, 0.0, -9.81),
+        joint=law,
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (*floor, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            Block("block", "stone", (0.3, 0.2, 0.04), (0.0, 0.0, 0.02)),
+        ),
+        actuators=(Actuator("jack", "block", (-0.15, 0.0, 0.02), (1.0, 0.0, 0.0)),),
+        control=DisplacementControl(max(1e-3, 0.5 * travel), travel),
+    )
+
+
+@pytest.mark.parametrize("floor, travel", [((0.3, 0.2), 0.0025), ((0.6, 0.4), 0.1)])
+def test_a_joint_that_stays_whole_is_pushed_on(floor, travel):
+    """V = mu m g + c A, as far as the block goes."""
+    result = simulate(on_a_floor(floor, travel), record=False)
+    assert result.yield_point.V == pytest.approx(0.3 * 4.8 * 9.81 + 500.0 * 0.06, rel=1e-6)
+
+
+@pytest.mark.parametrize("turns", [None, (0.0, 0.1, 0.0)])
+def test_a_joint_that_slides_over_an_edge_is_refused(turns):
+    """It would carry the cohesion of its whole area: 44.1 N where 34.1 N are left; also if it comes back in time."""
+    given = on_a_floor((0.3, 0.2), 0.1)
+    if turns:
+        control = DisplacementControl(0.05, protocol=tuple(turns[1:]))
+        given = dataclasses.replace(given, control=control)
+    with pytest.raises(
+        NotConvergedError, match=r"after a travel of 0.1 m 33 % of the joint between 'floor' and 'block'"
+    ):
+        simulate(given, record=False)
+
+
+def test_what_hangs_over_an_edge_is_told_by_plane_geometry():
+    """(1 - x/a)(1 - y/b) of a shift; 2 (sqrt 2 - 1) of a square on a square that turns by 45 deg."""
+    assembly = build.assemble(on_a_floor((0.3, 0.2), 0.1))
+    state = starting_state(assembly, None)
+    state.blocks.displacement[1] = 0.06, -0.05, 0.0
+    assert guards.overhang(assembly, state) == pytest.approx([1.0 - 0.8 * 0.75], rel=1e-12)
+    state.blocks.displacement[1] = 0.0, 0.31, 0.0
+    assert guards.overhang(assembly, state) == pytest.approx([1.0])
+    square = on_a_floor((0.3, 0.3), 0.1)
+    square = dataclasses.replace(
+        square, blocks=(square.blocks[0], dataclasses.replace(square.blocks[1], box=(0.3, 0.3, 0.04)))
+    )
+    assembly = build.assemble(square)
+    state = starting_state(assembly, None)
+    state.blocks.orientation[1] = math.cos(math.pi / 8), 0.0, 0.0, math.sin(math.pi / 8)
+    assert guards.overhang(assembly, state) == pytest.approx([3.0 - 2.0 * math.sqrt(2.0)], rel=1e-12)

@@ -22,7 +22,15 @@ from dembrick.scenario.model import Output
 from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics import joint_families, ties
-from dembrick.simulation.statics.guards import came_down, longer, new_guard, refuse_divergence, refuse_unsound, steady
+from dembrick.simulation.statics.guards import (
+    came_down,
+    longer,
+    new_guard,
+    refuse_divergence,
+    refuse_overhang,
+    refuse_unsound,
+    steady,
+)
 from dembrick.simulation.statics.load_system import (
     MOST_STEPS_AT_RATE,
     LoadSystem,
@@ -91,8 +99,10 @@ def push_at_constant_rate(
     if session.resumed:
         loop.restore(session.resumed)
     stepper = Stepper(loop, session, recorder, CHUNK, steps_wanted, rows_every)
-    status = stepper.to(steps_wanted)
-    refuse_divergence(status, assembly, state, loop.step, dt, critical)
+    for way, last in enumerate((*until[:-1], steps_wanted)):
+        status = stepper.to(int(last))
+        refuse_divergence(status, assembly, state, loop.step, dt, critical)
+        refuse_overhang(assembly, state, float(abs(protocol.ways[: way + 1].sum())))
     session.ended(stepper)
     ties.stop_moving(state, moving)
     chosen = {"rate": rate, "inertia": "physical"}

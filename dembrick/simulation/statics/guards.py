@@ -18,7 +18,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.joints import JointTable
 from dembrick.errors import DivergedError, NotConvergedError
+from dembrick.geometry.clipping import clip
+from dembrick.geometry.polygons import area
+from dembrick.geometry.rotations import rotation_matrix
+from dembrick.geometry.shapes import parts_of
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY, TIMES, Guard
 from dembrick.simulation.statics.state import State, turned_blocks
 from dembrick.simulation.statics.yield_point import YieldPoint
@@ -28,6 +33,7 @@ if TYPE_CHECKING:
 
 
 DROPPED = 0.5  # of the least dimension of a block: one that has come down by more has fallen
+OVERHANG = 0.01  # of the area of a joint: what it may lose over an edge before a test that takes it as whole is refused
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
 LOOK = 64  # steps between two looks at the energy, at most; a power of two
 STRETCHES = 64  # of a constant-rate test, over which its load is summed
@@ -99,6 +105,54 @@ def came_down(assembly: Assembly, state: State) -> str | None:
         "the joints of its start only and ends where blocks fall; shorten control.travel (the record is right up to "
         'the fall), or live through the fall with control.kind = "dynamic"'
     )
+
+
+def refuse_overhang(assembly: Assembly, state: State, travel: float) -> None:
+    """NotConvergedError if a joint has lost more than `OVERHANG` of its area over the edge of the face that it lies on
+    once the head has travelled so far (m): a test at a constant rate takes joints as whole."""
+    lost = overhang(assembly, state)
+    j = int(np.argmax(lost)) if len(lost) else 0
+    if not lost.max(initial=0.0) > OVERHANG:
+        return
+    if fall := came_down(assembly, state):
+        raise NotConvergedError(f"no limit load: {fall}")
+    joint = assembly.joints[j]
+    a, b = (assembly.names[i] for i in (joint.block_a, joint.block_b))
+    short = travel * OVERHANG / lost[j]
+    raise NotConvergedError(
+        f"after a travel of {travel:.3g} m {100.0 * lost[j]:.2g} % of the joint between {a!r} and {b!r} hang over an "
+        "edge, and a test at a constant rate takes joints as whole, so that its load is that of another structure: "
+        f"shorten control.travel to {short:.2g} m, or give control.large_displacements = true, which cuts joints"
+    )
+
+
+def overhang(assembly: Assembly, state: State) -> np.ndarray:
+    """Part (j,) of the area of each joint that no longer lies on the other's face, where the blocks are now."""
+    joints, blocks = JointTable.of(assembly.joints), state.blocks
+    at_start, now = (rotation_matrix(q) for q in (assembly.orientation, blocks.orientation))
+    place = np.asarray(assembly.position) + blocks.displacement
+    lost = np.zeros(len(joints))
+    for j in range(len(joints)):
+        joint = joints[j]
+        host, a_is_other = joint.host, joint.host == joint.block_b
+        other, part = (joint.block_a, joint.part_a) if a_is_other else (joint.block_b, joint.part_b)
+        axes = joint.axes @ at_start[other]  # of the other's body
+        middle, shape = parts_of(assembly.shapes[other])[part]
+        outward = axes[2] if a_is_other else -axes[2]
+        face = (middle + shape.vertices[list(shape.faces[int(np.argmax(shape.face_normals @ outward))])]) @ axes[:2].T
+        corners = joint.origin + joint.polygon @ joint.axes[:2] - assembly.position[host]
+        moved = corners @ at_start[host] @ now[host].T + place[host] - place[other]
+        before = (corners + assembly.position[host] - assembly.position[other]) @ at_start[other] @ axes[:2].T
+        after = moved @ now[other] @ axes[:2].T
+        whole, left = (_common_area(polygon, face if a_is_other else face[::-1]) for polygon in (before, after))
+        lost[j] = 1.0 - left / whole
+    return lost
+
+
+def _common_area(polygon: np.ndarray, face: np.ndarray) -> float:
+    """Area (m2) that a polygon and a face, both convex and counter-clockwise, have in common."""
+    corners, count = clip(polygon[None], face[None])
+    return float(area(corners[0, : count[0]])) if count[0] else 0.0
 
 
 def _most_energy(assembly: Assembly, state: State) -> int:
