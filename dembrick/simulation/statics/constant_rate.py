@@ -26,8 +26,8 @@ from dembrick.simulation.statics.guards import (
     came_down,
     longer,
     new_guard,
+    other_joints,
     refuse_divergence,
-    refuse_overhang,
     refuse_unsound,
     steady,
 )
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from dembrick.scenario.controls import DisplacementControl
 
 ENOUGH = 20.0  # elastic slips of a joint: a travel on which most loads become steady
+LOOKS = 8  # on each way at whether the joints are still those of the start
 CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
 
 
@@ -65,6 +66,7 @@ def push_at_constant_rate(
     session = Session.of(session)
     setup = Setup(assembly, tolerance=0.0, session=session)
     state = setup.state
+    began_at = float(state.actuators.drive[0])
     if joint_families.follows_bending(state):
         # inertia above the joint moves the pressure, and the friction with it
         setup.certificate = setup.certificate._replace(strict=False)
@@ -99,10 +101,13 @@ def push_at_constant_rate(
     if session.resumed:
         loop.restore(session.resumed)
     stepper = Stepper(loop, session, recorder, CHUNK, steps_wanted, rows_every)
-    for way, last in enumerate((*until[:-1], steps_wanted)):
-        status = stepper.to(int(last))
+    said = None
+    for last in _looks(until, steps_wanted):
+        status = stepper.to(last)
         refuse_divergence(status, assembly, state, loop.step, dt, critical)
-        refuse_overhang(assembly, state, float(abs(protocol.ways[: way + 1].sum())))
+        said = other_joints(assembly, state, abs(float(state.actuators.drive[0]) - began_at)) or said
+    if said and session.report:
+        session.report(said)
     session.ended(stepper)
     ties.stop_moving(state, moving)
     chosen = {"rate": rate, "inertia": "physical"}
@@ -188,6 +193,13 @@ def _until(protocol: Protocol, dt: float, rows_every: int) -> np.ndarray:
         return np.array([_steps(protocol, dt)])
     rows = np.maximum(np.round(protocol.seconds / (dt * rows_every)), 1.0)
     return (rows_every * np.cumsum(rows)).astype(np.int64)
+
+
+def _looks(until: np.ndarray, steps: int) -> list[int]:
+    """Steps after which the joints are looked at: `LOOKS` on each way of a protocol, and the last step."""
+    begins = np.concatenate([[0], until[:-1]])
+    looks = begins[:, None] + (until - begins)[:, None] * np.arange(1, LOOKS + 1) // LOOKS
+    return [*looks.ravel().tolist()[:-1], steps]
 
 
 def physical_inertia(assembly: Assembly) -> Inertia:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.broad_phase import bodies_of, close_pairs, overlap_depths
 from dembrick.assembly.joints import JointTable
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.geometry.clipping import clip
@@ -33,7 +34,10 @@ if TYPE_CHECKING:
 
 
 DROPPED = 0.5  # of the least dimension of a block: one that has come down by more has fallen
-OVERHANG = 0.01  # of the area of a joint: what it may lose over an edge before a test that takes it as whole is refused
+LESS = 0.01  # of the area of a joint: where it has lost more over an edge, a test that takes it as whole says so
+OVERHANG = 0.05  # and where more than that, it is refused
+OVERLAP = 1e-3  # of a block's diameter: how deep two that have no joint may be in each other in such a test
+STILL_THERE = 1e-3  # of the least dimension: blocks that have moved no further have the joints of the start
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
 LOOK = 64  # steps between two looks at the energy, at most; a power of two
 STRETCHES = 64  # of a constant-rate test, over which its load is summed
@@ -107,23 +111,65 @@ def came_down(assembly: Assembly, state: State) -> str | None:
     )
 
 
-def refuse_overhang(assembly: Assembly, state: State, travel: float) -> None:
-    """NotConvergedError if a joint has lost more than `OVERHANG` of its area over the edge of the face that it lies on
-    once the head has travelled so far (m): a test at a constant rate takes joints as whole."""
-    lost = overhang(assembly, state)
-    j = int(np.argmax(lost)) if len(lost) else 0
-    if not lost.max(initial=0.0) > OVERHANG:
-        return
+def other_joints(assembly: Assembly, state: State, travel: float) -> str | None:
+    """A remark on the joint that has lost most of its area over an edge once the head has travelled so far (m), if that
+    is more than `LESS`; a test at a constant rate takes joints as whole. NotConvergedError if it is more than
+    `OVERHANG`, or if blocks meet that have no joint, of which such a test knows nothing."""
+    least = min(float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes)
+    if not _farthest(assembly, state) > STILL_THERE * least:
+        return None
+    lost, (deep, pair) = overhang(assembly, state), meeting(assembly, state)
+    part = float(lost.max(initial=0.0))
+    if part <= LESS and not pair:
+        return None
+    if part > LESS:
+        joint = assembly.joints[int(np.argmax(lost))]
+        a, b = (assembly.names[i] for i in (joint.block_a, joint.block_b))
+        met = f"{100.0 * part:.2g} % of the joint between {a!r} and {b!r} hang over an edge"
+        short = f"{travel * OVERHANG / part:.2g} m"
+        if part <= OVERHANG and not pair:
+            return f"after a travel of {travel:.3g} m {met}, and a test at a constant rate takes joints as whole"
+    if part <= OVERHANG:
+        a, b = (assembly.names[i] for i in pair)
+        met, short = (
+            f"blocks {a!r} and {b!r}, which have no joint, overlap by {deep:.2g} m",
+            f"less than {travel:.2g} m",
+        )
     if fall := came_down(assembly, state):
         raise NotConvergedError(f"no limit load: {fall}")
-    joint = assembly.joints[j]
-    a, b = (assembly.names[i] for i in (joint.block_a, joint.block_b))
-    short = travel * OVERHANG / lost[j]
     raise NotConvergedError(
-        f"after a travel of {travel:.3g} m {100.0 * lost[j]:.2g} % of the joint between {a!r} and {b!r} hang over an "
-        "edge, and a test at a constant rate takes joints as whole, so that its load is that of another structure: "
-        f"shorten control.travel to {short:.2g} m, or give control.large_displacements = true, which cuts joints"
+        f"after a travel of {travel:.3g} m {met}, and a test at a constant rate knows the joints of its start alone, "
+        f"whole, so that its load is that of another structure: shorten control.travel to {short}, or give "
+        "control.large_displacements = true, which cuts joints and sees blocks meet"
     )
+
+
+def _farthest(assembly: Assembly, state: State) -> float:
+    """How far any point of a block has moved from its start (m), at most."""
+    blocks = state.blocks
+    reach = np.array([float(np.linalg.norm(shape.vertices, axis=1).max()) for shape in assembly.shapes])
+    turned = np.abs((blocks.orientation * assembly.orientation).sum(axis=1)).clip(0.0, 1.0)
+    return float((np.linalg.norm(blocks.displacement, axis=1) + 2.0 * reach * np.arccos(turned)).max())
+
+
+def meeting(assembly: Assembly, state: State) -> tuple[float, tuple[int, ...]]:
+    """How deep (m) the two blocks overlap that do so most, of those whose parts have no joint between them, and which;
+    none where that is what they did at the start, or less than `OVERLAP` of the smaller one."""
+    joints, start = JointTable.of(assembly.joints), np.asarray(assembly.position)
+    before = bodies_of(assembly.shapes, start, rotation_matrix(assembly.orientation))
+    bodies = before.moved(start + state.blocks.displacement, rotation_matrix(state.blocks.orientation))
+    first = np.searchsorted(before.owner, np.arange(len(start)))
+    known = np.sort(np.column_stack([first[joints.block_a] + joints.part_a, first[joints.block_b] + joints.part_b]))
+    pairs, fixed = close_pairs(bodies, 0.0), np.asarray(assembly.fixed)
+    owners = before.owner[pairs]
+    pairs = pairs[(owners[:, 0] != owners[:, 1]) & ~fixed[owners].all(axis=1)]
+    pairs = pairs[~np.isin(pairs @ [len(before.owner), 1], known @ [len(before.owner), 1])]
+    if not len(pairs):
+        return 0.0, ()
+    deep = overlap_depths(bodies, pairs) - np.maximum(overlap_depths(before, pairs), 0.0)
+    over = deep - OVERLAP * before.table.diameter[pairs].min(axis=1)
+    k = int(np.argmax(over))
+    return (float(deep[k]), tuple(before.owner[pairs[k]].tolist())) if over[k] > 0.0 else (0.0, ())
 
 
 def overhang(assembly: Assembly, state: State) -> np.ndarray:
