@@ -84,6 +84,7 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
                 more["contact_force"] = np.tile([0.0, 1.0, 25.0], (len(t), points, 1))
                 arms = [points.normal_arm for points in assembly.contact_points if points is not None]
                 more["contact_arm"] = np.tile(np.concatenate([np.zeros((0, 2)), *arms]), (len(t), 1, 1))
+                more["contact_area"] = np.tile(assembly.contact_points.area, (len(t), 1))
                 more["new_contacts"] = {"count": np.zeros(len(t), int)} | {
                     name: np.zeros((0, *channel.shape)) for name, channel in NEW_CONTACTS.items()
                 }
