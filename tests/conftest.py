@@ -19,7 +19,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(Path(dembrick.__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
 
-# What they import is compiled once, not by each.
+# Python's bytecode of the package is made once, not by each of them.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A worker a core: threads of the linear algebra would wait for one another, which takes both cores at once. The workers

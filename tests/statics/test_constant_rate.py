@@ -286,6 +286,14 @@ def test_what_hangs_over_an_edge_is_told_by_plane_geometry():
     assert guards.overhang(assembly, state) == pytest.approx([1.0 - 0.8 * 0.75], rel=1e-12)
     state.blocks.displacement[1] = 0.0, 0.31, 0.0
     assert guards.overhang(assembly, state) == pytest.approx([1.0])
+    left, right = (Part(box=(0.3, 0.2, 0.1), position=(x, 0.0, 0.0)) for x in (-0.15, 0.15))  # one plane on top
+    floor = Block("floor", "stone", position=(0.1, 0.0, -0.05), parts=(left, right), fixed=True)
+    given = on_a_floor((0.3, 0.2), 0.1)
+    assembly = build.assemble(dataclasses.replace(given, blocks=(floor, given.blocks[1])))
+    state = starting_state(assembly, None)
+    for x, lost in ((0.15, 0.0), (0.31, 0.2)):
+        state.blocks.displacement[1] = x, 0.0, 0.0
+        assert guards.overhang(assembly, state) == pytest.approx([lost], abs=1e-12)
     square = on_a_floor((0.3, 0.3), 0.1)
     square = dataclasses.replace(
         square, blocks=(square.blocks[0], dataclasses.replace(square.blocks[1], box=(0.3, 0.3, 0.04)))

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.broad_phase import bodies_of, close_pairs, overlap_depths
-from dembrick.assembly.joints import JointTable
+from dembrick.assembly.joints import TOLERANCE, JointTable
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.geometry.clipping import clip
 from dembrick.geometry.polygons import area
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.geometry.shapes import parts_of
+from dembrick.geometry.shapes import Shape, parts_of
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY, TIMES, Guard
 from dembrick.simulation.statics.state import State, turned_blocks
 from dembrick.simulation.statics.yield_point import YieldPoint
@@ -119,28 +119,25 @@ def other_joints(assembly: Assembly, state: State, travel: float) -> str | None:
     if not _farthest(assembly, state) > STILL_THERE * least:
         return None
     lost, (deep, pair) = overhang(assembly, state), meeting(assembly, state)
-    part = float(lost.max(initial=0.0))
-    if part <= LESS and not pair:
-        return None
+    part, after = float(lost.max(initial=0.0)), f"after a travel of {travel:.3g} m"
     if part > LESS:
         joint = assembly.joints[int(np.argmax(lost))]
         a, b = (assembly.names[i] for i in (joint.block_a, joint.block_b))
-        met = f"{100.0 * part:.2g} % of the joint between {a!r} and {b!r} hang over an edge"
-        short = f"{travel * OVERHANG / part:.2g} m"
-        if part <= OVERHANG and not pair:
-            return f"after a travel of {travel:.3g} m {met}, and a test at a constant rate takes joints as whole"
-    if part <= OVERHANG:
+        hangs = f"{after} {100.0 * part:.2g} % of the joint between {a!r} and {b!r} hang over an edge"
+    if part > OVERHANG:
+        found, short = hangs, f"{travel * OVERHANG / part:.2g} m"
+    elif pair:
         a, b = (assembly.names[i] for i in pair)
-        met, short = (
-            f"blocks {a!r} and {b!r}, which have no joint, overlap by {deep:.2g} m",
-            f"less than {travel:.2g} m",
-        )
+        found = f"{after} blocks {a!r} and {b!r}, which have no joint, overlap by {deep:.2g} m"
+        short = f"less than {travel:.2g} m"
+    else:
+        return f"{hangs}, and a test at a constant rate takes joints as whole" if part > LESS else None
     if fall := came_down(assembly, state):
         raise NotConvergedError(f"no limit load: {fall}")
     raise NotConvergedError(
-        f"after a travel of {travel:.3g} m {met}, and a test at a constant rate knows the joints of its start alone, "
-        f"whole, so that its load is that of another structure: shorten control.travel to {short}, or give "
-        "control.large_displacements = true, which cuts joints and sees blocks meet"
+        f"{found}, and a test at a constant rate knows the joints of its start alone, whole, so that its load is that "
+        f"of another structure: shorten control.travel to {short}, or give control.large_displacements = true, which "
+        "cuts joints and sees blocks meet"
     )
 
 
@@ -183,16 +180,30 @@ def overhang(assembly: Assembly, state: State) -> np.ndarray:
         host, a_is_other = joint.host, joint.host == joint.block_b
         other, part = (joint.block_a, joint.part_a) if a_is_other else (joint.block_b, joint.part_b)
         axes = joint.axes @ at_start[other]  # of the other's body
-        middle, shape = parts_of(assembly.shapes[other])[part]
-        outward = axes[2] if a_is_other else -axes[2]
-        face = (middle + shape.vertices[list(shape.faces[int(np.argmax(shape.face_normals @ outward))])]) @ axes[:2].T
+        faces = _faces(assembly.shapes[other], part, axes[2] if a_is_other else -axes[2], axes[:2])
         corners = joint.origin + joint.polygon @ joint.axes[:2] - assembly.position[host]
         moved = corners @ at_start[host] @ now[host].T + place[host] - place[other]
         before = (corners + assembly.position[host] - assembly.position[other]) @ at_start[other] @ axes[:2].T
         after = moved @ now[other] @ axes[:2].T
-        whole, left = (_common_area(polygon, face if a_is_other else face[::-1]) for polygon in (before, after))
+        whole, left = (sum(_common_area(polygon, face) for face in faces) for polygon in (before, after))
         lost[j] = 1.0 - left / whole
     return lost
+
+
+def _faces(shape: Shape, part: int, outward: np.ndarray, axes: np.ndarray) -> list[np.ndarray]:
+    """Corners (m, 2), along two ``axes`` of the body and counter-clockwise about their normal, of the face of a
+    ``part`` that looks ``outward``, and of those of other parts that lie in one plane with it."""
+    found, parts = [], parts_of(shape)
+    middle, own = parts[part]
+    level = float(((middle + own.vertices) @ outward).max())
+    for middle, one in parts:
+        number = int(np.argmax(one.face_normals @ outward))
+        corners = middle + one.vertices[list(one.faces[number])]
+        flat = TOLERANCE * float(np.ptp(shape.vertices, axis=0).max())
+        if one.face_normals[number] @ outward > 1.0 - TOLERANCE and (abs(corners @ outward - level) <= flat).all():
+            plane = corners @ axes.T
+            found.append(plane if outward @ np.cross(*axes) > 0.0 else plane[::-1])
+    return found
 
 
 def _common_area(polygon: np.ndarray, face: np.ndarray) -> float:

@@ -348,11 +348,16 @@ class JointFrames:
     @cached_property
     def _cut(self) -> np.ndarray:
         """(f, j): whether part of the polygon was cut off."""
-        found, areas = self.shift.any(axis=2), self._values("contact_area")
-        if areas is not None:
-            less = (areas < (1.0 - 1e-9) * self.joints.points[2]).astype(float)
+        found = self.shift.any(axis=2)
+        if self._areas is not None:
+            less = (self._areas < (1.0 - 1e-9) * self.joints.points[2]).astype(float)
             found |= self.joints.sum_of_points(less) > 0.0
         return found
+
+    @cached_property
+    def _areas(self) -> np.ndarray | None:
+        """(f, c) m2: areas of the contact points; None if the history does not have them, as older ones."""
+        return self._values("contact_area")
 
     @cached_property
     def _held(self) -> np.ndarray:
@@ -397,15 +402,14 @@ class JointFrames:
             normal = np.ascontiguousarray(self.normal_forces)
             rest = (start, joint, joints.friction)
             if joints.bonds is not None:  # strengths in place of normal forces
-                recorded, areas = self.point_forces is not None, self._values("contact_area")
-                area = joints.points[2] if areas is None else areas
+                recorded, area = self.point_forces is not None, joints.points[2] if self._areas is None else self._areas
                 normal = joints.bonds.point_strength(resultants, self._held, normal, recorded, area)
                 rest = (start, joint, np.ones(joints.n_joint))
             point_gauges(x, y, *rest, normal, force, joints.twist[1], np.zeros(6), found)
             arms = self._values("contact_arm")
             if arms is not None:
-                without_area = joints.bonds is not None and self._values("contact_area") is None  # of an older history
-                unknown[:, joint] &= joints.bonds.cohere[joint] if without_area else False
+                needs_area = joints.bonds is not None and self._areas is None
+                unknown[:, joint] &= joints.bonds.cohere[joint] if needs_area else False
                 for k in np.flatnonzero((arms != joints.points[0]).any(axis=(1, 2))):
                     x, y = self._shear_arms(k, arms[k])
                     one = slice(k, k + 1)
