@@ -79,6 +79,22 @@ class Joints(NamedTuple):
     resultant: ndarray  # (j, 7) N, V_1, V_2, M_T, M_1, M_2 (action on b about O), slip (m)
 
 
+# How far the actuators have come
+DRIVEN = np.dtype(
+    (
+        np.record,
+        [
+            ("head", float),  # m, way of the head
+            ("displacement", float),  # m, work-conjugate displacement of the loaded points
+            ("load", float),  # N, V
+            ("greatest", float),  # N, V so far
+            ("greatest_at", float),  # m, driven displacement there
+            ("least", float),  # N, V so far
+        ],
+    )
+)
+
+
 class Actuators(NamedTuple):
     """The load system: actuator i carries V weight_i; one spring and dashpot drive the work-conjugate displacement."""
 
@@ -89,7 +105,7 @@ class Actuators(NamedTuple):
     direction: ndarray  # (k, 3) unit vector, world
     weight: ndarray  # (k,)
     displacement: ndarray  # (k,) m, of the loaded points along their directions
-    drive: ndarray  # (6,) head (m), driven displacement (m), V (N); greatest V so far (N), where (m); least so far (N)
+    driven: ndarray  # (1,) record `DRIVEN`
 
 
 # What a run took and lost, J

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.kernels.joint.ties import LENGTH, TENSION, Ties
+from dembrick.kernels.joint.ties import TIE, Ties
 
 if TYPE_CHECKING:
     from dembrick.assembly.ties import TieTable
@@ -16,8 +16,8 @@ def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> 
     """The ties of a table as drawn, their blocks at a ``position`` (n, 3) m and a ``rotation`` (n, 3, 3)."""
     n = len(table)
     a, b = table.ends.block.T
-    now = np.zeros((n, 3))
-    now[:, LENGTH], now[:, TENSION] = table.length, table.prestress
+    now = np.zeros(n, TIE)
+    now["length"], now["tension"] = table.length, table.prestress
     return Ties(
         block=table.ends.block.copy(),
         lever=np.einsum("teji,tej->tei", rotation[table.ends.block], table.ends.arm),

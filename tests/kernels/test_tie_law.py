@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dembrick.assembly.build import assemble
-from dembrick.kernels.joint.ties import LENGTH, TENSION, YIELDED, stretch, tie_energy, tie_losses
+from dembrick.kernels.joint.ties import stretch, tie_energy, tie_losses
 from dembrick.scenario.controls import StaticsControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
@@ -45,16 +45,16 @@ def test_both_engines_stretch_a_tie_alike(kind):
         state.blocks.displacement[1, 2] = e
         ties.pull(state)
         yielded = ties.remember(state)
-        last = float(moving.now[0, TENSION])
+        last = float(moving.now[0].tension)
         stretch(moving, 0, 0.0, 0.0, 0.2 + e)
-        assert moving.now[0, LENGTH] == pytest.approx(0.2 + e, rel=1e-15)
-        assert moving.now[0, TENSION] == pytest.approx(state.ties.tension[0], rel=1e-9, abs=1e-9)
-        assert moving.now[0, YIELDED] == pytest.approx(state.ties.yielded[0], rel=1e-9, abs=1e-15)
+        assert moving.now[0].length == pytest.approx(0.2 + e, rel=1e-15)
+        assert moving.now[0].tension == pytest.approx(state.ties.tension[0], rel=1e-9, abs=1e-9)
+        assert moving.now[0].yielded == pytest.approx(state.ties.yielded[0], rel=1e-9, abs=1e-15)
         assert ties.energy(state) == pytest.approx(tie_energy(moving), rel=1e-9, abs=1e-12)
         wrench = ties.on_blocks(state)
         np.testing.assert_allclose(at_ends(moving, 2)[1], wrench[1], rtol=1e-9, atol=1e-9)
         taken, stepped = tie_losses(moving)
-        work += 0.5 * (last + moving.now[0, TENSION]) * (e - before)
+        work += 0.5 * (last + moving.now[0].tension) * (e - before)
         lost, before = lost + taken + stepped, e
         assert tie_energy(moving) - begun == pytest.approx(work - lost, abs=1e-9)
         assert yielded >= -1e-12

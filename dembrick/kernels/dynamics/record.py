@@ -15,7 +15,6 @@ from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.row_energies import write_energies
 from dembrick.kernels.dynamics.tiles import ACTION, W, sense_of, three, wrench_at
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.kernels.math.vectors import cross, rows_times
 
 # Steps between rows, and rows between two frames (0: no frames); the speed (m/s) of a point, and the way (m) of a block
@@ -281,7 +280,7 @@ def away(bodies, b):
 def note(extremes, bodies, ties, time):
     """Take the present state into the ``extremes``; at time zero, when nothing has moved, the ties alone."""
     for t in range(extremes.tension.size):
-        extremes.tension[t] = max(extremes.tension[t], ties.now[t, TENSION])
+        extremes.tension[t] = max(extremes.tension[t], ties.now[t].tension)
     if time <= 0.0:
         return
     n = extremes.furthest.size
@@ -338,8 +337,8 @@ def fill_row(record, bodies, links, corners, faces, ties, pressing, energy_terms
         write_resultants(bodies, links, corners, faces, record.joint[row])
     write_reactions(record, bodies, links, ties, pressing, record.reaction[row])
     for t in range(ties.stiffness.size):
-        record.tension[row, t] = ties.now[t, TENSION]
-        record.yielded[row, t] = ties.now[t, YIELDED]
+        record.tension[row, t] = ties.now[t].tension
+        record.yielded[row, t] = ties.now[t].yielded
     for w in range(record.watched.size):
         b = record.watched[w]
         for i in range(3):

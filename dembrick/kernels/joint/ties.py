@@ -7,13 +7,14 @@ hardening, and l_p grows by what it yields. Both engines call `answer` once a ti
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.math.vectors import put_vector, rotate
 
-# Columns of `Ties.now` and `Ties.before`: length (m), tension (N), elongation that stays (m)
-LENGTH, TENSION, YIELDED = 0, 1, 2
+# Of a tie: length (m), tension (N), elongation that stays (m)
+TIE = np.dtype((np.record, [("length", float), ("tension", float), ("yielded", float)]))
 SHORTEST = 1e-12  # m, of a line that has a direction
 
 
@@ -28,8 +29,8 @@ class Ties(NamedTuple):
     least: ndarray  # (t,) N, zero if it takes tension only, else minus the strength
     prestress: ndarray  # (t,) N, T_0
     length: ndarray  # (t,) m, l_0
-    now: ndarray  # (t, 3) length, tension, elongation that stays
-    before: ndarray  # (t, 3) the same a step ago
+    now: ndarray  # (t,) record `TIE`
+    before: ndarray  # (t,) record `TIE`, a step ago
     force: ndarray  # (t, 3) N, on the end of a, world
     arm: ndarray  # (t, 2, 3) m, from the centroids to the ends now, world
 
@@ -39,21 +40,22 @@ def stretch(ties, t, s1, s2, s3):
     """Let tie ``t`` answer to the line s from its end on a to that on b (m, world): its force, and what it keeps."""
     now = ties.now[t]
     before = ties.before[t]
-    for i in range(3):
-        before[i] = now[i]
+    before.length = now.length
+    before.tension = now.tension
+    before.yielded = now.yielded
     k = ties.stiffness[t]
     least = ties.least[t]
     length = sqrt(s1 * s1 + s2 * s2 + s3 * s3)
-    tension = ties.prestress[t] + k * (length - ties.length[t] - now[YIELDED])
+    tension = ties.prestress[t] + k * (length - ties.length[t] - now.yielded)
     if tension > ties.strength[t]:
-        now[YIELDED] += (tension - ties.strength[t]) / k
+        now.yielded += (tension - ties.strength[t]) / k
         tension = ties.strength[t]
     if tension < least:
         if least < 0.0:
-            now[YIELDED] += (tension - least) / k
+            now.yielded += (tension - least) / k
         tension = least
-    now[LENGTH] = length
-    now[TENSION] = tension
+    now.length = length
+    now.tension = tension
     share = tension / max(length, SHORTEST)
     put_vector(ties.force[t], share * s1, share * s2, share * s3)
 
@@ -76,7 +78,7 @@ def tie_energy(ties):
     """Elastic energy of all ties (J)."""
     total = 0.0
     for t in range(ties.stiffness.size):
-        total += 0.5 * ties.now[t, TENSION] ** 2 / ties.stiffness[t]
+        total += 0.5 * ties.now[t].tension ** 2 / ties.stiffness[t]
     return total
 
 
@@ -87,9 +89,9 @@ def tie_losses(ties):
     for t in range(ties.stiffness.size):
         now = ties.now[t]
         before = ties.before[t]
-        mean = 0.5 * (before[TENSION] + now[TENSION])
-        yielded = mean * (now[YIELDED] - before[YIELDED])
-        held = mean * (now[TENSION] - before[TENSION]) / ties.stiffness[t]
+        mean = 0.5 * (before.tension + now.tension)
+        yielded = mean * (now.yielded - before.yielded)
+        held = mean * (now.tension - before.tension) / ties.stiffness[t]
         yielding += yielded
-        stepping += mean * (now[LENGTH] - before[LENGTH]) - held - yielded
+        stepping += mean * (now.length - before.length) - held - yielded
     return yielding, stepping

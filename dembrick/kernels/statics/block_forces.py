@@ -131,19 +131,19 @@ def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
         driven += actuators.weight[i] * u
         total += abs(actuators.weight[i])
     driven /= total
-    state = actuators.drive
-    state[0] += rate * dt
-    dash = drive.dashpot * (rate - (driven - state[1]) / dt)
-    v = drive.stiffness * (state[0] - driven) + dash
+    now = actuators.driven[0]
+    now.head += rate * dt
+    dash = drive.dashpot * (rate - (driven - now.displacement) / dt)
+    v = drive.stiffness * (now.head - driven) + dash
     if energy is not None:
         head = rate * dt * total
         last = energy.dash[energy.dash.shape[0] - 1]
-        energy.work[0].head += 0.5 * (state[2] + v) * head
-        energy.work[0].actuator_damping += 0.5 * (last[0] + dash) * (head - (driven - state[1]) * total)
+        energy.work[0].head += 0.5 * (now.load + v) * head
+        energy.work[0].actuator_damping += 0.5 * (last[0] + dash) * (head - (driven - now.displacement) * total)
         last[0] = dash
-    moved = (driven - state[1]) * total
-    state[1] = driven
-    state[2] = v
+    moved = (driven - now.displacement) * total
+    now.displacement = driven
+    now.load = v
     for i in range(actuators.block.size):
         load = v * actuators.weight[i]
         add_force(blocks, actuators.block[i], load, actuators.direction[i], NO_MOMENT, actuators.arm[i])

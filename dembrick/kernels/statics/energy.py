@@ -118,7 +118,7 @@ def balance(energy, state, drive, scaled, inertia, dt):
     weights = 0.0
     for i in range(actuators.weight.size):
         weights += abs(actuators.weight[i])
-    spring = actuators.drive[0] - actuators.drive[1]
+    spring = actuators.driven[0].head - actuators.driven[0].displacement
     work = energy.work[0]
     return (
         kinetic_energy(blocks, scaled, inertia, dt),

@@ -69,11 +69,11 @@ def viscous_of(drive):
 
 @jit
 def note_extremes(driven, load):
-    """Keep the greatest load so far, where it was, and the least, in `Actuators.drive`."""
-    if load > driven[3]:
-        driven[3] = load
-        driven[4] = driven[1]
-    driven[5] = min(driven[5], load)
+    """Keep the greatest load so far, where it was, and the least, in the record ``driven``."""
+    if load > driven.greatest:
+        driven.greatest = load
+        driven.greatest_at = driven.displacement
+    driven.least = min(driven.least, load)
 
 
 @jit
@@ -175,11 +175,12 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certifi
             return CONVERGED, step
         done = False
         if drive is not None:
+            driven = state.actuators.driven[0]
             if certificate is not None:
                 if step % certificate.every == 0:
                     lower, upper = bounds_now(certificate, state, v, moved, dt)
-                    done = judge(certificate, step // certificate.every, lower, upper, v, state.actuators.drive[1])
-            note_extremes(state.actuators.drive, v)
+                    done = judge(certificate, step // certificate.every, lower, upper, v, driven.displacement)
+            note_extremes(driven, v)
             if record is not None:
                 if step % record.every[0] == 0 or done:
                     if energy is not None and record.count[0] < record.row.shape[0]:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, columns_times, turned, turning
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.kernels.statics.joint_families import write_bonds, write_contacts
@@ -81,8 +80,8 @@ def write_ties(record, row, ties):
 def write_pulls(record, row, ties):
     """`write_ties` where there are ties."""
     for t in range(ties.stiffness.size):
-        record.tension[row, t] = ties.now[t, TENSION]
-        record.yielded[row, t] = ties.now[t, YIELDED]
+        record.tension[row, t] = ties.now[t].tension
+        record.yielded[row, t] = ties.now[t].yielded
         for side in range(2):
             s = record.support[ties.block[t, side]]
             if s >= 0:
@@ -128,7 +127,7 @@ def write_row(record, step, time, state, load, viscous, bounds, last):
         return False
     record.row[row, 0] = time
     record.row[row, 1] = load
-    record.row[row, 2] = actuators.drive[1]
+    record.row[row, 2] = actuators.driven[0].displacement
     record.row[row, 3] = unbalanced_ratio(blocks, joints)
     record.row[row, 4] = bounds[0]
     record.row[row, 5] = bounds[1]

@@ -13,9 +13,9 @@ import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
-from dembrick.kernels.joint.ties import LENGTH, TENSION, YIELDED
+from dembrick.kernels.joint.ties import TIE
 from dembrick.scenario.stages import TiesBefore
-from dembrick.simulation.checkpoint_arrays import flattened, restored
+from dembrick.simulation.checkpoint_arrays import flattened, plain, restored
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.outcome import PEAK_TENSIONS, Extremes
@@ -209,14 +209,20 @@ def _take(moving: Motion, left: State, before: TiesBefore | None) -> None:
 def take_ties(state: MovingState, left: Snapshot, before: TiesBefore) -> None:
     """Give the ties of a state, whose blocks are in place, what a snapshot of the run before holds of them."""
     m = before.total
-    now = left.array("ties.now", np.zeros((m, 3)))
-    tie(state, now[:, YIELDED], left.array("ties.length", np.zeros(m)), before)
+    tie(state, _ties(left, "now", m)["yielded"], left.array("ties.length", np.zeros(m)), before)
     old = np.array(before.of, np.int64)
     kept = old >= 0
     ties = state.ties
-    for name, array in (("now", ties.now), ("before", ties.before), ("force", ties.force), ("arm", ties.arm)):
-        found = left.array(f"ties.{name}", np.zeros((m, *array.shape[1:])))
-        array[kept] = found[old[kept]]  # as of the last forces, which a step may lie behind
+    # as of the last forces, which a step may lie behind
+    for name, array in (("now", ties.now), ("before", ties.before)):
+        array[kept] = _ties(left, name, m)[old[kept]]
+    for name, array in (("force", ties.force), ("arm", ties.arm)):
+        array[kept] = left.array(f"ties.{name}", np.zeros((m, *array.shape[1:])))[old[kept]]
+
+
+def _ties(left: Snapshot, name: str, total: int) -> np.ndarray:
+    """Records `TIE` of a snapshot of so many ties, ``now`` or ``before``."""
+    return left.array(f"ties.{name}", plain(np.zeros(total, TIE))).view(TIE)
 
 
 def tie(state: MovingState, yielded: np.ndarray, length: np.ndarray, before: TiesBefore) -> None:
@@ -231,11 +237,11 @@ def tie(state: MovingState, yielded: np.ndarray, length: np.ndarray, before: Tie
     line = bodies.position[ties.block[:, 1]] - bodies.position[ties.block[:, 0]] + ties.arm[:, 1] - ties.arm[:, 0]
     now = np.linalg.norm(line, axis=1)
     ties.length[:] = now
-    ties.length[kept], ties.now[kept, YIELDED] = length[old[kept]], yielded[old[kept]]
-    tension = ties.prestress + ties.stiffness * (now - ties.length - ties.now[:, YIELDED])
-    ties.now[:, LENGTH], ties.now[:, TENSION] = now, np.clip(tension, ties.least, ties.strength)
+    ties.length[kept], ties.now["yielded"][kept] = length[old[kept]], yielded[old[kept]]
+    tension = ties.prestress + ties.stiffness * (now - ties.length - ties.now["yielded"])
+    ties.now["length"], ties.now["tension"] = now, np.clip(tension, ties.least, ties.strength)
     ties.before[:] = ties.now
-    ties.force[:] = (ties.now[:, TENSION] / now)[:, None] * line
+    ties.force[:] = (ties.now["tension"] / now)[:, None] * line
 
 
 def ties_taken(left: Snapshot, before: TiesBefore, bodies: Bodies, dt: float) -> float:
@@ -243,18 +249,18 @@ def ties_taken(left: Snapshot, before: TiesBefore, bodies: Bodies, dt: float) ->
     the last step ``dt`` (s), which is that of the forces before and after it."""
     m = before.total
     gone = np.setdiff1d(np.arange(m), before.of)
-    now, force = left.array("ties.now", np.zeros((m, 3)))[gone], left.array("ties.force", np.zeros((m, 3)))[gone]
+    tension, force = _ties(left, "now", m)["tension"][gone], left.array("ties.force", np.zeros((m, 3)))[gone]
     stiffness = left.array("ties.stiffness", np.zeros(m))[gone]
     block, arm = left.array("ties.block", np.zeros((m, 2), np.int64)), left.array("ties.arm", np.zeros((m, 2, 3)))
     stretched = _stretched(bodies, block[gone], arm[gone], dt)
-    return float((0.5 * now[:, TENSION] ** 2 / stiffness).sum() + 0.5 * (force * stretched).sum())
+    return float((0.5 * tension**2 / stiffness).sum() + 0.5 * (force * stretched).sum())
 
 
 def ties_given(state: MovingState, before: TiesBefore, dt: float) -> float:
     """Energy (J) that comes with the ties of a state that were not there: what they hold, less half of their work over
     the last step ``dt`` (s)."""
     ties, new = state.ties, np.array(before.of, np.int64) < 0
-    held = 0.5 * ties.now[new, TENSION] ** 2 / ties.stiffness[new]
+    held = 0.5 * ties.now["tension"][new] ** 2 / ties.stiffness[new]
     return float(
         held.sum() - 0.5 * (ties.force[new] * _stretched(state.bodies, ties.block[new], ties.arm[new], dt)).sum()
     )

@@ -12,7 +12,6 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.dynamics.loop import REACHED, Limits
-from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, STEEPEST, SUPPORTS, Limit
@@ -80,7 +79,7 @@ class MotionRun:
     def ties(self) -> tuple[np.ndarray, np.ndarray]:
         """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
         now = self.motion.state.ties.now
-        return now[:, TENSION], now[:, YIELDED]
+        return now["tension"], now["yielded"]
 
     @property
     def compile_seconds(self) -> float:

@@ -154,23 +154,23 @@ class _Carried:
 
 def _push(assembly: Assembly, tolerance: float, step_factor: float, pace: float) -> _Push:
     setup, loop, critical = _loop(assembly, tolerance, step_factor, pace)
-    drive, status, most = setup.state.actuators.drive, RUNNING, int(MOST_STEPS / pace)
+    now, status, most = setup.state.actuators.driven[0], RUNNING, int(MOST_STEPS / pace)
     carried = _Carried(setup)
     peak = _Push(0.0, setup.state, 0, 0.0, 0.0, 0, False)
     rising = False
     while status == RUNNING and loop.step < most:
         status = loop.advance(1)
-        V = min(carried.load(), float(drive[2]))
+        V = min(carried.load(), float(now.load))
         if V > peak.V:
-            peak.V, peak.at, peak.driven, rising = V, loop.step, float(drive[1]), True
+            peak.V, peak.at, peak.driven, rising = V, loop.step, float(now.displacement), True
         elif rising:
             peak.state, rising = copy_of(setup.state), False  # the first step behind it, where all moves as at it
-        if drive[2] < FALLEN * peak.V:
+        if now.load < FALLEN * peak.V:
             break
     refuse_divergence(status, assembly, setup.state, loop.step, loop.dt, critical)
     if rising:
         peak.state = copy_of(setup.state)
-    peak.after, peak.steps, peak.over = float(drive[2]), loop.step, status == CONVERGED or loop.step < most
+    peak.after, peak.steps, peak.over = float(now.load), loop.step, status == CONVERGED or loop.step < most
     return peak
 
 

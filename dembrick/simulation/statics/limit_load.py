@@ -188,7 +188,7 @@ def _after(end: State, limit: State, start: np.ndarray, goes_on: bool) -> After 
     if not goes_on or set(moving) == set(moving_blocks(limit)):
         return None
     moved = float(np.linalg.norm(end.blocks.displacement - start, axis=1).max())
-    return After(moving, mechanism_of(end), moved, float(end.actuators.drive[2]))
+    return After(moving, mechanism_of(end), moved, float(end.actuators.driven[0].load))
 
 
 def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Replay | None:

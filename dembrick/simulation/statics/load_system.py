@@ -158,7 +158,8 @@ class Setup(LoadSystem):
         self.displacement_at_start = self.state.blocks.displacement.copy()
         # the actuators come to blocks that the dead loads have moved already, and do not push them back
         moved = np.concatenate([self.state.blocks.displacement, self.state.blocks.rotation], axis=1)
-        self.state.actuators.drive[:2] = float((self.load * moved).sum()) / self.weight
+        driven = self.state.actuators.driven[0]
+        driven.head = driven.displacement = float((self.load * moved).sum()) / self.weight
         self.certificate: Certificate = certificate(
             self.state, self.load, self.actuator_stiffness / ACTUATOR_STIFFNESS, tolerance
         )

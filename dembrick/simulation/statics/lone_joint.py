@@ -20,7 +20,7 @@ from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, plain, restored, restored_state
 from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.state import State, for_kernels, load_vectors
+from dembrick.simulation.statics.state import State, for_kernels, load_vectors, move_actuators
 
 if TYPE_CHECKING:
     from dembrick.kernels.state import Joints
@@ -216,16 +216,15 @@ class LoneSearch:
         blocks.displacement[block], blocks.rotation[block] = self._of_block(self.lone.base[0])
         step = float(found["moved"]) * self.lone.direction[0]
         blocks.velocity[block], blocks.spin[block] = self._of_block(step)
-        turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
-        own = (blocks.displacement[actuators.block] + turned) * actuators.direction
-        actuators.displacement[:] = own.sum(axis=1)
+        move_actuators(self.state)
         weights = float(np.abs(actuators.weight).sum())
         driven, load = float((actuators.weight * actuators.displacement).sum()) / weights, float(found["load"])
-        self._taken[0] += 0.5 * (float(actuators.drive[2]) + load) * weights * (driven - float(actuators.drive[1]))
+        now = actuators.driven[0]
+        self._taken[0] += 0.5 * (float(now.load) + load) * weights * (driven - float(now.displacement))
         self._taken[0] += float(self._dead @ (self._motion() - before))
-        actuators.drive[:3] = driven, driven, load
+        now.head, now.displacement, now.load = driven, driven, load
         peak_at = driven + (float(found["peak_at"]) - float(found["driven"])) / weights
-        actuators.drive[3:5] = float(found["peak"]), peak_at if found["peak"] else 0.0
+        now.greatest, now.greatest_at = float(found["peak"]), peak_at if found["peak"] else 0.0
 
     def _of_block(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacement and rotation of the free block for a motion ``u`` (6) of the joint."""

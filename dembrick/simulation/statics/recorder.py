@@ -110,7 +110,7 @@ class Recorder:
         frames = int(record.count[1])
         energies = {"elastic": elastic_energy(for_kernels(state), None) - before} | dict(terms or {})
         record.energy[record.count[0]] = [energies.get(name, 0.0) for name in ENERGIES]
-        bounds, load = (float(bracket[0]), float(bracket[1])), float(state.actuators.drive[2])
+        bounds, load = (float(bracket[0]), float(bracket[1])), float(state.actuators.driven[0].load)
         write_row(record, number, float(number), for_kernels(state), load, 0.0, bounds, framed)
         ties.write(state, record)
         return int(record.count[1]) > frames

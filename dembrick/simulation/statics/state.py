@@ -11,7 +11,7 @@ import numpy as np
 
 from dembrick.assembly.joints import JointTable
 from dembrick.geometry.rotations import rotation_matrix, turned_by
-from dembrick.kernels.state import WORK, Actuators, Blocks, Energy, Joints
+from dembrick.kernels.state import DRIVEN, WORK, Actuators, Blocks, Energy, Joints
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.kernels.statics.state import State as KernelState
@@ -101,7 +101,7 @@ def _actuators(assembly: Assembly) -> Actuators:
         direction=np.array(actuators.direction, float, order="C").reshape(-1, 3),
         weight=np.array(actuators.weight, float),
         displacement=np.zeros(len(actuators.at)),
-        drive=np.zeros(6),
+        driven=np.zeros(1, DRIVEN),
     )
 
 
@@ -149,3 +149,10 @@ def new_energy(state: State) -> Energy:
         dash=np.zeros((len(state.joints.block_a) + 1, 6)),
         normal=joint_families.normal_sums(state),
     )
+
+
+def move_actuators(state: State) -> None:
+    """Take the loaded points of the actuators along with their blocks, by small motion."""
+    blocks, actuators = state.blocks, state.actuators
+    turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
+    actuators.displacement[:] = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dembrick.kernels.joint.ties import LENGTH, TENSION, YIELDED
 from dembrick.kernels.joint.ties import Ties as MovingTies
 from dembrick.simulation.channels import energies
 from dembrick.simulation.moving_ties import at_ends, moving_ties
@@ -194,12 +193,11 @@ def start_moving(state: State, assembly: Assembly) -> MovingTies:
     """The ties of a dead-load equilibrium in moving geometry; they no longer count as dead loads."""
     moving = moving_ties(assembly.ties, assembly.position, assembly.rotation)
     if state.ties is not None:
-        moving.now[:] = np.stack(
-            [moving.length + state.ties.elongation, state.ties.tension, state.ties.yielded], axis=1
-        )
+        now, ties = moving.now, state.ties
+        now["length"], now["tension"], now["yielded"] = moving.length + ties.elongation, ties.tension, ties.yielded
         moving.before[:] = moving.now
-        moving.length[:] += state.ties.rest
-        state.blocks.dead_force[:], state.blocks.dead_torque[:] = state.ties.dead[:, :3], state.ties.dead[:, 3:]
+        moving.length[:] += ties.rest
+        state.blocks.dead_force[:], state.blocks.dead_torque[:] = ties.dead[:, :3], ties.dead[:, 3:]
     return moving
 
 
@@ -208,8 +206,8 @@ def stop_moving(state: State, moving: MovingTies) -> None:
     ties = state.ties
     if ties is None:
         return
-    ties.tension[:], ties.yielded[:] = moving.now[:, TENSION], moving.now[:, YIELDED]
-    ties.elongation[:] = moving.now[:, LENGTH] - (moving.length - ties.rest)
+    ties.tension[:], ties.yielded[:] = moving.now["tension"], moving.now["yielded"]
+    ties.elongation[:] = moving.now["length"] - (moving.length - ties.rest)
     wrench = ties.dead + at_ends(moving, len(ties.dead))
     state.blocks.dead_force[:], state.blocks.dead_torque[:] = wrench[:, :3], wrench[:, 3:]
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from dembrick.errors import DivergedError, HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.kernels.joint.ties import TENSION, YIELDED
+from dembrick.kernels.joint.ties import TIE
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
 from dembrick.simulation import interrupts
@@ -343,8 +343,8 @@ class EquilibriumPath(ABC):
         yields = np.isfinite(ties.strength)
         if not yields.any():
             return False
-        before = self.kept.arrays["ties.now"][yields, YIELDED]
-        tension, kept = ties.now[yields, TENSION], ties.now[yields, YIELDED]
+        before = self.kept.arrays["ties.now"].view(TIE)["yielded"][yields]
+        tension, kept = ties.now["tension"][yields], ties.now["yielded"][yields]
         strength, least = ties.strength[yields], ties.least[yields]
         below = (tension < (1.0 - HOLDS) * strength) & ((least == 0.0) | (tension > (1.0 - HOLDS) * least))
         return bool((below & (kept != before)).any())

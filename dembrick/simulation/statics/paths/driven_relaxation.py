@@ -41,7 +41,6 @@ FAR, FARTHEST = 64.0, 256.0  # elastic displacements of the load of now, that a 
 NEAR = 0.02  # out-of-balance over joint forces from which Newton's method has a chance
 CHUNK = 32  # steps between two looks at signals
 STEPS = STEADY + HALVINGS * HALVING
-GREATEST, LEAST = slice(3, 5), 5  # V so far, and where, in `Actuators.drive`
 
 
 class Pushed(NamedTuple):
@@ -121,38 +120,38 @@ class DrivenRelaxation:
         ``motion`` tells where the free blocks are; ``pause`` is called now and then. Raises DivergedError.
         """
         state, dt = self.state, self.dt
-        blocks, head = state.blocks, state.actuators.drive
+        blocks, now = state.blocks, state.actuators.driven[0]
         blocks.velocity[:] = blocks.spin[:] = 0.0
-        began, V = float(head[1]), float(head[2])
-        head[0] = began + V / self.slope
+        began, V = float(now.displacement), float(now.load)
+        now.head = began + V / self.slope
         slowing = 0.5 ** (1.0 / HALVING)
         rate = distance / (STEADY + 1.0 / (1.0 - slowing)) / dt
         drive = steady_drive(rate, dt, self.slope)._replace(steady=STEADY, slowing=slowing)
         energy = new_energy(state)
-        whole, peak = for_kernels(state), head[GREATEST].copy()
+        whole, peak = for_kernels(state), (float(now.greatest), float(now.greatest_at))
         started = time.perf_counter()
         self._advance(1, 0, whole, drive, energy)  # no step: compiles, or loads the cache
         ready = time.perf_counter()
         before, seen = motion(), state.joints.relative.copy()
         for step in range(0, STEPS, CHUNK):
             if step == STEPS - LATE:
-                head[GREATEST], head[LEAST] = (-NEVER, 0.0), NEVER
+                now.greatest, now.greatest_at, now.least = -NEVER, 0.0, NEVER
                 before, seen = motion(), state.joints.relative.copy()
             self._advance(step, CHUNK, whole, drive, energy)
-            if not (math.isfinite(head[2]) and np.isfinite(blocks.velocity).all()):
+            if not (math.isfinite(now.load) and np.isfinite(blocks.velocity).all()):
                 raise DivergedError("driven relaxation diverged; please report this scenario")
             pause()
-        greatest, least = float(head[GREATEST][0]), float(head[LEAST])
-        head[GREATEST] = peak
+        greatest, least = float(now.greatest), float(now.least)
+        now.greatest, now.greatest_at = peak
         self.compile_seconds += ready - started
         self.seconds += time.perf_counter() - ready
         work, weights = energy.work[0], float(np.abs(state.actuators.weight).sum())
-        spring = 0.5 * weights / self.slope * (head[2] ** 2 - V**2)
+        spring = 0.5 * weights / self.slope * (float(now.load) ** 2 - V**2)
         return Pushed(
-            V=float(head[2]),
+            V=float(now.load),
             least=least,
             greatest=greatest,
-            driven=float(head[1]),
+            driven=float(now.displacement),
             motion=motion() - before,
             slip=state.joints.relative - seen,
             external=float(work.head - work.actuator_damping - spring),

@@ -41,7 +41,7 @@ from dembrick.simulation.statics.paths.other_paths import Grip
 from dembrick.simulation.statics.paths.path_state import MOST_EQUILIBRIA, Drift, Path, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
-from dembrick.simulation.statics.state import State, for_kernels
+from dembrick.simulation.statics.state import State, for_kernels, move_actuators
 
 ELASTIC_STEPS = 16  # to the limit load, as far as that can be guessed
 EASY, HARD = 6, 12  # iterations up to which a step may grow, from which it shrinks
@@ -165,7 +165,7 @@ class PathFollower:
     def _at_start(self, strength: float) -> PathState:
         motion = self.search.motion()
         driven = inner(self.search.load, motion) / self.weight
-        self.state.actuators.drive[:2] = driven
+        self.state.actuators.driven[0].head = self.state.actuators.driven[0].displacement = driven
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
         direction = self._elastic_way()
         steps = dict.fromkeys(("step", "elastic", "usual", "longest"), step)
@@ -394,18 +394,17 @@ class PathFollower:
         way.balanced = self.search.balanced
         remember(self.trial, state.joints, state.points, state.areas)
         before, way.V, way.driven = way.V, V, way.driven + step
-        actuators = state.actuators
-        turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
-        actuators.displacement[:] = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
-        actuators.drive[:3] = way.driven, way.driven, V
+        move_actuators(state)
+        now = state.actuators.driven[0]
+        now.head, now.displacement, now.load = way.driven, way.driven, V
         began = time.perf_counter()
         lower, upper = self.instant.bounds(V, moved, hidden)
         self.phases["bracket"] += time.perf_counter() - began
         if self.bonds.borne < 1.0:  # a bond broke just before the end of the step
             lower = min(lower, before + self.bonds.borne * (V - before))
         sure = min(V, lower)  # what a drag held up is no peak
-        if sure > actuators.drive[3]:
-            actuators.drive[3:5] = sure, way.driven
+        if sure > now.greatest:
+            now.greatest, now.greatest_at = sure, way.driven
         given = way.driven - way.start - V * self.compliance / self.weight
         way.seen.append((given, V, lower, upper, closing))
         self.grip.note(V)
