@@ -12,7 +12,6 @@ from dembrick.kernels.dynamics.rigid_bodies import fetch_block, turn_block, turn
 from dembrick.kernels.dynamics.tiles import FIXED, WORK, W, rows_of_lanes
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario
-from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
@@ -49,10 +48,11 @@ def drawn(n, formulation):
 
 
 def pairs(n, formulation):
-    """They at rest, ready to write down the forces at their points."""
+    """They set down on their floors by hand, ready to write down the forces at their points."""
     moving, driving = drawn(n, formulation), Driving(GRAVITY)
-    find_equilibrium(moving, driving)
+    moving.state.bodies.position[1::2, 2] -= 2000.0 * 9.81 * 0.1 / 1e10
     moving.state = with_contact_forces(moving.state)
+    joint_forces(moving, driving)
     return moving, driving
 
 
