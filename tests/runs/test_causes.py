@@ -42,7 +42,7 @@ def test_a_springing_that_sinks_is_told_from_one_that_spreads(tmp_path):
     sunk = 'open = [["arch.4", "arch.5"], ["arch.11", "arch.12"], ["arch.right", "arch.20"]]'
     found = causes.find(asked(tmp_path, f'{sunk}\nsupports = ["arch.right"]'))
     assert {motion.support for cause in found.causes for motion in cause.motions} == {"arch.right"}
-    assert found.causes[0].motions[0].velocity.tolist() == [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(found.causes[0].motions[0].velocity, [0.0, 0.0, -1.0, 0.0, 0.0, 0.0], atol=1e-12)
     assert not found.ambiguous and found.causes[0].opening.argmax() != spread.opening.argmax()
 
 
