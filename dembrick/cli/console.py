@@ -48,6 +48,7 @@ class Console:
     def part(self, text: str) -> None:
         """A part of an answer in text that is known before the rest; as JSON it comes with the whole."""
         if not self.json:
+            self.meter.clear()
             put(printable(text))
 
     def failed(self, error: DembrickError) -> None:

@@ -26,6 +26,20 @@ def run(options, console) -> int:
     folder = str(make_folder(options.out) if options.out else make_folder(default_output("lab")))
     if not options.force:
         lab.refuse_foreign_folder(folder)
+
+    figures: list[str] = []
+
+    def tell(replayed: lab.LabReplay) -> None:
+        """Write, print and draw the rows; the constant-rate tests, which come after them, take as long again."""
+        lab.write_csv(replayed.rows, os.path.join(folder, "yield_points.csv"))
+        text = [lab.table_3(replayed.rows), "", lab.notes(replayed.rows)]
+        if replayed.rows_table_1:
+            lab.write_csv(replayed.rows_table_1, os.path.join(folder, "table_1.csv"))
+            text += ["", lab.table_1(replayed.rows_table_1)]
+        console.part("\n".join([*text, ""]))
+        if not options.no_figures:
+            figures.extend(lab.draw_rows(replayed, folder))
+
     try:
         replayed = lab.replay_lab(
             options.sets or tuple(SETS),
@@ -34,23 +48,16 @@ def run(options, console) -> int:
             folder,
             curves=not options.no_figures,
             progress=console.progress,
+            told=tell,
         )
     except KeyboardInterrupt as stopped:
         if console.json and hasattr(stopped, "answer"):
             console.result(stopped.answer, "")
         raise
-    lab.write_csv(replayed.rows, os.path.join(folder, "yield_points.csv"))
-    text = [lab.table_3(replayed.rows), "", lab.notes(replayed.rows)]
-    if replayed.rows_table_1:
-        lab.write_csv(replayed.rows_table_1, os.path.join(folder, "table_1.csv"))
-        text += ["", lab.table_1(replayed.rows_table_1)]
-    console.part("\n".join([*text, ""]))  # drawing takes as long again
-    data = replayed.as_dict()
-    text = []
+    data, text = replayed.as_dict(), []
     if not options.no_figures:
-        from dembrick.runs.lab import draw
-
-        data["figures"] = draw(replayed, folder, console)
+        figures += lab.draw_curves(replayed, folder, console)
+        data["figures"] = figures
         text = ["figures: " + ", ".join(data["figures"]), ""]
     console.result(data, "\n".join([*text, f"histories: {folder}"]))
     if replayed.agrees:

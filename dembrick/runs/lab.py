@@ -91,10 +91,12 @@ def replay_lab(
     folder: str | os.PathLike | None = None,
     curves: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
+    told: Callable[[LabReplay], None] | None = None,
 ) -> LabReplay:
     """Replay the lab tests; histories go to ``folder``, and with ``curves`` the constant-rate tests too.
 
-    An interrupt carries the rows that were done as its ``answer``, the object of ``lab --json``.
+    ``told`` hears the rows as soon as all are there, before the constant-rate tests. An interrupt carries the rows that
+    were done as its ``answer``, the object of ``lab --json``.
     """
     for name in sets:
         if name not in SETS:
@@ -137,6 +139,8 @@ def replay_lab(
                 result = run(joint.scenario, formulation, f"{joint.scenario}_{formulation}")
                 agrees &= result.agrees()
                 rows_table_1.append(_row_table_1(joint, formulation, result))
+            if told:
+                told(LabReplay(rows, rows_table_1, wall, agrees))
             for set_name in sets if curves else ():
                 for formulation in formulations:
                     stem = f"set{set_name}_curve_{formulation}"
@@ -294,27 +298,34 @@ ENDINGS = (".png", ".pdf")
 TURNING = ("4b", "convex")  # the replay whose block is shown turning
 
 
-def draw(replayed: LabReplay, folder: str, console) -> list[str]:
-    """Draw all figures into ``folder``; returns the files. A 3D picture that cannot be drawn is left out, and said."""
+def draw_rows(replayed: LabReplay, folder: str) -> list[str]:
+    """Draw yield points and layouts into ``folder``; returns the files."""
+    plane = [row for row in replayed.rows if not row["load_height"]]
+    layouts = {row["set"]: row for row in replayed.rows if row["load_height"]}  # that of the rig
+    points = [history.read(row["history"]) for row in plane]
+    interaction = plot.interaction(points, approximations=("ellipse", "parabola", "bi-linear"))
+    return [
+        *_saved(interaction, folder, "fig4_interaction"),
+        *_saved(plot.domains(points), folder, "fig5_domains"),
+        *_saved(plot.layout([history.read(row["history"]) for row in layouts.values()]), folder, "layouts"),
+    ]
+
+
+def _saved(figure, folder: str, name: str) -> list[str]:
+    style.settle(figure)
+    return [plot.save(figure, os.path.join(folder, name + ending)) for ending in ENDINGS]
+
+
+def draw_curves(replayed: LabReplay, folder: str, console) -> list[str]:
+    """Draw the constant-rate tests into ``folder``; returns the files. A 3D picture that cannot be drawn is left out,
+    and said."""
     from dembrick.views import render
     from dembrick.views.render import screen
 
     turning = [path for path in replayed.curves if TURNING[1] in os.path.basename(path)]
     if turning:
         screen.expect_drawing()
-    plane = [row for row in replayed.rows if not row["load_height"]]
-    layouts = {row["set"]: row for row in replayed.rows if row["load_height"]}  # that of the rig
-    points = [history.read(row["history"]) for row in plane]
-    figures = {
-        "fig4_interaction": plot.interaction(points, approximations=("ellipse", "parabola", "bi-linear")),
-        "fig5_domains": plot.domains(points),
-        "layouts": plot.layout([history.read(row["history"]) for row in layouts.values()]),
-        "curves": _curves(replayed),
-    }
-    files = []
-    for name, figure in figures.items():
-        style.settle(figure)
-        files += [plot.save(figure, os.path.join(folder, name + ending)) for ending in ENDINGS]
+    files = _saved(_curves(replayed), folder, "curves")
     if turning:
         motion = history.read(turning[-1])
         files += export(motion, os.path.join(folder, "turning_block.vtkhdf"))
