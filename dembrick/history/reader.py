@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
     from dembrick.scenario.model import Scenario
 
-_COUNTING = {regime.name for regime in REGIMES if regime.counts_equilibria}  # their times are numbers of equilibria
 _SEARCHING = (LIMIT_LOAD.name, PATH_FOLLOWING.name)
+_COUNTING = {regime.name for regime in REGIMES if regime.counts_equilibria}  # but with a law of the user's own
 _FOUND = (YIELD, COLLAPSE)  # statuses of those that found a limit
 
 
@@ -300,7 +300,7 @@ class History(RestGeometry):
     @cached_property
     def counts_equilibria(self) -> bool:
         """Whether times are the numbers of equilibria, of a search that follows a path of them."""
-        return guard.attribute(self._file, "regime") in _COUNTING or "equilibria" in self.settings
+        return guard.attribute(self._file, "regime") in _COUNTING and "custom_law" not in self.settings
 
     @cached_property
     def curve(self) -> Curve:

@@ -40,7 +40,7 @@ class Regime(NamedTuple):
         return "small displacements" if self.small_displacements else "finite rotations"
 
 
-LIMIT_LOAD = Regime("limit load", small_displacements=True, stands_or_falls=False)
+LIMIT_LOAD = Regime("limit load", counts_equilibria=True, small_displacements=True, stands_or_falls=False)
 CONSTANT_RATE = Regime("constant rate", stands_or_falls=False)
 PATH_FOLLOWING = Regime("path following", counts_equilibria=True, small_displacements=True, stands_or_falls=False)
 DEAD_LOAD = Regime("dead load", small_displacements=True)

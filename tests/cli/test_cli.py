@@ -253,7 +253,7 @@ def test_module_is_the_command():
         return subprocess.run([sys.executable, *command], capture_output=True, text=True, env=env)
 
     script = "import sys; from dembrick.cli import main; sys.argv[0] = 'dembrick'; sys.exit(main())"
-    for arguments in (["--version"], ["check", SET_4A], ["run", "nowhere.toml"]):
+    for arguments in (["--version"], ["schema"], ["run", "nowhere.toml"]):
         module, command = run("-m", "dembrick", *arguments, NO_COLOR="1"), run("-c", script, *arguments)
         assert (module.returncode, module.stdout, module.stderr) == (command.returncode, command.stdout, command.stderr)
         assert "\033" not in module.stderr and "Traceback" not in module.stderr

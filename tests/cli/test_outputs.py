@@ -11,7 +11,7 @@ from dembrick.cli import export, main
 
 BEGINS = {  # of files, by ending
     "png": b"\x89PNG", "gif": b"GIF8", "html": b"<!doctype html", "pdf": b"%PDF", "svg": b"<?xml", "vtkhdf": b"\x89HDF",
-    "csv": b"time",
+    "csv": b"equilibrium",
 }  # fmt: skip
 
 

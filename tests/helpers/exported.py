@@ -19,7 +19,8 @@ def make(folder, assembly=None, n_frame=N_FRAME, n_row=61, channels=EVERYTHING):
     path = folder / "run.h5"
     n_block, n_joint, n_jack = len(assembly.names), len(assembly.joints), len(assembly.actuators.names)
     n_point = sum(len(p.area) for p in assembly.contact_points if p is not None)
-    with history.HistoryWriter(path, cases.SCENARIO, assembly, {}, channels=channels) as writer:
+    written = history.HistoryWriter(path, cases.SCENARIO, assembly, {}, channels=channels, control=cases.CONSTANT_RATE)
+    with written as writer:
         writer.append(cases.record(0, n_row, n_joint, n_jack))
         if n_frame:
             needs = {"velocity": "velocity", "spin": "velocity", "contact_force": "contacts"}

@@ -11,13 +11,14 @@ from dembrick.assembly.joints import Joint, JointTable
 from dembrick.assembly.loads import NO_LOADS
 from dembrick.assembly.ties import NO_TIES
 from dembrick.scenario import model
-from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.controls import DisplacementControl, DynamicControl
 from dembrick.simulation.channels import energies
 
 SCENARIO = 'title = "two blocks, one joint"\ngravity = [0.0, 0.0, -9.81]\n'
 FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 ENERGIES = energies(real_time=False)
 MOTION = DynamicControl(1.0)  # of records in real time
+CONSTANT_RATE = DisplacementControl(1e-3, travel=1e-3)
 RESULTS = {"title": "two blocks", "V": np.float64(216.05), "list": np.arange(2), "none": None}
 
 
@@ -59,6 +60,7 @@ def assembly():
         joints=JointTable.of(joints),
         contact_points=PointTable.of(points),
         ties=NO_TIES,
+        custom_law=None,
         point_loads=NO_LOADS,
         control_points=ControlPoints(
             ("mark",), Attached(np.array([1]), np.array([[0.0, 0.0, 0.05]]), np.array([[0.0, 0.0, 0.05]]))

@@ -22,7 +22,9 @@ def drawing():
 
 @pytest.fixture
 def run(tmp_path):
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
+    with history.HistoryWriter(
+        tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}, control=cases.CONSTANT_RATE
+    ) as writer:
         writer.append(cases.record(0, 5))
         writer.append_frames(*cases.frames(0, 4))
         writer.finish("yield", {"title": "two blocks", "yield_point": {"torsion_centre": [-0.05, 0.0]}})
