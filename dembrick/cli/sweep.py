@@ -79,6 +79,7 @@ def _answer(cell: dict, unit: str) -> str:
 
 def _text(study, outcome) -> str:
     from dembrick.runs.study.plan import scenario_of
+    from dembrick.scenario.checks import show
 
     unit = "N" if study.search is None and scenario_of(study, 0).actuators else ""
     lines = [
@@ -88,7 +89,8 @@ def _text(study, outcome) -> str:
         f"time          {outcome.wall:.3g} s",
     ]
     for cell in outcome.statistics[:_MOST_LINES]:
-        fixed = ", ".join(f"{key} = {value}" for key, value in cell.items() if key in study.keys)
+        own = {key: value for key, value in cell.items() if key in study.keys}
+        fixed = ", ".join(f"{key} = {value if isinstance(value, str) else show(value)}" for key, value in own.items())
         if study.search is not None:
             bar = f"{study.search.key} = {cell['mean']:.5g} +- {cell['half_width']:.1g}"
             lines.append(f"falls beyond  {bar}  {fixed}".rstrip())

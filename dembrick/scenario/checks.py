@@ -57,7 +57,10 @@ def show(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     try:
-        text = repr(list(value)) if isinstance(value, tuple) else repr(value)
+        if isinstance(value, dict):
+            text = f"{{ {', '.join(f'{key} = {show(own)}' for key, own in value.items())} }}"
+        else:
+            text = repr(list(value)) if isinstance(value, tuple) else repr(value)
     except (ValueError, RecursionError):  # integers of thousands of digits, lists in lists without end
         text = f"<{type(value).__name__}>"
     return text if len(text) <= 80 else text[:77] + "..."

@@ -217,3 +217,11 @@ def test_a_run_that_failed_says_no_limit(tmp_path, capsys):
     assert "no limit load" in said and "limit load V" not in said
     with history.read(tmp_path / "run.h5") as found:
         assert plot.subject.diagram_of(found).limit(found.results) is None
+
+
+def test_a_sweep_prints_tables_as_a_study_has_them(tmp_path, capsys):
+    (tmp_path / "run.toml").write_text(BLOCKS, encoding="utf-8")
+    study = 'title = "tolerances"\nbase = "run.toml"\n[grid]\ncontrol = [{ kind = "yield", tolerance = 1e-3 }]\n'
+    (tmp_path / "study.toml").write_text(study, encoding="utf-8")
+    assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    assert "  control = { kind = 'yield', tolerance = 0.001 }\n" in capsys.readouterr().out

@@ -213,6 +213,17 @@ def test_magnification_views_and_play(opened):
     assert opened.run("document.getElementById('time').value") == stopped
 
 
+def test_a_single_frame_has_no_time_to_choose(chromium, tmp_path):
+    for frames, hidden in ((1, True), (2, False)):
+        page.write(written(tmp_path / f"{frames}.h5", frames=frames), tmp_path / f"{frames}.html")
+        chromium.open(tmp_path / f"{frames}.html")
+        assert "Equilibrium" in chromium.run("document.getElementById('time').parentElement.textContent")
+        for part in ("play", "time"):
+            shown = chromium.run(f"document.getElementById('{part}').getBoundingClientRect().width > 0")
+            assert shown is not hidden, (part, frames)
+    assert chromium.problems == []
+
+
 def test_the_keyboard_is_enough(opened):
     """Tab reaches every control; arrows move the slider and turn the view."""
     reached = []

@@ -60,6 +60,7 @@ def document(history: History) -> str:
         version=escape(dembrick.__version__),
         title=escape(history.title or os.path.basename(history.path)),
         subtitle=escape(_subtitle(history)),
+        moment="Equilibrium" if history.counts_equilibria else "Time",
         legend=escape(_legend(data)),
         frames_note=escape(_frames_note(history, data)),
         results=results_table(history.results, history.curve.unit),

@@ -128,6 +128,7 @@
   }
 
   slider.max = String(frames - 1);
+  play.hidden = slider.parentElement.hidden = frames < 2;
   stretch.max = String(data.magnification.most);
   stretch.value = String(data.magnification.start);
   find("scale-high").textContent = data.mostText;
