@@ -22,9 +22,9 @@ def result():
     return dembrick.simulate(dataclasses.replace(scenario, output=channels))
 
 
-def test_a_table_has_the_series_by_time(result):
+def test_a_table_has_the_series_by_equilibrium(result):
     table = result.to_pandas()
-    assert table.index.name == "time [s]" and len(table) == len(result.rows["time"])
+    assert table.index.name == "equilibrium [1]" and len(table) == len(result.rows["time"])
     np.testing.assert_array_equal(table["load [N]"], result.load)
     np.testing.assert_array_equal(table["N lower/upper [N]"], result.rows["joint"][:, 0, 0])
     assert "elastic energy [J]" in table
