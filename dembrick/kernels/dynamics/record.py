@@ -15,14 +15,16 @@ from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.row_energies import write_energies
 from dembrick.kernels.dynamics.tiles import ACTION, W, sense_of, three, wrench_at
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.math.vectors import cross, rows_times
+from dembrick.kernels.math.vectors import cross, put_vector, rows_times
 
 # Steps between rows, and rows between two frames (0: no frames); the speed (m/s) of a point, and the way (m) of a block
 # since contacts were looked for last, beyond which somebody must look for them before a row is written
 NEXT = np.dtype((np.record, [("every", np.int64), ("frames_every", np.int64), ("fastest", float), ("quiet", float)]))
 
-# Columns of `Record.number`: out-of-balance ratio, contacts that carry, longest displacement (m), gravity (3; m/s2)
-UNBALANCED, CARRYING, FURTHEST, GRAVITY = 0, 1, 2, 3
+# Numbers of a row: out-of-balance ratio, new contacts that carry a force, longest displacement (m), gravity (m/s2)
+ROW = np.dtype(
+    (np.record, [("unbalanced", float), ("new_contacts", float), ("furthest", float), ("gravity", float, (3,))])
+)
 
 
 class Record(NamedTuple):
@@ -32,7 +34,7 @@ class Record(NamedTuple):
     travel: ndarray  # (2,) m, see `Course`
     count: ndarray  # (2,) int64, rows, frames so far
     step: ndarray  # (r,) int64
-    number: ndarray  # (r, 6)
+    row: ndarray  # (r,) records `ROW`
     joint: ndarray  # (r, j or 0, 7), see `write_resultants`
     support: ndarray  # (n,) int64, number of each block among those that support others, -1 if it does not
     reaction: ndarray  # (r, s, 6) N, N m, see `write_reactions`
@@ -320,19 +322,17 @@ def write_frame(record, step, bodies):
 def fill_row(record, bodies, links, corners, faces, ties, pressing, energy_terms, row, moment):
     """Fill a row with what holds at a ``moment``: time step (s), gravity (3; m/s2)."""
     dt, g1, g2, g3 = moment
-    number = record.number[row]
-    number[UNBALANCED] = unbalanced_ratio(bodies, links, g1, g2, g3)
+    own = record.row[row]
+    own.unbalanced = unbalanced_ratio(bodies, links, g1, g2, g3)
     carrying = 0
     for t in range(pressing.normal.size):
         carrying += pressing.normal[t] > 0.0
-    number[CARRYING] = carrying
+    own.new_contacts = carrying
     furthest = 0.0
     for b in range(bodies.mass.size):
         furthest = max(furthest, away(bodies, b))
-    number[FURTHEST] = furthest
-    number[GRAVITY] = g1
-    number[GRAVITY + 1] = g2
-    number[GRAVITY + 2] = g3
+    own.furthest = furthest
+    put_vector(own.gravity, g1, g2, g3)
     if record.joint.shape[1] > 0:
         write_resultants(bodies, links, corners, faces, record.joint[row])
     write_reactions(record, bodies, links, ties, pressing, record.reaction[row])

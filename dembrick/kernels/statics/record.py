@@ -5,6 +5,7 @@ A channel that was not asked for has arrays without entries, so that leaving it 
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
@@ -12,13 +13,17 @@ from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, columns_times, 
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.kernels.statics.joint_families import write_bonds, write_contacts
 
+# Numbers of a row: time, V (N), driven displacement (m), out-of-balance ratio, bounds of V (N)
+NUMBERS = ("time", "load", "displacement", "unbalanced", "lower", "upper")
+ROW = np.dtype((np.record, [(name, float) for name in NUMBERS]))
+
 
 class Record(NamedTuple):
     """Rows and frames written by the loop."""
 
     every: ndarray  # (2,) int64, steps between rows, between frames (a multiple)
     count: ndarray  # (2,) int64, rows, frames so far
-    row: ndarray  # (r, 6) time, load, displacement, unbalanced, lower, upper
+    row: ndarray  # (r,) records `ROW`
     actuator: ndarray  # (r, k) m
     joint: ndarray  # (r, j or 0, 7)
     support: ndarray  # (n,) int64, number of each block among the fixed ones, -1 if it is free
@@ -125,12 +130,12 @@ def write_row(record, step, time, state, load, viscous, bounds, last):
     framed = record.frame_time.size > 0 and (last or step % record.every[1] == 0)
     if row >= record.row.shape[0] or (framed and record.count[1] >= record.frame_time.size):
         return False
-    record.row[row, 0] = time
-    record.row[row, 1] = load
-    record.row[row, 2] = actuators.driven[0].displacement
-    record.row[row, 3] = unbalanced_ratio(blocks, joints)
-    record.row[row, 4] = bounds[0]
-    record.row[row, 5] = bounds[1]
+    own = record.row[row]
+    own.time = time
+    own.load = load
+    own.displacement = actuators.driven[0].displacement
+    own.unbalanced = unbalanced_ratio(blocks, joints)
+    own.lower, own.upper = bounds
     for i in range(actuators.block.size):
         record.actuator[row, i] = actuators.displacement[i]
     for j in range(record.joint.shape[1]):

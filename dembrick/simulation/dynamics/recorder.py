@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.kernels.dynamics.record import CARRYING, FURTHEST, GRAVITY, UNBALANCED, write_row
+from dembrick.kernels.dynamics.record import write_row
 from dembrick.kernels.dynamics.row_energies import BALANCE
 from dembrick.simulation.channels import NO_BOUND
 from dembrick.simulation.dynamics import joint_families
@@ -185,8 +185,8 @@ class Recorder:
         began, moving, record = time.perf_counter(), self._moving, self._record
         rows = slice(before, int(record.count[0]))
         self._last = int(record.step[rows][-1]) if rows.stop > before else self._last
-        times, numbers = (record.step[rows] * moving.time_step).tolist(), record.number[rows]
-        for at, furthest, gravity in zip(times, numbers[:, FURTHEST].tolist(), numbers[:, GRAVITY:], strict=True):
+        times, own = (record.step[rows] * moving.time_step).tolist(), record.row[rows]
+        for at, furthest, gravity in zip(times, own["furthest"].tolist(), own["gravity"], strict=True):
             self._curve.append((furthest, self.driving.load(at, moving.time_step, gravity)))
         if n := int(record.count[1]):
             frames = {
@@ -229,14 +229,14 @@ class Recorder:
             "time": record.step[:n] * moving.time_step if equilibrium is None else np.full(n, float(equilibrium)),
             "load": curve[:, 1],
             "displacement": curve[:, 0],
-            "unbalanced": record.number[:n, UNBALANCED].copy(),
+            "unbalanced": record.row["unbalanced"][:n].copy(),
             "lower": np.zeros(n),
             "upper": np.zeros(n),
             "actuator_displacement": np.tile(NO_ACTUATORS, (n, 1)),
             "actuator_force": np.tile(NO_ACTUATORS, (n, 1)),
             **self._of_actuators(curve[:, 1]),
             "energy": {name: record.energy[name][:n].copy() for name in BALANCE.names or () if len(record.energy)},
-            "new_contacts": record.number[:n, CARRYING].copy(),
+            "new_contacts": record.row["new_contacts"][:n].copy(),
         }
         if self._any_fixed:
             rows["reaction"] = record.reaction[:n].copy()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.kernels.dynamics.record import NEXT, Extremes, Pressing, Record, Scene, write_row
+from dembrick.kernels.dynamics.record import NEXT, ROW, Extremes, Pressing, Record, Scene, write_row
 from dembrick.kernels.dynamics.row_energies import BALANCE
 from dembrick.kernels.math.sums import room_for_halves
 from dembrick.simulation.dynamics import joint_families
@@ -29,7 +29,7 @@ def record_of(moving: Motion, room: int, channels: Container[str] = (), balanced
         travel=moving.travel,
         count=np.zeros(2, np.int64),
         step=np.zeros(room, np.int64),
-        number=np.zeros((room, 6)),
+        row=np.zeros(room, ROW),
         joint=np.zeros((room, joints, 7)),
         support=np.where(supporting, np.cumsum(supporting) - 1, -1),
         reaction=np.zeros((room, s, 6)),
@@ -55,7 +55,7 @@ def record_of(moving: Motion, room: int, channels: Container[str] = (), balanced
 
 def bytes_of_row(record: Record) -> int:
     """Memory of a row and its frame in a record."""
-    fields = ("step", "number", "joint", "reaction", "tension", "yielded", "place", "turn", "energy", "frame_position",
+    fields = ("step", "row", "joint", "reaction", "tension", "yielded", "place", "turn", "energy", "frame_position",
               "frame_orientation", "frame_shift")  # fmt: skip
     return sum(getattr(record, name).nbytes for name in fields) // len(record.step)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
 from dembrick.kernels.statics.energy import elastic_energy
-from dembrick.kernels.statics.record import Record, write_guides, write_reactions, write_row
+from dembrick.kernels.statics.record import ROW, Record, write_guides, write_reactions, write_row
 from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families, ties
@@ -69,11 +69,11 @@ class Recorder:
             {name: shape if wanted else (0, *shape[1:]) for name, _, shape, wanted in table}
             for table in (rows_of, frames_of)
         )
-        of_rows |= {"row": (6,), "energy": (len(ENERGIES),)}
+        of_rows["energy"] = (len(ENERGIES),)
         self._rows, self._frames = (
             {name: channel for name, channel, _, wanted in table if wanted} for table in (rows_of, frames_of)
         )
-        rows, frames = _capacity(chunk // rows_every, of_rows), 0
+        rows, frames = _capacity(chunk // rows_every, of_rows | {"row": (len(ROW),)}), 0
         self.longest_chunk = min(chunk, (rows - 2) * rows_every)
         if "frames" in channels:
             every = rows_every * frames_every
@@ -87,6 +87,7 @@ class Recorder:
             watched=watched.at.block,
             lever=watched.at.lever,
             arm=watched.at.arm,
+            row=np.zeros(rows, ROW),
             **{name: np.zeros((rows, *shape)) for name, shape in of_rows.items()},
             **{name: np.zeros((frames, *shape)) for name, shape in of_frames.items()},
         )
@@ -126,8 +127,7 @@ class Recorder:
         record = self.record
         n, f = (int(c) for c in record.count)
         record.count[:] = 0
-        columns = record.row[:n].copy().T
-        rows = dict(zip(("time", "load", "displacement", "unbalanced", "lower", "upper"), columns, strict=True))
+        rows = {name: record.row[name][:n].copy() for name in ROW.names or ()}
         rows["actuator_force"] = rows["load"][:, None] * self._weight
         rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))
         rows |= self._written(self._rows, n)
