@@ -254,12 +254,18 @@ def energies(real_time: bool) -> tuple[str, ...]:
     return tuple(c.name.partition("/")[2] for c in found)
 
 
+def counts_equilibria(control: Control, assembly: Assembly) -> bool:
+    """Whether the times of a record are the numbers of equilibria. A search with a law of the user's own pushes in
+    time."""
+    return control.regime.counts_equilibria and assembly.custom_law is None
+
+
 def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tuple[Channel, ...]:
     """The channels that a run records; ``asked``: the words of ``output.channels``."""
     sizes, regime = Sizes.of(assembly), control.regime
     joints = assembly.joints
     strong = has_strengths(joints.law if isinstance(joints, JointTable) else [joint.law for joint in joints])
-    counts = regime.counts_equilibria and assembly.custom_law is None  # a search with one pushes in time
+    counts = counts_equilibria(control, assembly)
     curve = recorded_curve(control, assembly.actuators)
     words = {"load": curve.about, "load_unit": curve.unit}
     words |= {"time": "number of the equilibrium" if counts else "time", "time_unit": "1" if counts else "s"}

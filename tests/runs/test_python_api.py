@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import dembrick
+from dembrick import history
 from dembrick.errors import HistoryError, MissingDependency
-from dembrick.runs import in_memory
+from dembrick.runs import in_memory, lab
 from dembrick.scenario.controls import CONTROLS
+from dembrick.views.plot.subject import time_name
+from helpers.custom_laws import COULOMB
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +31,42 @@ def test_a_table_has_the_series_by_equilibrium(result):
     np.testing.assert_array_equal(table["load [N]"], result.load)
     np.testing.assert_array_equal(table["N lower/upper [N]"], result.rows["joint"][:, 0, 0])
     assert "elastic energy [J]" in table
+
+
+@pytest.mark.parametrize(
+    "name, law, counts",
+    [
+        ("set4a", None, True),
+        ("oppenheim", None, True),
+        ("pier_settles", None, True),
+        ("set4a", COULOMB, False),
+        ("set4a_curve", None, False),
+        ("newmark_pulse", None, False),
+    ],
+)
+def test_rows_are_of_times_or_of_equilibria_in_memory_and_in_files(tmp_path, name, law, counts):
+    """A search with a law of one's own pushes in time."""
+    scenario = dembrick.load(name, [] if law is None else ["joint.formulation=concave"])
+    result = dembrick.simulate(scenario, tmp_path / "run.h5", law=law)
+    with history.read(tmp_path / "run.h5") as found:
+        assert result.counts_equilibria == found.counts_equilibria == counts
+        assert found.unit("history/time") == ("1" if counts else "s")
+        named = {time_name(result), time_name(found)}
+    assert named == {"number of the equilibrium" if counts else "time [s]"}
+    assert result.to_pandas().index.name == ("equilibrium [1]" if counts else "time [s]")
+
+
+def test_what_is_done_with_the_rows_of_lab_is_no_part_of_its_time(monkeypatch):
+    clock, away = lab.time.perf_counter, [0.0]
+    monkeypatch.setattr(lab.time, "perf_counter", lambda: clock() + away[0])
+    heard = []
+
+    def told(replayed):
+        heard.append(len(replayed.rows))
+        away[0] += 1e6
+
+    replayed = lab.replay_lab(("2a",), ("concave",), told=told)
+    assert heard == [len(replayed.rows)] == [2] and 0.0 < replayed.wall["total"] < 1e5
 
 
 def test_a_dataset_names_dimensions_and_units(result):

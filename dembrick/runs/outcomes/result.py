@@ -19,6 +19,7 @@ from dembrick.runs.outcomes.cycles import cycles_of
 from dembrick.scenario.joint_laws import described
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
+from dembrick.simulation.channels import counts_equilibria
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
@@ -93,6 +94,11 @@ class RunResult:
             return []
         tension, yielded = self.run.ties
         return tied(self.assembly, tension=tension, yielded=yielded)
+
+    @property
+    def counts_equilibria(self) -> bool:
+        """Whether the times of rows and frames are the numbers of equilibria."""
+        return counts_equilibria(self.scenario.control, self.assembly)
 
     @cached_property
     def cycles(self) -> list[dict] | None:
@@ -332,11 +338,6 @@ class Result(SearchResult):
         if not self.run.settings.get("gave_way", True):
             return f"unlimited: this load can never move the blocks; no joint slid or opened up to {load}"
         return f"unlimited: the blocks jam, and no mechanism was found up to {load}"
-
-    @property
-    def counts_equilibria(self) -> bool:
-        """Whether the times of rows and frames are the numbers of equilibria."""
-        return "equilibria" in self.run.settings
 
     @property
     def points_miss(self) -> float | None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def time_name(record) -> str:
     """Name of the times of a record, for an axis."""
-    return "number of the equilibrium" if getattr(record, "counts_equilibria", False) else "time [s]"
+    return "number of the equilibrium" if record.counts_equilibria else "time [s]"
 
 
 def joint_names(history: History) -> list[str]:
