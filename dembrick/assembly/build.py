@@ -42,7 +42,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, EVERY_BLOCK, REAL_TIME
+from dembrick.scenario.controls import ACTUATORS, EVERY_BLOCK, REAL_TIME
 from dembrick.scenario.joint_laws import CustomLaw
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
@@ -143,9 +143,10 @@ def at_rest(scenario: Scenario) -> Assembly:
 
     laws = Laws(scenario)
     # moving joints are cut by the faces they slide over, so that each keeps to one pair of convex parts
-    unite = (control.drives == ACTUATORS or control.regime is DEAD_LOAD) and not control.in_deformed_geometry
-    joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs), unite)
-    check_pieces(scenario, joints)
+    moving = control.regime.real_time
+    joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs), not moving)
+    if moving:
+        check_pieces(scenario, joints, bodies)
     check_overrides(scenario, laws, joints, fixed)
     level = _levels(joints, fixed)
     if quasi_static and (level < 0).any():

@@ -196,12 +196,13 @@ def united(joints: JointTable, several: np.ndarray, tolerance: float) -> JointTa
     """The table with the joints of two blocks that lie in one plane made one, if a block has ``several`` (n,) parts.
 
     Planes are the same when their normals differ by at most ``tolerance`` (rad) and their gaps by it times the
-    distance of the polygons. The joint rides with the block that hosts its largest piece.
+    distance of the polygons. The joint rides with the block that hosts its largest piece. A pressed part that follows
+    the bending moment is that of a convex polygon: such joints keep to their pairs of parts.
     """
     planes: dict[tuple[int, int], list[list[Joint]]] = {}
     for joint in joints:
         found = planes.setdefault((joint.block_a, joint.block_b), [])
-        unite = several[joint.block_a] or several[joint.block_b]
+        unite = (several[joint.block_a] or several[joint.block_b]) and joint.law.pressure == "full"
         same = next((members for members in found if unite and _same_plane(members[0], joint, tolerance)), None)
         if same is None:
             found.append([joint])

@@ -14,7 +14,7 @@ import numpy as np
 
 from dembrick.assembly.broad_phase import Bodies, overlap_depths, way_out
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, widest_rim
-from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
+from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints, united
 from dembrick.assembly.laws import Laws
 from dembrick.errors import DivergedError, OverlapError, ScenarioError
 from dembrick.geometry import polygons
@@ -78,16 +78,23 @@ def _told(way: np.ndarray) -> str:
     return f"[{parts}] m"
 
 
-def check_pieces(scenario: Scenario, joints: JointTable) -> None:
-    """The pressed part of a joint that is not convex is not defined for every pressure."""
-    for number in joints.pieces:
-        joint = joints[number]
-        if joint.law.pressure != "full":
+def check_pieces(scenario: Scenario, joints: JointTable, bodies: Bodies) -> None:
+    """Refuse corrected joints whose blocks touch by several parts in one plane, where blocks move.
+
+    Their points are drawn in so far that the whole joint twists as the continuum does; pairs of parts, which are joints
+    of their own there, would each be drawn in about their own middle.
+    """
+    several = np.bincount(bodies.owner, minlength=len(scenario.all_blocks)) > 1
+    if not several.any():
+        return
+    for joint in united(joints, several, TOLERANCE):
+        if joint.pieces and joint.law.formulation.startswith("corrected"):
             first, second = (show(scenario.all_blocks[i].name) for i in (joint.block_a, joint.block_b))
             refuse(
                 scenario,
-                f'pressure = "{joint.law.pressure}" holds for convex joints, and that between {first} and {second} is '
-                f'one of {len(joint.pieces)} pieces; use "full" or formulation = "distributed" there',
+                f"formulation = {show(joint.law.formulation)} knows the joint between {first} and {second}, of "
+                f"{len(joint.pieces)} pieces in one plane, in the geometry of the start only: where blocks move each "
+                'piece is a joint of its own; use "concave", "convex" or "distributed" there',
             )
 
 

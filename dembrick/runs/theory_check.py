@@ -5,12 +5,14 @@ The engine and the search for the yield point never see this; it compares afterw
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick import theory
+from dembrick.errors import NotConvergedError
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -23,7 +25,7 @@ _NONE = 1e-12
 class Theory:
     """Limit load ``V`` (N) by theory, the run's relative ``error`` against it (None before a run, or where theory is
     zero), and how far the points of a joint are from the continuum that they stand for (``discretisation_error``,
-    relative; None where no continuum is meant)."""
+    relative; None where no continuum is meant, or theory finds no pressure for it)."""
 
     V: float
     error: float | None
@@ -113,5 +115,6 @@ def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
         return None  # what opens before that loses its bond, or pulls by it
     gap = None
     if law.formulation == "distributed":
-        gap = V / limit(*_continuum(polygon, law.friction, cohesion, normal, centre)) - 1.0
+        with suppress(NotConvergedError):  # the joint is pressed at a few corners only
+            gap = V / limit(*_continuum(polygon, law.friction, cohesion, normal, centre)) - 1.0
     return Theory(V, None, gap)

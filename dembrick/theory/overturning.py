@@ -7,15 +7,19 @@ the joint first, the block overturns. The paper's formulas assume h = 0.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dembrick.errors import ScenarioError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.theory.formulations import Formulation
 from dembrick.theory.limit_load import LimitLoad, limit_load
 from dembrick.theory.polygons import distance_to_exit, moment_matrix
 
 _SCAN = 16
+_SHORT_OF_TIPPING = (1e-12, 1e-3, 1e-2)  # relative
 
 
 def overturning_load(
@@ -82,9 +86,7 @@ def limit_load_at_height(
         closed = min(closed_until(formulation, normal_force, start, lever), end) if linear else 0.0
         steps = np.concatenate([[closed] if closed > 0.0 else [], steps[steps > closed]])
     for above in steps.tolist():
-        if above == V_tip:
-            above = V_tip * (1.0 - 1e-12)
-        excess = limit(above).V - above
+        above, excess = _before_tipping(limit, V_tip) if above == V_tip else (above, limit(above).V - above)
         if excess <= 0.0:
             break
         below, excess_below = above, excess
@@ -93,6 +95,19 @@ def limit_load_at_height(
     V = _root(lambda V: limit(V).V - V, below, excess_below, above, excess)
     found = limit(V)
     return LimitLoad(float(V), found.twist, found.torsion_centre)
+
+
+def _before_tipping(limit: Callable[[float], LimitLoad], V_tip: float) -> tuple[float, float]:
+    """A V as close to ``V_tip`` as a pressure can be found for, and how far the limit lies above it (N).
+
+    A joint of several parts that tips about an edge of its hull is pressed at a few corners only.
+    """
+    for short in _SHORT_OF_TIPPING[:-1]:
+        V = V_tip * (1.0 - short)
+        with suppress(NotConvergedError):
+            return V, limit(V).V - V
+    V = V_tip * (1.0 - _SHORT_OF_TIPPING[-1])
+    return V, limit(V).V - V
 
 
 def closed_until(
