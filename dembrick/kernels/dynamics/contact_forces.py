@@ -60,6 +60,7 @@ class Touching(NamedTuple):
     k_n: ndarray  # (t,) Pa/m
     k_s: ndarray  # (t,) Pa/m
     friction: ndarray  # (t,)
+    cohesion: ndarray  # (t,) Pa
     weight: ndarray  # (t,) share of the new contact: 1 if there is no joint
     slack: ndarray  # (t,) m, depth up to which edges that have lain along each other from the start press nothing,
     least: ndarray  # (t,) N, the force from which on they do, and

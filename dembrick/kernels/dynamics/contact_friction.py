@@ -4,6 +4,9 @@ Friction acts in the plane through the centre of pressure c orthogonal to the me
 patch it knows the part along e, p n.e dA: projected on the plane a patch is a polygon with a linear pressure again, as
 ``pressure.pressed_surface`` wants it. A flat contact is its own projection. What presses the other way counts nothing.
 
+Cohesion that a joint keeps after its bond broke (``residual_cohesion``) adds its part of the area to the strength, over
+the same limit surface.
+
 A contact along an edge, or at a corner, is one too, however small. Where it is narrower than `THIN` of its length it is
 spread to that width, so that integrals over it keep their digits; its strength grows by less than 1e-4.
 """
@@ -190,8 +193,11 @@ def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     a, b = blocks
     k_t, k_r = springs
     (n1, n2, n3), (t1, t2, t3) = axes
-    strength = touching.friction[t] * normal
-    if not (strength > 0.0 and k_t > 0.0 and k_r > 0.0):
+    friction = touching.friction[t]
+    cohesion = touching.cohesion[t]
+    if cohesion > 0.0 and normal > 0.0:  # over the whole area, whose share of the contact is in k_t
+        friction += cohesion * k_t / (touching.k_s[t] * normal)
+    if not (friction * normal > 0.0 and k_t > 0.0 and k_r > 0.0):
         forget(touching, t, k_t, k_r)
         return 0.0, 0.0, 0.0, 0.0
     elastic = touching.elastic[t]
@@ -222,7 +228,7 @@ def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     twist = touching.twist[t]
     limit = LimitSurface(None, None, pressed.reach[0], pressed.radius[0], pressed, 0)
     (f_t, f_u, f_m), (e_t, e_u, e_m), _, start, slid, _ = area_friction(
-        limit, normal, touching.friction[t], 0.0, springs, damped, (s_t, s_u, turn), (e_t, e_u, e_m), three_of(twist),
+        limit, normal, friction, 0.0, springs, damped, (s_t, s_u, turn), (e_t, e_u, e_m), three_of(twist),
         CLOSE,
     )  # fmt: skip
     put_vector(twist, *start)

@@ -115,6 +115,7 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
         k_n=np.array([law.normal_stiffness for law in laws], float),
         k_s=np.array([law.shear_stiffness for law in laws], float),
         friction=np.array([law.friction_after for law in laws], float),
+        cohesion=np.array([law.cohesion_after for law in laws], float),
         weight=(joints < 0).astype(float),
         size=size[joints],
         partial=partial[joints],

@@ -1,0 +1,40 @@
+"""A plank that slides from one fixed block onto its neighbour keeps the cohesion of what it covers.
+
+Its two joints are parts of its face: as it slides they are handed over to contacts of the surfaces. All of it stays
+covered, so that it takes mu N + c A, by hand.
+"""
+
+import pytest
+
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.controls import DisplacementControl
+from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+
+FRICTION, COHESION, WEIGHT, AREA = 0.6, 4000.0, 0.2 * 0.2 * 0.1 * 2000.0 * 9.81, 0.04
+TRAVEL = 0.018  # m: 0.16 of the way from the middle of a joint to its corner, where all is handed over
+
+
+def plank(formulation: str, cohesion: float, kept: float) -> Scenario:
+    points = (3, 3) if formulation == "distributed" else None
+    law = JointLaw(formulation, FRICTION, 1e10, 4e9, points, cohesion=cohesion, residual_cohesion=kept)
+    floors = [
+        Block(f"floor {i}", "stone", (0.4, 0.4, 0.2), (x, 0.0, -0.1), fixed=True) for i, x in enumerate((-0.2, 0.2))
+    ]
+    return Scenario(
+        "a plank over two blocks", (0.0, 0.0, -9.81), law, {"stone": Material(2000.0)},
+        (*floors, Block("plank", "stone", (0.2, 0.2, 0.1), (0.0, 0.0, 0.05))),
+        DisplacementControl(1e-3, TRAVEL, large_displacements=True),
+        actuators=(Actuator("jack", "plank", (-0.1, 0.0, 0.0), (1.0, 0.0, 0.0)),),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+@pytest.mark.parametrize("kept", [COHESION, 0.25 * COHESION])
+def test_what_a_bond_keeps_is_handed_over(formulation, kept):
+    rows = simulate(plank(formulation, COHESION, kept)).to_pandas()
+    moved, load = rows["displacement [m]"].to_numpy(), rows["load [N]"].to_numpy()
+    assert moved[-1] > 0.99 * TRAVEL
+    sliding = load[moved > 0.1 * TRAVEL] / (FRICTION * WEIGHT + kept * AREA)
+    assert sliding.max() < 1.0 + 1e-4
+    assert sliding.min() > 0.97  # meanwhile what one joint has lost the other one has not found: 8 mm of 200
+    assert sliding[-1] == pytest.approx(1.0, abs=1e-3)
