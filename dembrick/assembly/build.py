@@ -42,7 +42,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import ACTUATORS, EVERY_BLOCK, REAL_TIME
+from dembrick.scenario.controls import ACTUATORS, EVERY_BLOCK
 from dembrick.scenario.joint_laws import CustomLaw
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
@@ -184,7 +184,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     dead_force = bare.mass[:, None] * gravity
     dead_torque = np.zeros_like(dead_force)
     try:
-        moving = control.in_deformed_geometry or control.regime is REAL_TIME
+        moving = control.regime.real_time
         loads = point_loads(scenario, number, bare, moving)
         np.add.at(dead_force, loads.at.block, loads.force)
         np.add.at(dead_torque, loads.at.block, np.cross(loads.at.arm, loads.force))

@@ -85,7 +85,7 @@ def check_pieces(scenario: Scenario, joints: JointTable, bodies: Bodies) -> None
     of their own there, would each be drawn in about their own middle.
     """
     several = np.bincount(bodies.owner, minlength=len(scenario.all_blocks)) > 1
-    if not several.any():
+    if not (several.any() and any(law.formulation.startswith("corrected") for law in joints.law)):
         return
     for joint in united(joints, several, TOLERANCE):
         if joint.pieces and joint.law.formulation.startswith("corrected"):

@@ -5,7 +5,6 @@ The engine and the search for the yield point never see this; it compares afterw
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -25,7 +24,7 @@ _NONE = 1e-12
 class Theory:
     """Limit load ``V`` (N) by theory, the run's relative ``error`` against it (None before a run, or where theory is
     zero), and how far the points of a joint are from the continuum that they stand for (``discretisation_error``,
-    relative; None where no continuum is meant, or theory finds no pressure for it)."""
+    relative; None where no continuum is meant)."""
 
     V: float
     error: float | None
@@ -65,8 +64,8 @@ def _continuum(polygon, friction: float, cohesion: float, normal: float, centre:
 
 def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
     """The limit load of the scenario by theory, or None if no theory holds: more than one joint, a joint that dilates,
-    crushes, tears open or breaks point by point, a law of the user's own, ties, or a load that changes the normal
-    force. ``after_slip``: of what a joint carries as it slides on."""
+    crushes, tears open or breaks point by point, a law of the user's own, ties, a load that changes the normal force,
+    or a continuum whose pressure is not found. ``after_slip``: of what a joint carries as it slides on."""
     if assembly.custom_law is not None:
         return None
     if len(assembly.joints) != 1 or len(assembly.ties) or assembly.supporting.sum() != 1 or len(assembly.names) != 2:
@@ -115,6 +114,8 @@ def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
         return None  # what opens before that loses its bond, or pulls by it
     gap = None
     if law.formulation == "distributed":
-        with suppress(NotConvergedError):  # the joint is pressed at a few corners only
+        try:
             gap = V / limit(*_continuum(polygon, law.friction, cohesion, normal, centre)) - 1.0
+        except NotConvergedError:  # by how much the points miss it is not known: no theory, rather than no gap
+            return None
     return Theory(V, None, gap)

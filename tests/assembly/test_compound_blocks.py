@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from dembrick.assembly.build import assemble
-from dembrick.errors import ScenarioError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.convex_hull import compound
 from dembrick.geometry.friction_integrals import area_radius, far_moments
 from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
 from dembrick.geometry.shapes import box
+from dembrick.runs import theory_check
 from dembrick.runs.simulate import simulate
 from dembrick.runs.theory_check import theory_of
 from dembrick.scenario import toml
@@ -225,6 +226,20 @@ def test_a_body_force_and_an_actuator_at_the_centroid_have_one_limit(formulation
     assert abs(second.V - first.V / weight) < bars + 1e-5
     if formulation != "corrected":  # whose points let it rock early
         assert second.V == pytest.approx(0.64 if tall == 0.2 else OVER_THE_NOTCH, rel=2e-4 if tall == 0.2 else 2.5e-3)
+
+
+def test_points_whose_continuum_is_not_found_are_told_to_miss_the_edge(monkeypatch):
+    """No theory then, so that the bar of the points does not stand alone."""
+
+    def none(*_):
+        raise NotConvergedError("no pressure without tension was found")
+
+    monkeypatch.setattr(theory_check, "_continuum", none)
+    parts = tuple(replace(part, box=(*part.box[:2], 0.6), position=(*part.position[:2], 0.3)) for part in L_PARTS)
+    jack = Actuator("jack", "l", (0.05, 0.11, 0.3), (1.0, 0.0, 0.0))
+    found = simulate(on_a_floor(Block("l", "tuff", parts=parts), joint=law("distributed"), jacks=(jack,)))
+    assert found.yield_point.mechanism == "rocking" and found.theory is None
+    assert found.points_miss < -1e-3
 
 
 # --- torsion ----------------------------------------------------------------------------------------------------------

@@ -4,10 +4,12 @@ Its two joints are parts of its face: as it slides they are handed over to conta
 covered, so that it takes mu N + c A, by hand.
 """
 
+from dataclasses import replace
+
 import pytest
 
 from dembrick.runs.simulate import simulate
-from dembrick.scenario.controls import DisplacementControl
+from dembrick.scenario.controls import DisplacementControl, DynamicControl
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
 
 FRICTION, COHESION, WEIGHT, AREA = 0.6, 4000.0, 0.2 * 0.2 * 0.1 * 2000.0 * 9.81, 0.04
@@ -38,3 +40,16 @@ def test_what_a_bond_keeps_is_handed_over(formulation, kept):
     assert sliding.max() < 1.0 + 1e-4
     assert sliding.min() > 0.97  # meanwhile what one joint has lost the other one has not found: 8 mm of 200
     assert sliding[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_thin_plank_that_is_thrown_stops_where_its_energy_is_spent(formulation):
+    """In real time: v^2 / 2 = (mu g + c A / m) s. It is so thin that all of it stays pressed, and the energy audit of
+    the run judges the work of the contacts."""
+    kept, speed, high = COHESION / 8.0, 0.85, 0.02
+    braking = FRICTION * 9.81 + kept / (2000.0 * high)
+    still = plank(formulation, kept, kept)
+    thrown = replace(still.blocks[2], box=(0.2, 0.2, high), position=(0.0, 0.0, 0.5 * high), velocity=(speed, 0.0, 0.0))
+    scene = replace(still, blocks=(*still.blocks[:2], thrown), actuators=(), control=DynamicControl(0.06))
+    moved = simulate(scene).displacement[2]
+    assert moved[0] == pytest.approx(speed**2 / (2.0 * braking), rel=0.02)
