@@ -104,7 +104,8 @@ class Actuators(NamedTuple):
     start: ndarray  # (k, 3) m, the arm at the start, world
     direction: ndarray  # (k, 3) unit vector, world
     weight: ndarray  # (k,)
-    displacement: ndarray  # (k,) m, of the loaded points along their directions
+    zero: ndarray  # (k,) m, displacements of the loaded points along their directions before any V
+    displacement: ndarray  # (k,) m, the same now, counted from there
     driven: ndarray  # (1,) record `DRIVEN`
 
 

@@ -129,12 +129,13 @@ CHANNELS = (
     Channel("history/time", "{time_unit}", "{time} of the row", columns="{time} [{unit}]"),
     Channel("history/load", "{load_unit}", "{load}", columns="load [{unit}]"),
     Channel(
-        "history/displacement", "m", "driven displacement: sum(weight u) / sum|weight| over the actuators",
+        "history/displacement", "m",
+        "driven displacement: sum(weight u) / sum|weight| over the actuators, since they began to push",
         columns="displacement [{unit}]",
     ),
     Channel(
-        "history/actuator_displacement", "m", "displacement of each actuator's point, from the start", ("actuator",),
-        columns="displacement of {name} [{unit}]",
+        "history/actuator_displacement", "m", "displacement of each actuator's point along it, since it began to push",
+        ("actuator",), columns="displacement of {name} [{unit}]",
     ),
     Channel(
         "history/actuator_force", "N", "force of each actuator", ("actuator",), columns="force of {name} [{unit}]"

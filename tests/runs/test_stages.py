@@ -158,6 +158,21 @@ def test_actuators_of_one_stage_are_not_those_of_another():
     assert result.yield_point.V == pytest.approx(28.934692, rel=2e-5)
 
 
+@pytest.mark.parametrize("kind", ["rate", "path", "search"])
+def test_the_driven_displacement_counts_from_where_the_actuators_begin(kind):
+    """A shear load holds the block aside, and a stage has slid it on by 0.1 mm: V = k_s A u all the same."""
+    held, k = 0.25 * MU * N, 4e9 * A * B
+    slide = 'kind = "displacement"\nrate = 1e-4\ntravel = 1e-4\n'
+    last = {"rate": slide, "path": slide + "large_displacements = true\n", "search": YIELD}[kind]
+    actuators = JACK.replace("0.075", "0.0")
+    result = simulate(scenario(slide, last, formulation="convex", loads=push((0.0, held, 0.0)), actuators=actuators))
+    V, u, own = result.rows["load"], result.rows["displacement"], result.rows["actuator_displacement"][:, 0]
+    np.testing.assert_allclose(u, own, rtol=1e-9, atol=1e-18)
+    assert u[0] == 0.0
+    assert np.interp(0.5 * (MU * N - held), V, u) == pytest.approx(0.5 * (MU * N - held) / k, rel=1e-2)
+    assert result.frames["displacement"][0, 1, 1] > 7e-5
+
+
 def test_a_search_that_follows_equilibria_and_a_test_at_a_rate_are_stages_too():
     """Of a tower: its second limit is the first one, and a constant-rate test before it changes nothing."""
     tower = '[[blocks]]\nname = "top"\nmaterial = "tuff"\nbox = [0.3, 0.2, 0.1]\nposition = [0.0, 0.0, 0.15]\n'

@@ -127,6 +127,7 @@ def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
             u = finite_actuator(blocks, actuators, i)
         else:
             u = small_actuator(blocks, actuators, i)
+        u -= actuators.zero[i]
         actuators.displacement[i] = u
         driven += actuators.weight[i] * u
         total += abs(actuators.weight[i])

@@ -92,7 +92,8 @@ def finite_relative(blocks, joints, j, dt):
 
 @jit
 def finite_actuator(blocks, actuators, i):
-    """Displacement of the loaded point of actuator ``i`` along its direction (m); brings its arm up to date."""
+    """Displacement of the loaded point of actuator ``i`` along its direction since the start (m); brings its arm up to
+    date."""
     b = actuators.block[i]
     u = blocks.displacement
     lever = actuators.lever

@@ -52,7 +52,7 @@ def small_relative(blocks, joints, j):
 
 @jit
 def small_actuator(blocks, actuators, i):
-    """Displacement of the loaded point of actuator ``i`` along its direction (m)."""
+    """Displacement of the loaded point of actuator ``i`` along its direction since the start (m)."""
     b = actuators.block[i]
     u = blocks.displacement
     r = blocks.rotation

@@ -65,6 +65,11 @@ class Driving:
     middle: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @property
+    def start(self) -> np.ndarray:
+        """Where the points of the load system are before V grows (k, 3), m; none without one."""
+        return self.force[:0] if self.driven is None else self.driven.start
+
+    @property
     def n_load(self) -> int:
         """Forces and pressed polygons: each has its own row in the energy balance."""
         return len(self.at) + len(self.pressed.block)

@@ -66,7 +66,6 @@ def push_at_constant_rate(
     session = Session.of(session)
     setup = Setup(assembly, tolerance=0.0, session=session)
     state = setup.state
-    began_at = float(state.actuators.driven[0].head)
     if joint_families.follows_bending(state):
         # inertia above the joint moves the pressure, and the friction with it
         setup.certificate = setup.certificate._replace(strict=False)
@@ -105,7 +104,7 @@ def push_at_constant_rate(
     for last in _looks(until, steps_wanted):
         status = stepper.to(last)
         refuse_divergence(status, assembly, state, loop.step, dt, critical)
-        said = other_joints(assembly, state, abs(float(state.actuators.driven[0].head) - began_at)) or said
+        said = other_joints(assembly, state, abs(float(state.actuators.driven[0].head))) or said
     if said and session.report:
         session.report(said)
     session.ended(stepper)

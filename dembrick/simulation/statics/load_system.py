@@ -23,7 +23,7 @@ from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_i
 from dembrick.simulation.statics.handover import starting_state
 from dembrick.simulation.statics.paths.limit_state import carrying
 from dembrick.simulation.statics.recorder import Ended
-from dembrick.simulation.statics.state import State, load_vectors
+from dembrick.simulation.statics.state import State, load_vectors, zero_actuators
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.simulation.statics.yield_point import YieldPoint, carried_by, certificate, in_equilibrium, read_off
@@ -156,10 +156,7 @@ class Setup(LoadSystem):
         self.unbalanced = found.unbalanced
         self.compile_seconds, self.loop_seconds = found.compile_seconds, found.loop_seconds
         self.displacement_at_start = self.state.blocks.displacement.copy()
-        # the actuators come to blocks that the dead loads have moved already, and do not push them back
-        moved = np.concatenate([self.state.blocks.displacement, self.state.blocks.rotation], axis=1)
-        driven = self.state.actuators.driven[0]
-        driven.head = driven.displacement = float((self.load * moved).sum()) / self.weight
+        zero_actuators(self.state)
         self.certificate: Certificate = certificate(
             self.state, self.load, self.actuator_stiffness / ACTUATOR_STIFFNESS, tolerance
         )

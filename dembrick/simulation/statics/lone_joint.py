@@ -20,7 +20,7 @@ from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, plain, restored, restored_state
 from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.state import State, for_kernels, load_vectors, move_actuators
+from dembrick.simulation.statics.state import State, for_kernels, load_vectors, move_actuators, zero_actuators
 
 if TYPE_CHECKING:
     from dembrick.kernels.state import Joints
@@ -125,9 +125,15 @@ class LoneSearch:
 
     def run(self) -> None:
         """Find the equilibrium under the dead load, then all others up to the limit."""
-        self._follow(0)
-        self._motion_at_rest[:] = self.lone.base[0]
+        self._rest()
         self._follow(MOST_EQUILIBRIA)
+
+    def _rest(self) -> None:
+        """The equilibrium under the dead load, from which displacements of the actuators count."""
+        self._follow(0)
+        self.show()
+        zero_actuators(self.state)
+        self._motion_at_rest[:] = self.lone.base[0]
 
     def record(self, recorder: Recorder, session: Session) -> None:
         """`run`, and write each equilibrium, with that of the dead load first, into the record; ``session`` keeps
@@ -135,10 +141,8 @@ class LoneSearch:
         if session.resumed is not None:
             self._restore(session.resumed)
         else:
-            self._follow(0)
-            self.show()
+            self._rest()
             self._taken[:] = 0.0, 0.0, elastic_energy(for_kernels(self.state), None)
-            self._motion_at_rest[:] = self.lone.base[0]
             self._write(recorder)
         session.last_told = time.monotonic()  # of so short a search nothing is told at once
         with interrupts.deferred():

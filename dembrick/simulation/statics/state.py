@@ -100,6 +100,7 @@ def _actuators(assembly: Assembly) -> Actuators:
         start=actuators.at.arm.copy(),
         direction=np.array(actuators.direction, float, order="C").reshape(-1, 3),
         weight=np.array(actuators.weight, float),
+        zero=np.zeros(len(actuators.at)),
         displacement=np.zeros(len(actuators.at)),
         driven=np.zeros(1, DRIVEN),
     )
@@ -155,4 +156,14 @@ def move_actuators(state: State) -> None:
     """Take the loaded points of the actuators along with their blocks, by small motion."""
     blocks, actuators = state.blocks, state.actuators
     turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
-    actuators.displacement[:] = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
+    since_start = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
+    actuators.displacement[:] = since_start - actuators.zero
+
+
+def zero_actuators(state: State) -> None:
+    """Let the actuators touch the blocks where they are now, without a force: their displacements count from here."""
+    actuators = state.actuators
+    actuators.zero[:] = 0.0
+    move_actuators(state)
+    actuators.zero[:] = actuators.displacement
+    actuators.displacement[:] = actuators.driven["head"] = actuators.driven["displacement"] = 0.0

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class DrivenLoads:
-    """k loads: the points ``at`` which they act, and ``start`` (k, 3) where these are as drawn or as the stage before
-    left them, from the middle of the scene (m); ``direction`` (k, 3) unit, world; ``weight`` (k,): N for V = 1;
-    ``pressed`` (k,): driven pressures."""
+    """k loads: the points ``at`` which they act, and ``start`` (k, 3) where these are before V grows, from the middle
+    of the scene (m); ``direction`` (k, 3) unit, world; ``weight`` (k,): N for V = 1; ``pressed`` (k,): driven
+    pressures."""
 
     at: Attached
     start: np.ndarray
@@ -40,9 +40,14 @@ class DrivenLoads:
     def of(cls, assembly: Assembly, state: MovingState) -> DrivenLoads:
         """The load system of an assembly."""
         table = assembly.actuators
-        start = state.bodies.position[table.at.block] + table.at.arms(state.bodies.rotation)
         pressed = np.array([kind == PRESSURE for kind in table.kind], bool)
-        return cls(table.at, start, table.direction, table.weight, pressed)
+        loads = cls(table.at, np.zeros((len(table.at), 3)), table.direction, table.weight, pressed)
+        loads.start_from(state.bodies)
+        return loads
+
+    def start_from(self, bodies: Bodies) -> None:
+        """Count displacements from where the blocks are now."""
+        self.start[:] = self._points(bodies)
 
     @property
     def jacks(self) -> tuple[Attached, np.ndarray]:
@@ -51,12 +56,14 @@ class DrivenLoads:
         return self.at[own], self.weight[own, None] * self.direction[own]
 
     def displacements(self, bodies: Bodies) -> np.ndarray:
-        """Of the points along their directions (k,), m, from the start of the stage."""
-        away = bodies.position[self.at.block] + self.at.arms(bodies.rotation) - self.start
-        return (away * self.direction).sum(axis=1)
+        """Of the points along their directions (k,), m."""
+        return ((self._points(bodies) - self.start) * self.direction).sum(axis=1)
+
+    def _points(self, bodies: Bodies) -> np.ndarray:
+        return bodies.position[self.at.block] + self.at.arms(bodies.rotation)
 
     def displacement(self, bodies: Bodies) -> float:
-        """The driven displacement (m), from the start of the stage."""
+        """The driven displacement (m)."""
         return float(self._share @ self.displacements(bodies))
 
     @cached_property

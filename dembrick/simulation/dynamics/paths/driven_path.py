@@ -97,13 +97,10 @@ class DrivenPath(EquilibriumPath):
         """The head follows that path; before the first equilibrium there is none."""
         if not self.path:
             return self.driving
-        began, dashpot = self._begun(), 2.0 * self.stiffness / self.swing
-        head = Head(lambda times: self.head(parameter(times)) + began, self.stiffness, dashpot, HELD)
+        dashpot = 2.0 * self.stiffness / self.swing
+        head = Head(lambda times: self.head(parameter(times)), self.stiffness, dashpot, HELD)
         head.V[0] = self.V
         return replace(self.driving, multiplier=head.multiplier, head=head)
-
-    def _begun(self) -> float:  # m, the driven displacement at the first equilibrium
-        return self.path[0][0]
 
     def advance(self, driving: Driving, steps: int) -> None:
         """Steps, V found at the first of them, and after every few."""
@@ -120,7 +117,7 @@ class DrivenPath(EquilibriumPath):
 
     def _past(self, displacement: float) -> float:
         """How far (m) a driven displacement lies past the end of the way, in its sense."""
-        return self.sense * (displacement - self._begun() - float(self.protocol.turns[self.way_number + 1]))
+        return self.sense * (displacement - float(self.protocol.turns[self.way_number + 1]))
 
     def belongs(self, parameter: float) -> bool:
         """Not if it lies beyond the travel, nor short of it once one did: the last one is at its end."""
@@ -147,7 +144,7 @@ class DrivenPath(EquilibriumPath):
             )
         if self.attempts:
             return self._at_the_end(past)
-        stretch = abs(self.head(self.reached) - (self.path[-1][0] - self._begun()))
+        stretch = abs(self.head(self.reached) - self.path[-1][0])
         if self.way_number:  # a load that is taken back passes zero
             stretch = max(stretch, UNLOADING * max(abs(V) for _, V, _ in self.path) / self.stiffness)
         return self.reached + max(self.step, STRETCH * self.refine * stretch)

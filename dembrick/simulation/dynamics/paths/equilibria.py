@@ -45,6 +45,7 @@ from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve, eased
 from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.floating_point import not_nan
+from dembrick.simulation.moving_ties import rest_below_strength
 from dembrick.simulation.session import Kept, Plan, Progress, Session, Snapshot
 
 TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
@@ -55,7 +56,6 @@ DRIFTING = 2.0  # the way of blocks from the first quarter of a round to its end
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 FALL = 8  # frames of that, equally far apart
 SLOWER_STILL, SLOWEST = 4, 64  # times the steps, once ties have yielded in a swing, and at the most
-HOLDS = 1e-6  # of its strength: a tie that carries so much less rests below it
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds:
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
 G = 9.81  # m/s2
@@ -89,9 +89,8 @@ class EquilibriumPath(ABC):
         self.collapse: dict | None = None
         self.fall: list[dict] | None = None
         self.free = ~np.asarray(moving.assembly.fixed)
-        self.least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in moving.assembly.shapes])[
-            self.free
-        ]
+        least = [float(np.ptp(shape.vertices, axis=0).min()) for shape in moving.assembly.shapes]
+        self.least = np.array(least)[self.free]
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
         self.recorder = Recorder(moving, driving, session, self.past.extremes, 1, 1, equilibria=True)
         self.dt = STEP * moving.time_step
@@ -262,7 +261,9 @@ class EquilibriumPath(ABC):
         self._note(self.reached, ratio)
 
     def _note(self, parameter: float, ratio: float) -> None:
-        """Keep an equilibrium and record it."""
+        """Keep an equilibrium and record it; the driven displacement counts from the first."""
+        if self.driving.driven is not None and not self.path:
+            self.driving.driven.start_from(self.moving.state.bodies)
         self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()
         self.recorder.driving = self._at(parameter)
         self.reaction = self.moving.reactions
@@ -340,14 +341,10 @@ class EquilibriumPath(ABC):
     def _yielded_in_a_swing(self) -> bool:
         """Whether a tie has yielded since the last equilibrium, and rests below its strength."""
         ties = self.moving.state.ties
-        yields = np.isfinite(ties.strength)
-        if not yields.any():
+        if not np.isfinite(ties.strength).any():
             return False
-        before = self.kept.arrays["ties.now"].view(TIE)["yielded"][yields]
-        tension, kept = ties.now["tension"][yields], ties.now["yielded"][yields]
-        strength, least = ties.strength[yields], ties.least[yields]
-        below = (tension < (1.0 - HOLDS) * strength) & ((least == 0.0) | (tension > (1.0 - HOLDS) * least))
-        return bool((below & (kept != before)).any())
+        before = self.kept.arrays["ties.now"].view(TIE)["yielded"]
+        return bool((rest_below_strength(ties) & (ties.now["yielded"] != before)).any())
 
     def _fell(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Note how the blocks come down, which stood at ``position`` (n, 3) and ``rotation``, and record it."""
@@ -413,7 +410,8 @@ class EquilibriumPath(ABC):
         path[: len(self.path)] = np.array(self.path).reshape(-1, 3)
         ends = (0.0 if end == math.inf else end for end in (self.failed, self.broken))  # both are greater than zero
         numbers = np.array([self.reached, *ends, self.equilibria, self.careful, self.slowness])
-        return {SNAPSHOT: numbers, f"{SNAPSHOT}.path": path, f"{SNAPSHOT}.reaction": self.reaction}
+        own = {"path": path, "reaction": self.reaction, "start": self.driving.start}
+        return {SNAPSHOT: numbers} | {f"{SNAPSHOT}.{name}": array for name, array in own.items()}
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """The last equilibrium: what was tried since leaves no trace."""
@@ -433,6 +431,7 @@ class EquilibriumPath(ABC):
         rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria].tolist()
         self.path = [tuple(row) for row in rows]
         self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
+        self.driving.start[:] = snapshot.array(f"{SNAPSHOT}.start", self.driving.start)
 
 
 def _farthest(position: np.ndarray, start: np.ndarray) -> float:

@@ -41,7 +41,7 @@ from dembrick.simulation.statics.paths.other_paths import Grip
 from dembrick.simulation.statics.paths.path_state import MOST_EQUILIBRIA, Drift, Path, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
-from dembrick.simulation.statics.state import State, for_kernels, move_actuators
+from dembrick.simulation.statics.state import State, for_kernels, move_actuators, zero_actuators
 
 ELASTIC_STEPS = 16  # to the limit load, as far as that can be guessed
 EASY, HARD = 6, 12  # iterations up to which a step may grow, from which it shrinks
@@ -159,18 +159,16 @@ class PathFollower:
         if peak[0] <= NOTHING * self.dead:
             peak = 0.0, 0.0
         # what gives way elastically is a rounding of the driven displacement
-        moved = way.seen[-1][0] > 1e-6 * (way.driven - way.start)
+        moved = way.seen[-1][0] > 1e-6 * way.driven
         return Path(converged, unlimited, wanders, moved, peak, way.iterations, way.equilibria, phases)
 
     def _at_start(self, strength: float) -> PathState:
-        motion = self.search.motion()
-        driven = inner(self.search.load, motion) / self.weight
-        self.state.actuators.driven[0].head = self.state.actuators.driven[0].displacement = driven
+        zero_actuators(self.state)
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
         direction = self._elastic_way()
         steps = dict.fromkeys(("step", "elastic", "usual", "longest"), step)
-        place = {"driven": driven, "start": driven, "gain": self.weight / self.compliance}
-        return PathState(motion, direction, direction.copy(), **place, **steps, balanced=self.search.balanced)
+        gain, balanced, motion = self.weight / self.compliance, self.search.balanced, self.search.motion()
+        return PathState(motion, direction, direction.copy(), **steps, gain=gain, balanced=balanced)
 
     def _found(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """V of the equilibrium near ``motion`` at its driven displacement, or None; and the iterations."""
@@ -405,7 +403,7 @@ class PathFollower:
         sure = min(V, lower)  # what a drag held up is no peak
         if sure > now.greatest:
             now.greatest, now.greatest_at = sure, way.driven
-        given = way.driven - way.start - V * self.compliance / self.weight
+        given = way.driven - V * self.compliance / self.weight
         way.seen.append((given, V, lower, upper, closing))
         self.grip.note(V)
         little = TAKES_UP * self.certificate.tolerance * max(abs(V), NOTHING * self.dead) * moved

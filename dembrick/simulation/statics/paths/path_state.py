@@ -55,7 +55,6 @@ class PathState:
     spare_gain: float = 0.0  # ... and how V grows along it
     V: float = 0.0  # N
     driven: float = 0.0  # m
-    start: float = 0.0  # m, driven displacement where the path began
     step: float = 0.0  # m, of the driven displacement, to the next equilibrium
     elastic: float = 0.0  # m, of the first steps
     usual: float = 0.0  # m, the longest that was taken without letting go
