@@ -6,7 +6,8 @@ next to nothing left to turn against. ``corrected`` joints press at points drawn
 the angle. ``distributed`` points stop short of the edge that a block rocks about. Beside each stands the bound of limit
 analysis with points at the true corners: no joint of linear pressure carries more (see `limit_analysis.strength`).
 Blocks that rock on ``convex`` or ``distributed`` joints roll over a bed of springs at each impact, and keep more of
-their speed than rigid ones that strike on a corner (Housner 1963).
+their speed than rigid ones that strike on a corner (Housner 1963). Contacts that take over from a joint neither crush
+nor dilate, and know no law of the user's own.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ _MOVES = 0.01  # of the greatest tilt or slip: a joint that does less does not
 
 @dataclass(frozen=True)
 class LeftOut:
-    """``law``: formulation; ``joints``: numbers of those meant; ``bound``: load factor with points at the true corners
-    (infinite if nothing limits it, None if it was not computed); ``text``: a sentence that says it."""
+    """``law``: formulation, or key of the law; ``joints``: numbers of those meant; ``bound``: load factor with points
+    at the true corners (infinite if nothing limits it, None if it was not computed); ``text``: a sentence of it."""
 
     law: str
     joints: np.ndarray
@@ -114,6 +115,25 @@ def rolled_over(assembly: Assembly, turned: np.ndarray) -> list[LeftOut]:
             )
             found.append(LeftOut(name, meant, None, text))
     return found
+
+
+def handed_over(assembly: Assembly, joints: np.ndarray) -> list[LeftOut]:
+    """Remarks on ``joints`` (j,) of which contacts have taken over, where these leave a part of the law; empty if they
+    leave none."""
+    laws = assembly.joints.law
+    leave = {
+        "compressive_strength": ([one.compressive_strength is not None for one in laws], "do not crush"),
+        "dilation": ([one.dilation > 0.0 for one in laws], "do not dilate"),
+        "custom_law": ([assembly.custom_law is not None] * len(laws), "rub by plain friction"),
+    }
+    meant = {name: (np.flatnonzero(joints & np.array(own, bool)), what) for name, (own, what) in leave.items()}
+    return [
+        LeftOut(
+            name, own, None, f"{_count(len(own))} slid, turned or opened so far that contacts took over, which {what}"
+        )
+        for name, (own, what) in meant.items()
+        if len(own)
+    ]
 
 
 def _beside(bound: float | None, load_factor: float) -> str:

@@ -92,6 +92,7 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     lines += _of_theory(part(results, "theory"))
     lines += told_by(OF_SETTLEMENT, results)
     lines += told_by(OF_MOTION, results) if not (point or collapse or results.get("settlement")) else []
+    lines += told_by(OF_LAWS, results)
     lines += told_by(OF_WORK, results)
     return lines
 
@@ -315,8 +316,8 @@ OF_MOTION = (
     Declared("peak tie force", "peak tie force", _peak_tie),
     Declared("fallen", "fallen", _fallen),
     Declared("not standing", "not standing", _not_standing),
-    Declared("left out", "left out", _left_out),
 )
+OF_LAWS = (Declared("left out", "left out", _left_out),)
 OF_SETTLEMENT = (
     Declared("settlement at collapse", "settlement", _settled),
     Declared("reaction along the motion", "reaction", _reaction),

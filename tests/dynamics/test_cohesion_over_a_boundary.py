@@ -11,8 +11,10 @@ import pytest
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DisplacementControl, DynamicControl
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from helpers.custom_laws import COULOMB
 
 FRICTION, COHESION, WEIGHT, AREA = 0.6, 4000.0, 0.2 * 0.2 * 0.1 * 2000.0 * 9.81, 0.04
+THIN = 0.02  # m
 TRAVEL = 0.018  # m: 0.16 of the way from the middle of a joint to its corner, where all is handed over
 
 
@@ -28,6 +30,13 @@ def plank(formulation: str, cohesion: float, kept: float) -> Scenario:
         DisplacementControl(1e-3, TRAVEL, large_displacements=True),
         actuators=(Actuator("jack", "plank", (-0.1, 0.0, 0.0), (1.0, 0.0, 0.0)),),
     )  # fmt: skip
+
+
+def thrown(still: Scenario, speed: float) -> Scenario:
+    """A thinner plank that has a speed."""
+    floors, own = still.blocks[:2], still.blocks[2]
+    own = replace(own, box=(0.2, 0.2, THIN), position=(0.0, 0.0, 0.5 * THIN), velocity=(speed, 0.0, 0.0))
+    return replace(still, blocks=(*floors, own), actuators=())
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
@@ -46,10 +55,33 @@ def test_what_a_bond_keeps_is_handed_over(formulation, kept):
 def test_a_thin_plank_that_is_thrown_stops_where_its_energy_is_spent(formulation):
     """In real time: v^2 / 2 = (mu g + c A / m) s. It is so thin that all of it stays pressed, and the energy audit of
     the run judges the work of the contacts."""
-    kept, speed, high = COHESION / 8.0, 0.85, 0.02
-    braking = FRICTION * 9.81 + kept / (2000.0 * high)
-    still = plank(formulation, kept, kept)
-    thrown = replace(still.blocks[2], box=(0.2, 0.2, high), position=(0.0, 0.0, 0.5 * high), velocity=(speed, 0.0, 0.0))
-    scene = replace(still, blocks=(*still.blocks[:2], thrown), actuators=(), control=DynamicControl(0.06))
+    kept, speed = COHESION / 8.0, 0.85
+    braking = FRICTION * 9.81 + kept / (2000.0 * THIN)
+    scene = replace(thrown(plank(formulation, kept, kept), speed), control=DynamicControl(0.06))
     moved = simulate(scene).displacement[2]
     assert moved[0] == pytest.approx(speed**2 / (2.0 * braking), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "key, value, left",
+    [
+        ("compressive_strength", 1e8, "do not crush"),
+        ("dilation", 0.01, "do not dilate"),
+        ("residual_friction", 0.5, ""),
+    ],
+)
+def test_a_result_says_what_contacts_leave_of_a_law(key, value, left):
+    still = plank("concave", COHESION, COHESION)
+    joint = replace(still.joint, **{key: value})
+    result = simulate(replace(still, joint=joint))
+    said = [(one["law"], one["joints"]) for one in result.as_dict().get("left_out", [])]
+    assert said == ([(key, 2)] if left else [])
+    assert ("left out" in result.text()) == bool(left) and left in result.text()
+    short = replace(still.control, travel=1e-4)  # both joints still carry all
+    assert "left_out" not in simulate(replace(still, joint=joint, control=short)).as_dict()
+
+
+def test_a_result_says_that_contacts_know_no_law_of_the_users_own():
+    scene = replace(thrown(plank("concave", 0.0, 0.0), 0.85), control=DynamicControl(0.04))
+    (said,) = simulate(scene, law=COULOMB).left_out
+    assert said.law == "custom_law" and "plain friction" in said.text

@@ -17,7 +17,7 @@ from dembrick.runs.outcomes.statics_result import RestResult
 from dembrick.scenario.checks import present
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED
 from dembrick.simulation.statics.yield_point import YieldPoint
-from dembrick.views.key_numbers import OF_SETTLEMENT, OF_WORK
+from dembrick.views.key_numbers import OF_LAWS, OF_SETTLEMENT, OF_WORK
 from dembrick.views.summary import known, length, listed, plain
 
 if TYPE_CHECKING:
@@ -160,6 +160,7 @@ class LoadPathResult(MotionResult):
         return [
             f"joint         {' / '.join(point.joint)}: N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m",
             f"mechanism     {point.mechanism}",
+            *self.lines_of(OF_LAWS),
             *self.force_lines,
             f"equilibria    {len(run.path)} in the deformed geometry, by {run.motion.steps} steps of relaxation, loop "
             f"{run.loop_seconds:.3g} s",
@@ -282,5 +283,5 @@ class SettlementResult(MotionResult):
         lines = self.heading_lines
         if self.collapse is not None:
             lines += collapse_lines(self.collapse)
-        lines += [*self.lines_of(OF_SETTLEMENT), *self.force_lines, *self.lines_of(OF_WORK)]
+        lines += [*self.lines_of(OF_SETTLEMENT, OF_LAWS), *self.force_lines, *self.lines_of(OF_WORK)]
         return "\n".join([*lines, f"history       {self.history}"])

@@ -13,7 +13,7 @@ import numpy as np
 from dembrick.runs import left_out
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.outcomes.result import RunResult
-from dembrick.views.key_numbers import OF_MOTION, OF_WORK
+from dembrick.views.key_numbers import OF_LAWS, OF_MOTION, OF_WORK
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -74,10 +74,13 @@ class MotionResult(RunResult):
 
     @cached_property
     def left_out(self) -> list[LeftOut]:
-        """Remarks on impacts that the joint laws soften; empty if nothing rocked on such joints."""
-        if self.scenario.control.restitution is None:
-            return []
-        return left_out.rolled_over(self.assembly, self.run.turned)
+        """Remarks on impacts that the joint laws soften, and on laws that contacts know less of; empty if there is
+        nothing to say."""
+        handed = self.run.motion.contact_detection.left_to_joints() < 1.0
+        softened = (
+            [] if self.scenario.control.restitution is None else left_out.rolled_over(self.assembly, self.run.turned)
+        )
+        return softened + left_out.handed_over(self.assembly, handed)
 
     @property
     def uncertain(self) -> np.ndarray | float:
@@ -139,7 +142,7 @@ class MotionResult(RunResult):
         lines = self.heading_lines
         if self.collapse is not None:
             lines += collapse_lines(self.collapse)
-        lines += [*self.lines_of(OF_MOTION), *self.force_lines, *self.lines_of(OF_WORK)]
+        lines += [*self.lines_of(OF_MOTION, OF_LAWS), *self.force_lines, *self.lines_of(OF_WORK)]
         return "\n".join([*lines, f"history       {self.history}"])
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dembrick.runs.outcomes.result import RunResult, SearchResult
 from dembrick.simulation.statics.dead_load import DECIDES, does_not_stand, undecided
-from dembrick.views.key_numbers import OF_WORK
+from dembrick.views.key_numbers import OF_LAWS, OF_WORK
 
 if TYPE_CHECKING:
     from dembrick.simulation.statics.dead_load import Standing
@@ -40,7 +40,7 @@ class RestResult(RunResult):
     def text(self) -> str:
         """Text of the command line."""
         lines = [*self.heading_lines, f"answer        {self.plain_answer}", *self.force_lines]
-        return "\n".join([*lines, *self.lines_of(OF_WORK), f"history       {self.history}"])
+        return "\n".join([*lines, *self.lines_of(OF_LAWS, OF_WORK), f"history       {self.history}"])
 
 
 @dataclasses.dataclass(repr=False)
