@@ -149,8 +149,8 @@ class Past:
 
 
 OTHER_JOINTS = (
-    "the joints or contact points of the run in real time are not those of the stage before: state joint.points of "
-    "distributed joints, and give blocks of several parts to stages of the same kind only"
+    "the joints or contact points of this stage, in which blocks move, are not those of the stage before: state "
+    "joint.points of distributed joints, and for blocks of several parts large_displacements = true in that stage"
 )
 
 

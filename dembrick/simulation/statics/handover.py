@@ -51,7 +51,7 @@ def _remember(state: State, left: State) -> None:
     if {name: array.shape for name, array in own.items()} != {name: array.shape for name, array in given.items()}:
         raise ScenarioError(
             "the joints or contact points of this stage are not those of the stage before: state joint.points of "
-            "distributed joints, and give blocks of several parts to stages of the same kind only"
+            "distributed joints"
         )
     for name, array in own.items():
         array[...] = given[name]
