@@ -148,9 +148,11 @@ def write_resultants(bodies, links, corners, faces, out):
 
 @jit
 def unbalanced_ratio(bodies, links, g1, g2, g3):
-    """Greatest out-of-balance force on a free block under gravity g, over the greatest joint force; 1 without any.
+    """Greatest out-of-balance force or moment on a free block under gravity g, over the greatest joint force; 1 without
+    any.
 
-    NaN if a force is one, which no greatest value would show.
+    A moment counts as the force that makes it at the block's reach. NaN if a force is one, which no greatest value
+    would show.
     """
     worst = largest = total = 0.0
     wrenches = links.wrenches
@@ -159,14 +161,21 @@ def unbalanced_ratio(bodies, links, g1, g2, g3):
         f1 = bodies.mass[b] * g1 + bodies.applied[b, 0]
         f2 = bodies.mass[b] * g2 + bodies.applied[b, 1]
         f3 = bodies.mass[b] * g3 + bodies.applied[b, 2]
+        m1, m2, m3 = bodies.applied[b, 3], bodies.applied[b, 4], bodies.applied[b, 5]
         for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
             w = (bodies.side[k] >> 1) * ACTION
-            sign = 1.0 if bodies.side[k] & 1 else -1.0
+            is_host = bodies.side[k] & 1
+            sign = 1.0 if is_host else -1.0
             f1 += sign * wrenches[w]
             f2 += sign * wrenches[w + 1]
             f3 += sign * wrenches[w + 2]
+            own = w + 3 if is_host else w + 6
+            m1 += wrenches[own]
+            m2 += wrenches[own + 1]
+            m3 += wrenches[own + 2]
         out = f1 * f1 + f2 * f2 + f3 * f3
-        worst, total = max(worst, out), total + out
+        turning = (m1 * m1 + m2 * m2 + m3 * m3) / bodies.reach[b] ** 2
+        worst, total = max(worst, out, turning), total + out + turning
     for j in range(links.host.size):
         w = links.place[j] * ACTION
         largest = max(largest, wrenches[w] ** 2 + wrenches[w + 1] ** 2 + wrenches[w + 2] ** 2)

@@ -15,6 +15,7 @@ from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
 
 if TYPE_CHECKING:
+    from dembrick.kernels.dynamics.rigid_bodies import Bodies
     from dembrick.scenario.controls import Control
     from dembrick.scenario.stages import TiesBefore
 
@@ -95,6 +96,17 @@ def speed_at_the_end(moving: Motion) -> float:
     return float(speed[moves & ~np.asarray(assembly.fixed)].max(initial=0.0))
 
 
+def places(bodies: Bodies) -> np.ndarray:
+    """Centroid of every block and its axes, as long as its reach (n, 4, 3), m: turning moves these as slip moves it."""
+    axes = bodies.reach[:, None, None] * np.swapaxes(bodies.rotation, 1, 2)
+    return np.concatenate([bodies.position[:, None], axes], axis=1)
+
+
+def moved(now: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """How far every block (n,) has moved or turned between two `places`, m."""
+    return np.linalg.norm(now - before, axis=2).max(axis=1)
+
+
 def _carried(moving: Motion) -> list[tuple[np.ndarray, np.ndarray]]:
     """How far all blocks (n, 3) would be, and how turned (3, 3), if they had moved with each support as one body; once
     for all supports that stand still."""
@@ -170,9 +182,14 @@ def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) 
 
 
 def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
-    """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking or torsion."""
+    """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking, torsion, uplift;
+    crushing where joints crush."""
+    links, laws = moving.state.links, moving.assembly.joints.law
     slid, rocked, twisted = _moves(moving, at_rest).max(axis=0)
-    return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]
+    parted = links.sense * (seen(moving.state.bodies, links) - at_rest)[:, 2]
+    crushed = max((-parted[j] for j, law in enumerate(laws) if law.compressive_strength is not None), default=0.0)
+    ways = (slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"), (parted.max(), "uplift"), (crushed, "crushing")
+    return max(ways)[1]
 
 
 def moved_most(moving: Motion, at_rest: np.ndarray) -> int:

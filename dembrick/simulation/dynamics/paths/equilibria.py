@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -27,6 +28,7 @@ import numpy as np
 
 from dembrick.errors import DivergedError, HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import Limits
+from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.joint.ties import TIE
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
@@ -37,7 +39,7 @@ from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
 from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import MOVED, settlement_collapse
+from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.run import MEETINGS, EquilibriaRun
 from dembrick.simulation.dynamics.state import seen
@@ -154,7 +156,7 @@ class EquilibriumPath(ABC):
     def _go(self, parameter: float) -> float | None:
         """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if
         they come down."""
-        before = self.moving.state.bodies.position.copy()
+        before = places(self.moving.state.bodies)
         try:
             return self._gone(parameter, before, math.inf)
         except DivergedError:
@@ -180,7 +182,7 @@ class EquilibriumPath(ABC):
         return self._rest(parameter, before)
 
     def _rest(self, parameter: float, before: np.ndarray) -> float | None:
-        """Let the blocks come to rest, which were at ``before`` (n, 3) at the last equilibrium; as `_go`."""
+        """Let the blocks come to rest, whose `places` were ``before`` at the last equilibrium; as `_go`."""
         still = self._at(parameter)
         balanced, chunks, passed, ratio = 0, most_steps(self.moving) // CHUNK, {}, 1.0
         for chunk in range(ROUNDS * chunks):
@@ -195,10 +197,10 @@ class EquilibriumPath(ABC):
             if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
                 return ratio
             if chunk % chunks in (chunks // 4, chunks // 2, chunks - 1):
-                passed[chunk % chunks] = self.moving.state.bodies.position.copy()
+                passed[chunk % chunks] = places(self.moving.state.bodies)
             if chunk % chunks == chunks - 1:
                 first, middle, last = passed.values()
-                if _farthest(last, first) > DRIFTING * _farthest(middle, first):
+                if moved(last, first).max() > DRIFTING * moved(middle, first).max():
                     self._look_on(1.0)
                     return None
         raise UndecidedError(
@@ -207,8 +209,8 @@ class EquilibriumPath(ABC):
         )
 
     def _down(self, before: np.ndarray) -> float:
-        """How far blocks have come down that were at ``before`` (n, 3): 1 for one that has."""
-        away = np.linalg.norm((self.moving.state.bodies.position - before)[self.free], axis=1)
+        """How far blocks have come down whose `places` were ``before``: 1 for one that has."""
+        away = moved(places(self.moving.state.bodies), before)[self.free]
         return float((away / (self.dropped * self.least)).max())
 
     def _look_on(self, down: float) -> None:
@@ -243,20 +245,19 @@ class EquilibriumPath(ABC):
         self.advance(self._at(0.0), CHUNK)
         ratio = float(past.unbalanced[0])
         if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
-            position, rotation = moving.state.bodies.position.copy(), moving.state.bodies.rotation.copy()
-            ratio = self._rest(0.0, position)
+            stood = standing(moving.state.bodies)
+            ratio = self._rest(0.0, places(stood))
             if ratio is None:
-                self.falls_at_once(position, rotation)
+                self.falls_at_once(stood)
                 return
         self._note(0.0, ratio)
 
     def _rest_again(self) -> None:
         """The equilibrium under other laws, loads and ties than those of the last one, where the parameter is now."""
-        bodies = self.moving.state.bodies
-        position, rotation = bodies.position.copy(), bodies.rotation.copy()
-        ratio = self._rest(self.reached, position)
+        stood = standing(self.moving.state.bodies)
+        ratio = self._rest(self.reached, places(stood))
         if ratio is None:
-            self.falls_at_once(position, rotation)
+            self.falls_at_once(stood)
             return
         self._note(self.reached, ratio)
 
@@ -276,9 +277,8 @@ class EquilibriumPath(ABC):
     def _equilibrium(self) -> Kept:
         return Kept(self.past.snapshot() | self._own(), path="the last equilibrium")
 
-    def falls_at_once(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Refusal of blocks that fall under the dead loads (NotConvergedError); they stood at ``position`` (n, 3),
-        ``rotation``."""
+    def falls_at_once(self, stood: Bodies) -> None:
+        """Refusal of blocks that fall under the dead loads (NotConvergedError) and ``stood`` before."""
         raise NotConvergedError(
             "no equilibrium under the dead loads: blocks come down before anything grows, as bonds break or loads are "
             "not those of the stage before; check loads, supports and the strengths of the joints"
@@ -326,7 +326,7 @@ class EquilibriumPath(ABC):
                     self._note(target, ratio)
                     continue
                 if last:
-                    self._fell(self.kept.arrays["bodies.position"], self.kept.arrays["bodies.rotation"])
+                    self._fell(standing(self.moving.state.bodies, self.kept.arrays))
                 elif self.careful:
                     self.failed = target
                 self.careful = True
@@ -346,14 +346,12 @@ class EquilibriumPath(ABC):
         before = self.kept.arrays["ties.now"].view(TIE)["yielded"]
         return bool((rest_below_strength(ties) & (ties.now["yielded"] != before)).any())
 
-    def _fell(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """Note how the blocks come down, which stood at ``position`` (n, 3) and ``rotation``, and record it."""
+    def _fell(self, stood: Bodies) -> None:
+        """Note how the blocks come down, which ``stood`` before, and record it."""
         self.recorder.follow_up(self.fall or [])
-        moving, links = self.moving, self.moving.state.links
-        away = np.linalg.norm(moving.state.bodies.position - position, axis=1)
-        away[np.asarray(moving.assembly.fixed)] = 0.0
-        before = seen(moving.state.bodies._replace(position=position, rotation=rotation), links)
-        self.collapse = self.come_down(before, np.flatnonzero(away > MOVED * away.max()))
+        state = self.moving.state
+        away = np.where(self.free, moved(places(state.bodies), places(stood)), 0.0)
+        self.collapse = self.come_down(seen(stood, state.links), np.flatnonzero(away > MOVED * away.max()))
 
     def _go_back(self) -> None:
         own = self._own()
@@ -434,9 +432,10 @@ class EquilibriumPath(ABC):
         self.driving.start[:] = snapshot.array(f"{SNAPSHOT}.start", self.driving.start)
 
 
-def _farthest(position: np.ndarray, start: np.ndarray) -> float:
-    """How far (m) the centroid that has moved furthest is from where it was (n, 3)."""
-    return float(np.linalg.norm(position - start, axis=1).max())
+def standing(bodies: Bodies, kept: Mapping[str, np.ndarray] | None = None) -> Bodies:
+    """The blocks where they stand now, or stood when they were ``kept``."""
+    kept = kept or {"bodies.position": bodies.position.copy(), "bodies.rotation": bodies.rotation.copy()}
+    return bodies._replace(position=kept["bodies.position"], rotation=kept["bodies.rotation"])
 
 
 def plan_of(moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST) -> Plan:

@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import ACTUATORS, Control
 from dembrick.simulation.dynamics.dead_load import STEP
@@ -91,14 +92,14 @@ class LoadPath(EquilibriumPath):
     def said(self, parameter: float) -> str:
         return f"a load of V = {parameter:.6g}"
 
-    def falls_at_once(self, position: np.ndarray, rotation: np.ndarray) -> None:
+    def falls_at_once(self, stood: Bodies) -> None:
         """That is the answer if nothing is to grow."""
         if self.driving.driven is not None:
-            super().falls_at_once(position, rotation)
+            super().falls_at_once(stood)
         self.stands = False
         self.fall = None
         self._note(0.0, 1.0)
-        self._fell(position, rotation)
+        self._fell(stood)
 
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         self.joint = moved_most(self.moving, before)

@@ -1,0 +1,105 @@
+"""Moments that nothing balances, and blocks that turn about themselves: equilibria in the deformed geometry, real time.
+
+By hand: a flat block under a couple turns at M_T0 (concave: mu N times the half diagonal; convex: the integral over its
+rectangle), pulled up straight it leaves at its weight, and pressed down it crushes at the strength times its area.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
+from helpers.paper_equations import torsion_strength_convex
+
+MU, A, B, H = 0.5, 0.4, 0.2, 0.1
+WEIGHT = A * B * H * 2000.0 * 9.81
+HEAD = f"""
+title = "a block under a couple"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "{{formulation}}"
+friction = {MU}
+normal_stiffness = 1e10
+shear_stiffness = 4e9
+{{law}}
+[materials]
+stone = {{{{ density = 2000.0 }}}}
+[[blocks]]
+name = "floor"
+material = "stone"
+box = [2.0, 2.0, 0.2]
+position = [0.0, 0.0, -0.1]
+fixed = true
+[[blocks]]
+name = "block"
+material = "stone"
+box = [{A}, {B}, {H}]
+position = [0.0, 0.0, {0.5 * H}]
+{{own}}
+"""
+
+
+def actuated(point, direction):
+    return f'[[actuators]]\nname = "jack"\nblock = "block"\npoint = {point}\ndirection = {direction}\n'
+
+
+def couple():
+    """Two jacks whose V is the moment (N m)."""
+    return "".join(
+        actuated([x, 0.0, 0.5 * H], [0.0, math.copysign(1.0, x), 0.0]).replace("jack", name) + "weight = 5.0\n"
+        for name, x in (("one", 0.1), ("two", -0.1))
+    )
+
+
+def scenario(control, loads, formulation="convex", own="", law=""):
+    return toml.loads(
+        HEAD.format(formulation=formulation, own=own, law=law) + loads + f"[control]\n{control}", "couple"
+    )
+
+
+def search(*arguments, large=True, **options):
+    large = str(large).lower()
+    return simulate(scenario(f'kind = "yield"\nlarge_displacements = {large}\n', *arguments, **options))
+
+
+STRENGTH = {"concave": MU * WEIGHT * 0.5 * math.hypot(A, B), "convex": torsion_strength_convex(A, B, MU * WEIGHT)}
+
+
+@pytest.mark.parametrize("held", ["", 'held = ["x", "y"]\n'])
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_couple_turns_a_block_at_its_torsion_strength(formulation, held):
+    """Beyond it the arms of the jacks shorten, so that it finds a new rest further on: by more than 1.25 deg, where a
+    corner has moved by a twentieth of its height, it has jumped. The centroid stays."""
+    result = search(couple(), formulation, held)
+    point = result.yield_point
+    assert point.V_lower * math.cos(math.radians(1.25)) <= STRENGTH[formulation] <= point.V_upper
+    assert point.V_upper - point.V_lower < 3e-3 * point.V
+    assert point.mechanism == "torsion" and result.collapse is None
+    assert result.run.collapse["blocks"] == ["block"]
+
+
+@pytest.mark.parametrize("large", [False, True])
+@pytest.mark.parametrize(
+    "direction, law, load, mechanism",
+    [(1.0, "", WEIGHT, "uplift"), (-1.0, "compressive_strength = 1e5\n", 1e5 * A * B - WEIGHT, "crushing")],
+)
+def test_what_is_pulled_up_and_what_is_pressed_down(direction, law, load, mechanism, large):
+    jack = actuated([0.0, 0.0, H], [0.0, 0.0, direction])
+    point = search(jack, "distributed", law=law + "points = [4, 4]\n", large=large).yield_point
+    assert point.V == pytest.approx(load, rel=2e-3) and point.mechanism == mechanism
+
+
+@pytest.mark.parametrize("part", [0.5, 2.0])
+def test_the_out_of_balance_of_a_row_counts_moments(part):
+    """A couple on a block: what friction does not balance of it, as a force at the reach of the block."""
+    moment = part * STRENGTH["concave"]
+    loads = "".join(
+        f'[[loads]]\nblock = "block"\npoint = [{x}, 0.0, {0.5 * H}]\nforce = [0.0, {force}, 0.0]\n'
+        for x, force in ((0.1, 5.0 * moment), (-0.1, -5.0 * moment))
+    )
+    ratio = simulate(scenario('kind = "dynamic"\nduration = 5e-3\n', loads, "concave")).rows["unbalanced"][-1]
+    reach = 0.5 * np.linalg.norm([A, B, H])
+    turning = max(0.0, moment - STRENGTH["concave"]) / reach
+    assert ratio == pytest.approx(turning / WEIGHT, rel=2e-3, abs=1e-3)
