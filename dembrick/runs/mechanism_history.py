@@ -17,7 +17,8 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.runs.in_memory import temporary
 from dembrick.scenario import toml as scenarios
-from dembrick.simulation.channels import JOINT_CHANNELS, ROWS, recorded
+from dembrick.simulation.channels import FRAMES, JOINT_CHANNELS, ROWS, recorded
+from dembrick.simulation.joint_laws import bonded_at_start
 from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.recorder import reactions
 from dembrick.simulation.statics.state import initial_state
@@ -58,11 +59,9 @@ def write(result, path: str | os.PathLike, force: bool = False) -> str:
         control=result.scenario.control, inputs=history.inputs_of(result.scenario),
     ) as writer:  # fmt: skip
         writer.append(rows)
-        writer.append_frames(
-            np.array([0.0, 1.0]),
-            np.stack([np.zeros_like(displacement), displacement]),
-            np.stack([assembly.orientation, orientation]),
-        )
+        moved = np.stack([np.zeros_like(displacement), displacement])
+        turned = np.stack([assembly.orientation, orientation])
+        writer.append_frames(**_frames(assembly, result.scenario.control, moved, turned))
         writer.finish(result.status, result.as_dict())
     return os.fspath(path)
 
@@ -78,8 +77,8 @@ def before_a_run(scenario: Scenario, assembly: Assembly) -> AbstractContextManag
                 rows["tension"] = assembly.ties.prestress[None]
             writer.append(rows)
             still = np.zeros((1, len(assembly.names), 3))
-            writer.append_frames(np.zeros(1), still, assembly.orientation[None])
-            writer.finish("start", {"title": scenario.title})
+            writer.append_frames(**_frames(assembly, scenario.control, still, assembly.orientation[None]))
+            writer.finish("start", {"title": scenario.title, "moving_supports": _moving_supports(scenario, assembly)})
 
     return temporary(start, "start.h5")
 
@@ -89,6 +88,28 @@ def _rows(assembly: Assembly, control: Control, count: int) -> dict[str, np.ndar
     fields = [field for field in recorded(assembly, ("frames",), control) if field.grows_by == ROWS]
     rows = {field.name: np.zeros((count, *field.shape)) for field in fields}
     return rows | {"time": np.arange(float(count))}
+
+
+def _moving_supports(scenario: Scenario, assembly: Assembly) -> dict[str, list[float]]:
+    """How far (m) each support that settles will be moved, by its name; zeros if it only turns."""
+    return {
+        assembly.names[i]: list(path.displacement or (0.0, 0.0, 0.0))
+        for path in scenario.control.support_paths
+        for name in path.supports
+        for i in scenario.members(name)
+    }
+
+
+def _frames(
+    assembly: Assembly, control: Control, displacement: np.ndarray, orientation: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Frames (f, ...) of what has not been run: all bonds hold, as in limit analysis, and nothing else has happened."""
+    count = len(displacement)
+    fields = [field for field in recorded(assembly, ("frames",), control) if field.grows_by == FRAMES]
+    frames = {field.name: np.zeros((count, *field.shape)) for field in fields if field.fill is None}
+    if "bond" in frames:
+        frames["bond"][:] = bonded_at_start(assembly.joints.law)
+    return frames | {"time": np.arange(float(count)), "displacement": displacement, "orientation": orientation}
 
 
 def picture(result, path: str | os.PathLike, **look) -> str:

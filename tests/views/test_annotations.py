@@ -236,6 +236,11 @@ def test_reactions_are_drawn_along_their_lines_of_action(tmp_path, drawing):
     with history.read(tmp_path / "beam.h5") as run:
         found = drawn(run, view="front", reactions=True, magnification=1.0)
         arrows = found._reactions._arrows
+        colours = [
+            actor.GetProperty().GetColor()
+            for actor in found._plotter.renderer.actors.values()
+            if actor.IsA("vtkActor") and actor.GetMapper().GetInput() is arrows
+        ]
         force, table = run.reaction[-1, :, :3], reaction_table(run)
     size = np.linalg.norm(force, axis=1)
     length = arrows["length"]
@@ -248,6 +253,7 @@ def test_reactions_are_drawn_along_their_lines_of_action(tmp_path, drawing):
         assert ((np.array(corners) - tip) @ way).min() == pytest.approx(0.0, abs=1e-9)  # all of the support beyond it
         assert (tip + (top - tip[2]) / way[2] * way)[0] == pytest.approx(x + 0.15, abs=1e-3)
     assert f"dark: reactions, the longest {size.max():.4g} N" in found._text.input
+    assert len(colours) == 1 and max(colours[0]) < 0.3  # and dark they are: magenta is the colour of ties
     assert [row["F_z"] for row in table] == force[:, 2].tolist() and table[1]["support"] == "right"
 
 

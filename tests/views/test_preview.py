@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 import dembrick
-from dembrick import cli
+from dembrick import cli, history
 from dembrick.assembly.build import assemble
 from dembrick.runs import mechanism_history
+from dembrick.scenario import shipped
+from dembrick.views import render
+from dembrick.views.motion.joints import JointMotion
+from dembrick.views.render.scene import Scene
 
 
 @pytest.mark.parametrize("name", ["set4a", "wall_corner", "rocking_block", "arch_shaken"])
@@ -31,6 +35,58 @@ def test_a_shipped_scenario_is_drawn_and_no_picture_of_another_is_lost(tmp_path,
     assert cli.main(other.split()) == 2
     assert "--force" in capsys.readouterr().err and (tmp_path / "start.png").read_bytes() == first
     assert cli.main([*other.split(), "--force"]) == 0
+
+
+BONDED = ["slope_weak_joints", "wall_mortared", "templates/triplet"]
+
+
+def test_these_are_all_shipped_scenarios_with_bonds():
+    folder, found = shipped.folder(), []
+    for path in [*shipped.examples().values(), *shipped.templates().values()]:
+        if path.parent.name != shipped.STUDIES and path.stem != "study":
+            laws = assemble(dembrick.load(path)).joints.law
+            found += [path.relative_to(folder).with_suffix("").as_posix()] * any(law.bonded for law in laws)
+    assert sorted(found) == sorted(BONDED)
+
+
+@pytest.mark.parametrize("name", BONDED)
+def test_what_has_bonds_is_drawn_without_a_run_and_its_bonds_hold(tmp_path, capsys, drawing, name):
+    """Before a run, and as the mechanism of limit analysis, which counts on all bonds."""
+    path, png = str(shipped.folder() / f"{name}.toml"), tmp_path / "start.png"
+    assert cli.main(["check", path, "--picture", str(png)]) == 0
+    assert png.read_bytes().startswith(b"\x89PNG")
+    for key, written in (("--picture", tmp_path / "mechanism.png"), ("--out", tmp_path / "mechanism.h5")):
+        assert cli.main(["limit", path, key, str(written)]) == 0 and written.exists()
+    scenario = dembrick.load(path)
+    assembly = assemble(scenario)
+    bonded = [float(law.bonded) for law in assembly.joints.law]
+    with mechanism_history.before_a_run(scenario, assembly) as found:
+        np.testing.assert_array_equal(found.frame("bond", 0), bonded)
+    with history.read(tmp_path / "mechanism.h5") as found:
+        np.testing.assert_array_equal(found.frame("bond", 1), bonded)
+        used = JointMotion(found).at([1]).friction_utilisation[0]
+    assert 0.0 < used.max() <= 1.0 + 1e-3  # of a strength with cohesion; of friction alone the triplet uses 4.8
+
+
+@pytest.mark.parametrize("name, support, way", [("arch_spread", "arch.right", 0), ("pier_settles", "right strip", 2)])
+def test_a_settlement_before_its_run_shows_what_moves_and_claims_nothing(drawing, name, support, way):
+    """An arrow out of the support that settles, along its motion; no reaction, no equilibrium, nothing that moved."""
+    pyvista = pytest.importorskip("pyvista")
+    scenario = dembrick.load(name)
+    with mechanism_history.before_a_run(scenario, assemble(scenario)) as found:
+        shown = Scene(pyvista.Plotter(off_screen=True), found, render.Look(color="none"), [0])
+        said = shown._text.input
+        _, (tail,), (tip,) = shown._settlement.arrows.ends(shown._poses(0))
+        centre = found.position0[found.block_names.index(support)]
+        red, _, blue = np.moveaxis(shown.pixels().astype(int), -1, 0)
+    assert "reaction" not in said and "equilibrium" not in said and "start" not in said
+    moved = np.array(scenario.control.displacement)
+    assert f"{support} is to move by {1e3 * np.abs(moved).max():.4g} mm" in said and "before the run" in said
+    arrow = (tip - tail) / np.linalg.norm(tip - tail)
+    np.testing.assert_allclose(arrow, moved / np.linalg.norm(moved), atol=1e-12)
+    assert (tail - centre) @ arrow > 0.0
+    neutral, sandy = (red < 240) & (np.abs(red - blue) < 9), (red > 120) & (red - blue > 20)
+    assert "grey: fixed" in said and neutral.sum() > 5000 < sandy.sum()  # pixels of supports and of free blocks
 
 
 def test_a_scenario_that_is_wrong_is_not_drawn(tmp_path, capsys):

@@ -10,6 +10,7 @@ from dembrick.views import summary
 PEAK, LAST = "peak", "last"
 LEFT = 5e-3  # of a limit load: a row that carries less is of blocks that have left it
 MECHANISM = "limit"  # status of a history that shows the mechanism of limit analysis
+START = "start"  # status of a history that shows a structure before its run
 
 
 def nearest(times: np.ndarray, wanted) -> np.ndarray:

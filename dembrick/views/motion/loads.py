@@ -121,6 +121,14 @@ def arrow_place(history: History, block: int, arm: np.ndarray, way: np.ndarray) 
     return Place(min(entry, 0.0) if np.isfinite(entry) else 0.0, False)
 
 
+def leaving(history: History, block: int, way: np.ndarray) -> Load:
+    """A block's own motion along ``way`` (3,) m as a load whose arrow begins where the line from its centroid leaves
+    it."""
+    size, corners = float(np.linalg.norm(way)), history.block_vertices(block)
+    along = corners @ rotation_matrix(history.orientation0[block]).T @ way / size
+    return Load(block, np.zeros(3), way / size, size, Place(float(along.max(initial=0.0)), True))
+
+
 class TieMotion:
     """The t ties of a history, carried by their blocks."""
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views import summary
-from dembrick.views.motion.frames import coming_down, nearest, peak_time, usual
+from dembrick.views.motion.frames import START, coming_down, nearest, peak_time, usual
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -18,6 +18,8 @@ _SAME = 1e-12  # of a time: two that are one
 
 def words(history: History, frame: int) -> list[str]:
     """When a frame is, and the load then."""
+    if history.status == START:
+        return ["before the run"]
     now = float(history.frame_time[frame])
     if coming_down(history, [frame])[0]:
         return [f"coming down after equilibrium {history.time[-1]:g}"]

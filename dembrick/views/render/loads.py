@@ -16,7 +16,7 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views import summary
 from dembrick.views.motion import loads
 from dembrick.views.motion.blocks import CarriedPoints, Poses
-from dembrick.views.motion.frames import coming_down, nearest
+from dembrick.views.motion.frames import START, coming_down, nearest
 from dembrick.views.motion.loads import TieMotion
 from dembrick.views.render.force_arrows import ARROW, glyphs, put_glyphs
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 
-DRIVEN, DEAD = "#D55E00", "#5B3FA0"
+DRIVEN, DEAD, SETTLES, REACTION, TIE = "#D55E00", "#5B3FA0", "#0072B2", "#333333", "#D8008A"
 _LONGEST = 0.5  # of the largest block that is free to move: the longest arrow
 _OF_BODIES = 0.15  # of the extent of the structure: the arrow of the forces on all blocks
 _POINT = 0.03  # of the longest arrow: the ball at a point of application
@@ -112,7 +112,39 @@ class DrawnLoads:
         return "resultant of the body forces" if self.of_bodies else "actuators"
 
 
-COLOUR = "#333333"
+class DrawnSettlement:
+    """How the supports of a ``history`` will move, before a run: an arrow out of each; ``length`` (m) is that of the
+    longest one."""
+
+    def __init__(self, history: History, length: float):
+        found = history.results.get("moving_supports") if history.status == START else None
+        self._ways = {name: np.array(way, float) for name, way in (found or {}).items()}
+        given = [
+            loads.leaving(history, history.block_names.index(name), way)
+            for name, way in self._ways.items()
+            if way.any()
+        ]
+        self.arrows = LoadArrows(history, given, 1.0, length, balls=False)
+
+    def reach(self, poses: Poses) -> np.ndarray:
+        """Tails and tips (n, 3) of all arrows."""
+        return np.concatenate(self.arrows.ends(poses)[1:])
+
+    def build(self, plotter, somewhere: np.ndarray) -> None:
+        self.arrows.build(plotter, SETTLES, somewhere)
+
+    def show(self, poses: Poses) -> None:
+        self.arrows.show(poses)
+
+    def words(self) -> list[str]:
+        if not self._ways:
+            return []
+        far = max(float(np.linalg.norm(way)) for way in self._ways.values())
+        what = "is to move" if len(self._ways) == 1 else "are to move"
+        told = f"by {summary.length(far)}" if far else "as they turn"
+        return [f"{'blue: ' if far else ''}{summary.listed(list(self._ways))} {what} {told}"]
+
+
 LONGEST = 0.2  # of the structure's greatest extent: the arrow of the greatest reaction
 
 
@@ -166,7 +198,7 @@ class DrawnReactions:
         import pyvista
 
         arrow = pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW)
-        self._arrows = glyphs(plotter, arrow, self._history.position0[self._blocks], COLOUR)
+        self._arrows = glyphs(plotter, arrow, self._history.position0[self._blocks], REACTION)
 
     def show(self, frame: int, poses: Poses) -> None:
         if self._blocks:
@@ -177,7 +209,6 @@ class DrawnReactions:
         return [f"dark: reactions, the longest {summary.load_text(self.largest)}"] if self._blocks else []
 
 
-COLOUR = "#D8008A"
 WIDTH = 5
 
 
@@ -198,7 +229,7 @@ class DrawnTies:
 
         lines = np.column_stack([np.full(self._motion.count, 2), np.arange(2 * self._motion.count).reshape(-1, 2)])
         self._mesh = pyvista.PolyData(np.zeros((2 * self._motion.count, 3)), lines=lines.ravel())
-        plotter.add_mesh(self._mesh, color=COLOUR, line_width=WIDTH, render_lines_as_tubes=True, lighting=False)
+        plotter.add_mesh(self._mesh, color=TIE, line_width=WIDTH, render_lines_as_tubes=True, lighting=False)
 
     def show(self, poses: Poses) -> None:
         if self._mesh is not None:

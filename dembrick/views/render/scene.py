@@ -14,14 +14,14 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.scenario.blocks import DIRECTIONS
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent, moving_blocks
-from dembrick.views.motion.frames import MECHANISM, PEAK, ejected, frame_number
+from dembrick.views.motion.frames import MECHANISM, PEAK, START, ejected, frame_number
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.motion.magnification import automatic_magnification
 from dembrick.views.motion.moments import words
 from dembrick.views.plot.subject import chosen_joint, joint_names
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.force_arrows import GREEN, PURPLE, DrawnForces, ForceArrows, glyphs, put_glyphs
-from dembrick.views.render.loads import DrawnLoads, DrawnReactions, DrawnTies
+from dembrick.views.render.loads import DrawnLoads, DrawnReactions, DrawnSettlement, DrawnTies
 from dembrick.views.render.look import VIEWS, Colouring, Look
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # Where the blocks go in a picture, as parts of its width and height: text above, colour bar, axes and scale beside.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
 _WORDS, _LINE = 0.985, 1.95  # part of the height at which the words begin; pixels of a line over the size of letters
-_GREY, _BLUE = "#CFCFCF", "#0072B2"
+_GREY, _SAND, _BLUE = "#CFCFCF", "#EBDDBE", "#0072B2"
 _WIDE = 76  # characters of a line above the blocks
 # blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
 _FEW, _FEW_WITH_FORCES = 50, 12
@@ -75,6 +75,7 @@ class Scene:
         extent = float(np.ptp(self._start, axis=0).max())
         self._ties = DrawnTies(history, self._factor)
         self._loads = DrawnLoads(history, self._factor, self._length, extent)
+        self._settlement = DrawnSettlement(history, self._length)
         self._reactions = DrawnReactions(history, look.reactions, self._factor, extent)
         direction, up = (np.array(v) for v in VIEWS[look.view])
         right = np.cross(up, direction)
@@ -121,6 +122,7 @@ class Scene:
             else:
                 self._free.cell_data["shown"][:] = np.minimum(values, 1e30)[self._owner]
         self._loads.show(poses)
+        self._settlement.show(poses)
         self._ties.show(poses)
         self._reactions.show(frame, poses)
         marked = self._show_centre(frame)
@@ -171,6 +173,7 @@ class Scene:
             self._make_room(self._rod_at(frame))
             self._make_room(self._ties.ends(poses))
             self._make_room(self._loads.reach(poses))
+            self._make_room(self._settlement.reach(poses))
             if self._colouring is not None:
                 values = self._colouring.values(frame, poses)
                 if past is not None and frame > past:
@@ -212,7 +215,8 @@ class Scene:
         if supports.n_cells:
             plotter.add_mesh(supports, color=_GREY, ambient=0.35, diffuse=0.65, opacity=opacity)
         if self._free.n_cells and self._colouring is None:
-            plotter.add_mesh(self._free, color=_GREY, ambient=0.35, diffuse=0.65, opacity=opacity)
+            colour = _SAND if history.status == START else _GREY
+            plotter.add_mesh(self._free, color=colour, ambient=0.35, diffuse=0.65, opacity=opacity)
         elif self._free.n_cells:
             data = self._free.point_data if self._colouring.at_vertices else self._free.cell_data
             data["shown"] = np.zeros(self._free.n_points if self._colouring.at_vertices else self._free.n_cells)
@@ -235,6 +239,7 @@ class Scene:
             rest.points[:] = self._start
             plotter.add_mesh(rest, color="#777777", line_width=2, opacity=0.8)
         self._loads.build(plotter, self._start[0])
+        self._settlement.build(plotter, self._start[0])
         self._ties.build(plotter)
         self._reactions.build(plotter)
         if self._marked:
@@ -382,6 +387,12 @@ class Scene:
         keys = self._keys(self._frame, marked, len(self.thrust.hinges) if self.thrust else 0)
         return "\n".join([*self._title(), told, *_lines(keys)]).rstrip()
 
+    def _has_moved(self, frame: int) -> bool:
+        """Whether any block is drawn elsewhere than at the start."""
+        poses = self._poses(frame)
+        moved = poses.displacement.any() or (poses.orientation != self._history.orientation0).any()
+        return bool(moved and self._factor)
+
     def _title(self) -> list[str]:
         """One line or two."""
         title = self._history.title
@@ -390,8 +401,11 @@ class Scene:
     def _keys(self, frame: int, marked: bool, n_hinges: int) -> list[str]:
         """Explanations of colours and arrows."""
         history = self._history
-        keys = ["grey: start"] if not self._many else []
-        keys += self._loads.words() + self._ties.words(frame) + self._reactions.words()
+        if history.status == START:
+            keys = ["grey: fixed"] if history.block_fixed.any() and self._colouring is None else []
+        else:
+            keys = ["grey: start"] if not self._many and self._has_moved(frame) else []
+        keys += self._loads.words() + self._settlement.words() + self._ties.words(frame) + self._reactions.words()
         if marked:
             keys.append("blue: torsion centre")
         if self.arrows is not None:
