@@ -19,6 +19,7 @@ import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, needed
 from dembrick.runs.fit import CONFIDENCE
+from dembrick.runs.measured import require_comparable, turns
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present, show
@@ -167,8 +168,13 @@ class _Runs:
         if any(self._travels):
             self._known.clear()
         for ours, curve in zip(present(self.curves(at_start)), self.measured, strict=True):
-            if len(compared(ours, curve)[0]) < REACHED * len(curve.load):
-                raise ScenarioError("the simulated travel ends before the measured one; lengthen control.travel")
+            require_comparable(ours, curve, curve.name)
+            reached = len(_difference(ours, curve, beyond=False))
+            if reached < REACHED * len(curve.load):
+                raise ScenarioError(
+                    f"the simulated travel ends before the measured one ({1e3 * ours.displacement.max():.4g} and "
+                    f"{1e3 * curve.displacement.max():.4g} mm); lengthen control.travel, or mend the curve's unit"
+                )
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         return {key: start * math.exp(one) for (key, start), one in zip(self.starts.items(), x, strict=True)}
@@ -344,11 +350,15 @@ def _unheard(_: str) -> None:
     """A remark that the first run has made."""
 
 
-def _difference(ours: Curve, theirs: Curve) -> np.ndarray:
-    """Simulated less measured force (k,) at all measured points; those beyond the simulated travel have its last."""
-    _, simulated, measured = compared(ours, theirs, beyond=True)
-    if len(measured) < len(theirs.load):
-        raise ScenarioError("the measured curve turns more often than the simulated one: give control.protocol")
+def _difference(ours: Curve, theirs: Curve, beyond: bool = True) -> np.ndarray:
+    """Simulated less measured force (k,) at all measured points, those ``beyond`` the simulated travel, which have its
+    last force, too or not."""
+    if turns(np.asarray(theirs.displacement)) > turns(np.asarray(ours.displacement)):
+        raise ScenarioError(
+            "the measured curve turns more often than the simulated one: sort its lines by displacement if it was "
+            "measured one way, else give control.protocol"
+        )
+    _, simulated, measured = compared(ours, theirs, beyond)
     return simulated - measured
 
 

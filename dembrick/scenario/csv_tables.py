@@ -154,8 +154,13 @@ def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | No
             if unit is not None and (size := units.size_of(quantity, unit)) is not None
         }
         fitting = list(sizes)
+        called = [i for i, name in enumerate(names) if name.lower() in (quantity, _ALSO.get(quantity))]
+        if called and not any(i in sizes for i in called):
+            other = next((i for i in called if parts[i][1] is not None and _is_unit(present(parts[i][1]))), None)
+            if other is not None:  # what is called so has the unit of something else
+                raise ScenarioError(_unfit(table, *parts[other], quantity))
         if len(fitting) > 1:
-            named = [i for i in fitting if names[i].lower() in (quantity, _ALSO.get(quantity))]
+            named = [i for i in fitting if i in called]
             if len(named) != 1:
                 both = ", ".join(show(names[i]) for i in fitting)
                 raise ScenarioError(
@@ -218,12 +223,17 @@ def _picked(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str
     unit = parts[i][1]
     size = None if unit is None else units.size_of(quantity, unit)
     if size is None:
-        state = "has no unit" if unit is None else f"has the unit {show(unit)}, which is none of {quantity}"
-        raise ScenarioError(
-            f"{table.path}: the column {show(name)} {state}; write one of {units.known(quantity)} in brackets behind "
-            f"its name, as in {_EXAMPLES[quantity]!r}"
-        )
+        raise ScenarioError(_unfit(table, name, unit, quantity))
     return i, size
+
+
+def _unfit(table: Table, name: str, unit: str | None, quantity: str) -> str:
+    """Message on a column whose unit is not of its quantity."""
+    state = "has no unit" if unit is None else f"has the unit {show(unit)}, which is none of {quantity}"
+    return (
+        f"{table.path}: the column {show(name)} {state}; write one of {units.known(quantity)} in brackets behind its "
+        f"name, as in {_EXAMPLES[quantity]!r}"
+    )
 
 
 def cells_by_name(table: Table, known: Mapping[str, bool], forces: Sequence[str]) -> dict[str, tuple[int, float]]:
