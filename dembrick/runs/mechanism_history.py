@@ -100,9 +100,7 @@ def _moving_supports(scenario: Scenario, assembly: Assembly) -> dict[str, list[f
     }
 
 
-def _frames(
-    assembly: Assembly, control: Control, displacement: np.ndarray, orientation: np.ndarray
-) -> dict[str, np.ndarray]:
+def _frames(assembly: Assembly, control: Control, displacement: np.ndarray, orientation: np.ndarray) -> dict:
     """Frames (f, ...) of what has not been run: all bonds hold, as in limit analysis, and nothing else has happened."""
     count = len(displacement)
     fields = [field for field in recorded(assembly, ("frames",), control) if field.grows_by == FRAMES]
