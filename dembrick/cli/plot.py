@@ -116,7 +116,6 @@ def _spectrum(options, console) -> int:
 def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
     """The misfits of all histories against all measured curves, as JSON and as lines."""
     from dembrick.errors import ScenarioError
-    from dembrick.runs.measured import require_comparable
     from dembrick.views import misfit, plot
 
     found, lines = [], []
@@ -124,7 +123,6 @@ def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
         for curve in measured:
             ours = plot.record_of(history)
             try:
-                require_comparable(ours, curve, curve.name)
                 one = misfit.between(ours, curve, curve.name)
             except ScenarioError as error:
                 console.remark(f"no misfit: {error}")

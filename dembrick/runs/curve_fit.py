@@ -19,14 +19,13 @@ import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, needed
 from dembrick.runs.fit import CONFIDENCE
-from dembrick.runs.measured import require_comparable, turns
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present, show
 from dembrick.scenario.controls import DisplacementControl
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.session import Progress
-from dembrick.views.misfit import Curve, Misfit, between, compared, text
+from dembrick.views.misfit import Curve, Misfit, between, compared, require_comparable, text, turns
 from dembrick.views.plot.curves import MeasuredCurve
 
 STEP = 0.01  # of the logarithm of a key, for the slope of the curve

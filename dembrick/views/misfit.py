@@ -61,12 +61,50 @@ def text(misfit: Misfit) -> str:
 
 
 def between(simulated: Curve, measured: Curve, name: str = "the measured curve") -> Misfit:
-    """The misfit; ScenarioError if the measured curve turns and the simulated one does not turn as often, or the two
-    share no displacements."""
+    """The misfit; ScenarioError, with the reason, if the two cannot be compared."""
+    require_comparable(simulated, measured, name)
     turning = len(_ways(simulated)) == len(_ways(measured)) > 1
     if goes_on(simulated, measured):
         simulated = _Way(*_ways(simulated)[0])
     return _of_loops(simulated, measured, name) if turning else _one_way_each(simulated, measured, name)
+
+
+def require_comparable(simulated: Curve, measured: Curve, name: str) -> None:
+    """ScenarioError, with what to do, if the displacements of a measured curve cannot be those of the simulated one."""
+    ours, theirs = np.asarray(simulated.displacement, float), np.asarray(measured.displacement, float)
+    size = np.abs(theirs).max(initial=0.0)
+    if not size > 0.0 or not np.ptp(ours) > 0.0 or not np.ptp(theirs) > 0.0:
+        return  # said elsewhere
+    if theirs.max() <= BACK * size and ours.min() >= -BACK * np.abs(ours).max():
+        raise ScenarioError(
+            f"the displacements of {name} are negative ({_range(theirs)}), and those of the run are not; turn the "
+            "signs of its columns, or the direction of the actuator"
+        )
+    if turns(ours) < turns(theirs) and (np.maximum.accumulate(theirs) - theirs).max() > BACK * np.ptp(theirs):
+        raise ScenarioError(
+            f"{name} goes to and fro, and the run turns less often; if it was measured one way, sort its lines by "
+            "displacement, else give the envelope of its loops, or their turning points as control.protocol"
+        )
+    slack = (BACK if turns(ours) else 1e-9) * np.ptp(ours)
+    inside = int(((theirs >= ours.min() - slack) & (theirs <= ours.max() + slack)).sum())
+    if inside < 2:
+        raise ScenarioError(
+            f"{inside or 'none'} of the {len(theirs)} points of {name} ({_range(theirs)}) "
+            f"{'lies' if inside == 1 else 'lie'} where the run goes ({_range(ours)}), and 2 are needed; is the unit of "
+            "its displacement right?"
+        )
+
+
+def turns(displacement: np.ndarray) -> int:
+    """How often a curve turns."""
+    return len(turning_points(displacement)) - 2 if np.ptp(displacement) > 0.0 else 0
+
+
+def _range(displacement: np.ndarray) -> str:
+    """From where to where, in mm; rounding beside its size is none."""
+    low, high = (1e3 * float(end) for end in (displacement.min(), displacement.max()))
+    least = 1e-9 * max(abs(low), abs(high))
+    return " to ".join(f"{end if abs(end) > least else 0.0:.4g}" for end in (low, high)) + " mm"
 
 
 def compared(simulated: Curve, measured: Curve, beyond: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,9 +5,8 @@ import pytest
 
 from dembrick.errors import ScenarioError
 from dembrick.runs import curve_fit
-from dembrick.runs.measured import require_comparable
 from dembrick.scenario import toml
-from dembrick.views.misfit import between
+from dembrick.views.misfit import between, require_comparable
 from dembrick.views.plot import MeasuredCurve, read_measured
 
 RUN = MeasuredCurve("run", np.array([1e-25, 1e-5, 2e-5]), np.array([0.0, 200.0, 210.0]))

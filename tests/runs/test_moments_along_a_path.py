@@ -12,33 +12,10 @@ import pytest
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from helpers.paper_equations import torsion_strength_convex
+from helpers.scenario_text import block, header
 
 MU, A, B, H = 0.5, 0.4, 0.2, 0.1
 WEIGHT = A * B * H * 2000.0 * 9.81
-HEAD = f"""
-title = "a block under a couple"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "{{formulation}}"
-friction = {MU}
-normal_stiffness = 1e10
-shear_stiffness = 4e9
-{{law}}
-[materials]
-stone = {{{{ density = 2000.0 }}}}
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [2.0, 2.0, 0.2]
-position = [0.0, 0.0, -0.1]
-fixed = true
-[[blocks]]
-name = "block"
-material = "stone"
-box = [{A}, {B}, {H}]
-position = [0.0, 0.0, {0.5 * H}]
-{{own}}
-"""
 
 
 def actuated(point, direction):
@@ -54,9 +31,9 @@ def couple():
 
 
 def scenario(control, loads, formulation="convex", own="", law=""):
-    return toml.loads(
-        HEAD.format(formulation=formulation, own=own, law=law) + loads + f"[control]\n{control}", "couple"
-    )
+    floor = block("floor", (0.0, 0.0, -0.1), (2.0, 2.0, 0.2), "fixed = true")
+    text = header(formulation, MU, 1e10, keys=law) + floor + block("block", (0.0, 0.0, 0.5 * H), (A, B, H), own)
+    return toml.loads(f"{text}{loads}[control]\n{control}", "couple.toml")
 
 
 def search(*arguments, large=True, **options):

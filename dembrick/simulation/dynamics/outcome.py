@@ -184,24 +184,24 @@ def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) 
 def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking, torsion, uplift;
     crushing where joints crush."""
-    links, laws = moving.state.links, moving.assembly.joints.law
-    slid, rocked, twisted = _moves(moving, at_rest).max(axis=0)
-    parted = links.sense * (seen(moving.state.bodies, links) - at_rest)[:, 2]
-    crushed = max((-parted[j] for j, law in enumerate(laws) if law.compressive_strength is not None), default=0.0)
-    ways = (slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"), (parted.max(), "uplift"), (crushed, "crushing")
-    return max(ways)[1]
+    moves, laws = _moves(moving, at_rest), moving.assembly.joints.law
+    crushed = max((-moves[j, 3] for j, law in enumerate(laws) if law.compressive_strength is not None), default=0.0)
+    names = "sliding", "rocking", "torsion", "uplift", "crushing"
+    return max(zip([*moves.max(axis=0), crushed], names, strict=True))[1]
 
 
 def moved_most(moving: Motion, at_rest: np.ndarray) -> int:
     """The number of that joint, zero if there are none."""
-    moves = _moves(moving, at_rest).max(axis=1)
+    moves = np.abs(_moves(moving, at_rest)).max(axis=1)
     return int(np.argmax(moves)) if len(moves) else 0
 
 
 def _moves(moving: Motion, at_rest: np.ndarray) -> np.ndarray:
-    """How far the rim of every joint has slid, tilted and turned about the normal (j, 3) since then, in m."""
+    """How far the rim of every joint has slid, tilted and turned about the normal since then, and the joint opened at O
+    (j, 4), in m."""
     links = moving.state.links
     change = seen(moving.state.bodies, links) - at_rest
     slid = np.hypot(change[:, 0], change[:, 1])
     rocked = links.reach * np.hypot(change[:, 5], change[:, 8])
-    return np.column_stack([slid, rocked, links.reach * np.hypot(change[:, 3], change[:, 4])])
+    twisted = links.reach * np.hypot(change[:, 3], change[:, 4])
+    return np.column_stack([slid, rocked, twisted, links.sense * change[:, 2]])
