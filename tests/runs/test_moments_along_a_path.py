@@ -55,6 +55,7 @@ def test_a_couple_turns_a_block_at_its_torsion_strength(formulation, held):
     assert point.V_upper - point.V_lower < 3e-3 * point.V
     assert point.mechanism == "torsion" and result.collapse is None
     assert result.run.collapse["blocks"] == ["block"]
+    assert "turned        block by " in result.text()
 
 
 @pytest.mark.parametrize("large", [False, True])

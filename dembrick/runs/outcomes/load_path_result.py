@@ -143,11 +143,17 @@ class LoadPathResult(MotionResult):
 
     @property
     def _moved_line(self) -> str:
-        """Line on how far the blocks have moved up to the limit, which may be long after the one of the start."""
-        away = np.linalg.norm(self.displacement, axis=1)
+        """Line on how far the blocks have moved up to the limit, which may be long after the one of the start; how far
+        one has turned, where that moves its corners twice as far."""
+        shifted, bodies = np.linalg.norm(self.displacement, axis=1), self.run.motion.state.bodies
+        traces = np.einsum("nij,nij->n", bodies.rotation, self.assembly.rotation)
+        turned = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0))
+        away = np.maximum(shifted, 0.5 * bodies.reach * turned)
         furthest = int(np.argmax(away))
         size = float(np.ptp(self.assembly.shapes[furthest].vertices, axis=0).min())
-        line = f"moved         {self.assembly.names[furthest]} by {_told(float(away[furthest]))} up to there"
+        turns = shifted[furthest] < away[furthest]
+        far = f"{math.degrees(turned[furthest]):.3g} deg" if turns else _told(float(away[furthest]))
+        line = f"{'turned' if turns else 'moved':13} {self.assembly.names[furthest]} by {far} up to there"
         if away[furthest] > LONG_WAY * size:
             line += "; large_displacements = false gives the limit before they move"
         return line
