@@ -253,10 +253,10 @@ class SettlementResult(MotionResult):
     @property
     def settlement(self) -> dict:
         """The object ``settlement`` of the JSON output: displacement (m) and reaction along the motion (N) at the last
-        equilibrium, before the supports moved (``at_rest``), and where it was least and greatest since."""
+        equilibrium, before the supports moved (``at_rest``), and where it was least and greatest of all, that at rest
+        included."""
         path = self.run.path
-        moved = path[1:] if len(path) > 1 else path
-        least, greatest = moved[np.argmin(moved[:, 1])], moved[np.argmax(moved[:, 1])]
+        least, greatest = path[np.argmin(path[:, 1])], path[np.argmax(path[:, 1])]
         return {
             "displacement": float(path[-1, 0]),
             "reaction": float(path[-1, 1]),
