@@ -70,15 +70,19 @@ def scenario_entry(name: str, path: Path, folder: Path) -> dict:
         render.picture(found, FOLDER / f"{name}.png", size=SIZE, **look)
         kind, blocks, unit = dembrick.load(path).control.kind, found.n_block, found.curve.unit
     (folder / "run.h5").unlink()
-    lines = key_numbers(results, unit)
-    first = next(line for line in lines if _is_answer(line))
     return {
         "title": results["title"],
         "kind": kind,
         "blocks": blocks,
-        "number": f"{first.name} {first.value}",
+        "number": number_of(results, unit),
         "seconds": float(f"{seconds:.2g}"),
     }
+
+
+def number_of(results: dict, unit: str) -> str:
+    """What a reader asks first, with its name."""
+    first = next(line for line in key_numbers(results, unit) if _is_answer(line))
+    return f"{first.name} {first.value}"
 
 
 def _is_answer(line: KeyNumber) -> bool:

@@ -17,12 +17,12 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.csv_tables import Table, cells_by_name, name_of, read_table
@@ -64,8 +64,8 @@ class Fit:
 
 
 def read(path: str | os.PathLike) -> list[Measurement]:
-    """Measurements out of a CSV file; ScenarioError names the line and the column that is wrong."""
-    path = Path(path)
+    """Measurements out of a CSV file, or of a shipped one by its name; ScenarioError names the line and the column."""
+    path = shipped.table(path)
     table = read_table(path, "a file of measured yield points")
     columns = cells_by_name(table, _COLUMNS, ("V", "deviation"))
     if not table.lines:

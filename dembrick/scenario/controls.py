@@ -96,10 +96,12 @@ class DisplacementControl(Control):
     With ``large_displacements`` it goes from equilibrium to equilibrium in the deformed geometry, as a slow test would.
     In place of the travel a cyclic test has a ``protocol``: turning points (m) of the jack's end from its start, or a
     CSV file of a measured one with a column of displacement, and perhaps of time. ``force_protocol`` (N), in the
-    deformed geometry, has those of V, its ``rate`` is in N/s.
+    deformed geometry, has those of V. In the deformed geometry no time passes, and a ``rate`` plays no part.
     """
 
-    rate: float = field(metadata=positive("m/s", "speed of the actuators; N/s of a force_protocol"))
+    rate: float | None = field(
+        default=None, metadata=positive("m/s", "speed of the actuators; none is needed with large_displacements")
+    )
     travel: float | None = field(default=None, metadata=positive("m", "how far they move, one way"))
     large_displacements: bool = field(default=False, metadata=LARGE)
     protocol: tuple[float, ...] | str | None = field(
@@ -125,6 +127,9 @@ class DisplacementControl(Control):
             raise ScenarioError(f"a test by displacement has one of travel, protocol and force_protocol; given: {what}")
         if self.force_protocol is not None and not self.large_displacements:
             raise ScenarioError("force_protocol is for the deformed geometry; add large_displacements = true")
+        if self.rate is None and not self.large_displacements:
+            what = "a test at a constant rate needs it, in m/s; without one, large_displacements = true"
+            raise ScenarioError(f"missing key 'rate': {what}")
 
     @property
     def cyclic(self) -> bool:

@@ -78,13 +78,13 @@ def protocol_of(scenario: Scenario) -> Protocol:
 
     control: DisplacementControl = scenario.control  # type: ignore[assignment]
     given = control.protocol if control.force_protocol is None else control.force_protocol
-    by_force = control.force_protocol is not None
+    by_force, rate = control.force_protocol is not None, control.rate or 1.0  # without one no time passes
     if given is None:
-        return Protocol.one_way(present(control.travel), control.rate)
+        return Protocol.one_way(present(control.travel), rate)
     if isinstance(given, str):
-        return _measured(scenario.path_of(given), control.rate, by_force)
+        return _measured(scenario.path_of(given), rate, by_force)
     turns = np.array(given if given[0] == 0.0 else (0.0, *given))
-    return Protocol(turns, np.abs(np.diff(turns)) / control.rate, by_force)
+    return Protocol(turns, np.abs(np.diff(turns)) / rate, by_force)
 
 
 def _measured(path: str, rate: float, by_force: bool) -> Protocol:

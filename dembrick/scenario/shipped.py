@@ -48,6 +48,13 @@ def find(name: str) -> Path | None:
     return examples().get(stem)
 
 
+def table(path: str | os.PathLike) -> Path:
+    """A CSV file, or the shipped one of that name where there is no such file."""
+    inside = folder() / os.path.basename(path)
+    named = os.path.basename(path) == os.fspath(path) and not os.path.exists(path)
+    return inside if named and inside.suffix == ".csv" and inside.is_file() else Path(path)
+
+
 def kind_and_title(path: Path) -> str:
     """Line that says of a shipped scenario or study which kind of run it is and what it shows."""
     data = tomllib.loads(path.read_text(encoding="utf-8"))

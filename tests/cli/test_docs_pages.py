@@ -166,13 +166,16 @@ def test_scenarios_and_studies_of_how_to_pages_are_right(path, text, tmp_path, m
 
 
 @pytest.mark.parametrize("path", [p for p in PAGES if p not in EXECUTED and blocks(p, "python")], ids=lambda p: p.stem)
-def test_python_blocks_run(path, folder, monkeypatch):
+def test_python_blocks_run(path, folder, monkeypatch, capsys):
+    """What a line prints is what the remark behind it says, up to a colon."""
     monkeypatch.chdir(folder)
     if path.stem == "paraview":
         pytest.importorskip("pyvista")
         assert cli.main(["export", "run.h5", "--to", "run.vtkhdf", "--quiet", "--force"]) == 0
     for part in blocks(path, "python"):
         exec(part, {})
+        said = re.findall(r"^print\(.*\)  # ([^:\n]*)", part, re.MULTILINE)
+        assert [line for line in capsys.readouterr().out.splitlines() if line in said] == said
 
 
 def test_the_reference_of_python_has_every_name():
@@ -229,12 +232,20 @@ def test_the_gallery_shows_what_ships():
     assert [name for name in told if f"![{name}]" in first] == sorted(pages.FIRST, key=told.index)
 
 
-@pytest.mark.parametrize("name", ["set4a", "arch", "dam"])
-def test_numbers_of_the_gallery_are_those_of_now(name):
-    from dembrick.views.key_numbers import key_numbers
+GALLERY = json.loads((DOCS / "gallery" / "gallery.json").read_text(encoding="utf-8"))
+QUICK, BRIEF = 1.0, 30.0  # seconds of a run, up to which it is run with every change, or among the slow tests
 
-    entries = json.loads((DOCS / "gallery" / "gallery.json").read_text(encoding="utf-8"))
+
+def _entries(low, high):
+    return [n for n, one in GALLERY.items() if one["kind"] != "study" and low < one["seconds"] <= high]
+
+
+@pytest.mark.parametrize(
+    "name", [*_entries(0.0, QUICK), *(pytest.param(n, marks=pytest.mark.slow) for n in _entries(QUICK, BRIEF))]
+)
+def test_numbers_of_the_gallery_are_those_of_now(name):
+    gallery, number = tool_module("gallery"), re.compile(r"-?\d+\.?\d*")
     result = dembrick.simulate(name, record=False)
-    first = key_numbers(result.results, result.curve.unit)[0]
-    told, now = (float(re.search(r"-?\d+\.?\d*", text).group()) for text in (entries[name]["number"], first.value))
-    assert entries[name]["number"].startswith(first.name) and told == pytest.approx(now, rel=1e-4)
+    told, now = GALLERY[name]["number"], gallery.number_of(result.results, result.curve.unit)
+    old, new = (float(number.search(text).group()) for text in (told, now))
+    assert number.split(told)[0] == number.split(now)[0] and old == pytest.approx(new, rel=2e-5)

@@ -112,8 +112,8 @@ def test_what_is_no_data_is_refused_in_one_sentence(tmp_path, header, lines, wor
 
 
 def test_the_command(capsys):
-    assert main(["fit", "--lab", str(FOLDER / "paper_experiments.csv"), "--formulation", "convex"]) == 0
+    assert main(["fit", "--lab", "paper_experiments.csv", "--formulation", "convex"]) == 0, "which ships"
     out = capsys.readouterr().out
     assert "mu = 0.654" in out and "2b" in out
-    assert main(["fit", "--lab", str(FOLDER / "paper_experiments.csv"), "--formulation", "konvex"]) == 2
+    assert main(["fit", "--lab", "paper_experiments.csv", "--formulation", "konvex"]) == 2
     assert "convex" in capsys.readouterr().err

@@ -129,6 +129,8 @@ def test_a_protocol_of_forces():
     found = dembrick.simulate(replace(scenario, control=control))
     assert found.rows["load"][list(found.run.turns)] == pytest.approx(force, rel=1e-9)
     assert found.cycles[0]["peak"] == pytest.approx([-0.5 * limit, 0.5 * limit], rel=1e-9)
+    timeless = dembrick.simulate(replace(scenario, control=replace(control, rate=None)))
+    assert timeless.rows["displacement"].tolist() == found.rows["displacement"].tolist()
 
 
 def test_a_measured_protocol(tmp_path):

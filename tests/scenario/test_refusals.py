@@ -137,7 +137,11 @@ BAD = {
         "rate is missing",
         "a push in real time needs it, in m/s",
     ),
-    "rate missing": ('"yield"\ntolerance = 1.0e-3', '"displacement"\ntravel=1e-5', "missing key 'rate' in [control]"),
+    "rate missing": (
+        '"yield"\ntolerance = 1.0e-3',
+        '"displacement"\ntravel=1e-5',
+        "missing key 'rate': a test at a constant rate",
+    ),
     "rate 0": ('"yield"\ntolerance = 1.0e-3', '"displacement"\nrate=0\ntravel=1', "rate = 0.0", "greater than 0 m/s"),
     "travel below 0": (
         '"yield"\ntolerance = 1.0e-3',
