@@ -12,7 +12,9 @@ import argparse
 import inspect
 import json
 import tempfile
+from collections.abc import Callable
 from dataclasses import MISSING
+from functools import partial
 from pathlib import Path
 
 import dembrick
@@ -36,18 +38,22 @@ COLUMNS = 3  # of pictures on the page
 def write(folder: Path) -> None:
     """Write all pages into ``folder``; a page that has not changed is left alone, so that a rebuild is quick."""
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {
-        "scenario.md": scenario_page(),
-        "commands.md": commands_page(),
-        "history.md": history_page(),
-        "python_names.md": python_names(),
-        "cases.md": cases_page(),
-    }
-    pages["../gallery.md"] = gallery_page(PICTURES)
-    for name, text in pages.items():
-        path = folder / name
+    for name, make in makers().items():
+        path, text = folder / name, make()
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
+
+
+def makers() -> dict[str, Callable[[], str]]:
+    """What writes each page, by its path from ``docs/reference``."""
+    return {
+        "scenario.md": scenario_page,
+        "commands.md": commands_page,
+        "history.md": history_page,
+        "python_names.md": python_names,
+        "cases.md": cases_page,
+        "../gallery.md": partial(gallery_page, PICTURES),
+    }
 
 
 def table(header: list[str], rows: list[list[str]]) -> str:

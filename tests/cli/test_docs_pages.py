@@ -211,6 +211,17 @@ def test_a_search_for_a_word_of_the_field_finds_its_page(words, page):
     assert words.lower() in f"{title}, {keywords.group(1) if keywords else ''}".lower()
 
 
+@pytest.mark.parametrize("path", [ROOT / "README.md", *PAGES], ids=lambda p: p.stem)
+def test_links_lead_to_files_of_a_checkout(path):
+    """And not to the pages that only the build of the site makes, by which a checkout has dead links."""
+    made = {(DOCS / "reference" / name).resolve() for name in tool_module("reference_pages").makers()}
+    if path.resolve() in made:
+        return
+    for link in re.findall(r"\]\((?!https?:|mailto:)([^)#\s]+)", path.read_text(encoding="utf-8")):
+        target = (path.parent / link).resolve()
+        assert target.exists() and target not in made, link
+
+
 def test_the_gallery_shows_what_ships():
     entries = json.loads((DOCS / "gallery" / "gallery.json").read_text(encoding="utf-8"))
     long = tool_module("gallery").LONG
