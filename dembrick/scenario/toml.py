@@ -50,6 +50,7 @@ def _inner(kind: type) -> dict[str, tuple[type, bool]]:
 
 NAMELESS = "the scenario"  # a text that came from no file
 TOP = ("title", "gravity", "supports")  # keys that stand in no table
+_INSTEAD = {"blocks": f"give blocks, {', '.join(GENERATORS)} or models"}  # of a key that is missing
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
@@ -196,6 +197,14 @@ def _decode(
 ) -> Scenario:
     """The scenario of a document. What it shares with the document ``like``, table by table, has been checked already
     and is taken from its scenario."""
+    if not document:
+        raise ScenarioError(f"{place.file}: this file is empty; 'dembrick new' writes a scenario to start from")
+    if isinstance(document.get("base"), str):
+        name = path or "STUDY.toml"
+        raise ScenarioError(
+            f"{place.file}: this is a study, which has many runs: dembrick sweep {name}; its scenario is "
+            f"base = {show(document['base'])}"
+        )
     keys = _keys_of(Scenario)
     for key in ("path", "text", "files"):
         del keys[key]
@@ -333,7 +342,8 @@ def _known(
         if required and key not in data and f"did you mean {show(key)}" not in meant:
             plural = isinstance(data.get(f"{key}s"), dict)
             wrote = f"; you wrote [{key}s], and the default law is [{key}]" if plural else ""
-            faults.add(f"missing key {show(key)} in {place.of()}; it has no default{wrote}")
+            instead = _INSTEAD.get(key, "it has no default")
+            faults.add(f"missing key {show(key)} in {place.of()}; {instead}{wrote}")
     return {key: value for key, value in data.items() if key in known}
 
 

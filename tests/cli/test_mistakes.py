@@ -86,6 +86,30 @@ def test_a_scenario_for_a_study():
         plan.load(SCENARIOS / "set4a.toml")
 
 
+@pytest.mark.parametrize(
+    "words", [["run"], ["check"], ["limit"], ["render", "--to", "a.png"]], ids=lambda words: words[0]
+)
+def test_a_study_for_a_scenario(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "study"]) == 0
+    capsys.readouterr()
+    assert main([*words, "study.toml"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(
+        "this is a study, which has many runs: dembrick sweep study.toml; its scenario is base = 'set4a'"
+    )
+    if words == ["run"]:
+        assert main(["run", "study.toml", "--set", "joint.friction=0.5"]) == 2
+        assert "dembrick sweep study.toml" in capsys.readouterr().err
+
+
+def test_an_empty_file_and_one_without_blocks():
+    with pytest.raises(ScenarioError, match="mine.toml: this file is empty; 'dembrick new'"):
+        toml.loads("# to do\n", "mine.toml")
+    text = re.sub(r"\[\[blocks\]\].*?(?=\[\[(?!blocks))", "", SET4A, flags=re.DOTALL)
+    assert "missing key 'blocks' in mine.toml; give blocks, walls, stacks, arches, domes or models" in refused(text)
+
+
 def test_a_scenario_for_a_history():
     with pytest.raises(HistoryError, match="this is a scenario, not a history; run it first: dembrick run"):
         history.read(SCENARIOS / "set4a.toml")
