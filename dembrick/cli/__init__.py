@@ -133,12 +133,14 @@ def _main(arguments: list[str]) -> int:
     class Parser(argparse.ArgumentParser):
         def error(self, message):
             """See argparse."""
+            if verb == "render" and message.startswith("unrecognized arguments") and "--to" in rest:
+                message += "; several files are named by a --to each"
             _failed_json(message, rest)
             super().error(message)
 
     parser = Parser(prog=f"dembrick {verb}")
     _add_arguments(parser, verb)
-    module, options = _module(verb), parser.parse_args(rest)
+    module, options = _module(verb), parser.parse_args(_lists_joined(rest))
     from dembrick.cli.console import Console
     from dembrick.simulation.interrupts import handled, requested
 
@@ -158,6 +160,20 @@ def _main(arguments: list[str]) -> int:
             console.result({"status": "interrupted"}, "")
         console.say(str(error) or "interrupted")
         return getattr(error, "exit_code", 130)
+
+
+def _lists_joined(arguments: list[str]) -> list[str]:
+    """The arguments, with ``--direction -1,0,0`` as ``--direction=-1,0,0``: argparse takes a list that begins with a
+    minus sign for an option."""
+    import re
+
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and re.fullmatch(r"--[a-z-]+", joined[-1]) and re.match(r"-\.?\d[^,]*,", argument):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
 
 
 def _failed_json(message: str, arguments: list[str]) -> None:

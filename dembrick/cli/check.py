@@ -7,7 +7,7 @@ from dembrick.cli.paths import add_force
 
 def add_arguments(parser) -> None:
     parser.add_argument("scenario", help="the TOML file")
-    parser.add_argument("--picture", metavar="FILE.png", help="draw the blocks as they are before the run")
+    parser.add_argument("--picture", "--to", metavar="FILE.png", help="draw the blocks as they are before the run")
     add_force(parser)
     parser.add_argument(
         "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"

@@ -27,7 +27,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--height", type=float, default=0.0, metavar="m", help="of the load above the joint")
     parser.add_argument("--tolerance", type=float, default=1e-3, help="of the replays")
     parser.add_argument("--csv", metavar="FILE.csv", help="write the points")
-    parser.add_argument("--plot", metavar="FILE", help="draw the domain of a rectangle (PNG, SVG, PDF)")
+    parser.add_argument("--plot", "--to", metavar="FILE", help="draw the domain of a rectangle (PNG, SVG, PDF)")
     add_force(parser)
 
 

@@ -13,7 +13,7 @@ def add_arguments(parser) -> None:
         action="store_true",
         help="a second opinion without dilatancy: a sequence of programmes, no bound (Gilbert and others 2006)",
     )
-    parser.add_argument("--picture", metavar="FILE.png", help="draw the mechanism")
+    parser.add_argument("--picture", "--to", metavar="FILE.png", help="draw the mechanism")
     parser.add_argument("--out", metavar="FILE.h5", help="write the mechanism as a history, which render draws")
     parser.add_argument("--force", action="store_true", help="replace a finished history")
     reaction = parser.add_argument_group("reaction of a support that may move, under the dead loads")

@@ -16,7 +16,11 @@ def add_arguments(parser) -> None:
         help="history file, or a scenario (.toml): as it is before a run; several are drawn side by side",
     )
     parser.add_argument(
-        "--to", metavar="FILE", required=True, help="picture (.png), movie (.gif, .mp4) or page (.html)"
+        "--to",
+        metavar="FILE",
+        required=True,
+        action="append",
+        help="picture (.png), movie (.gif, .mp4) or page (.html); may be repeated",
     )
     add_look(parser)
     one = parser.add_argument_group("picture").add_mutually_exclusive_group()
@@ -98,45 +102,51 @@ def look_of(options) -> dict:
 def run(options, console) -> int:
     from dembrick import history
 
-    kind = _kind(options)
+    kinds = [_kind(path, options) for path in options.to]
     before = [is_scenario(path) for path in options.histories]
     with ExitStack() as stack:
         found = [stack.enter_context(opened(path)) for path in options.histories]
         texts = [own.scenario_text for own in found]
-        stack.enter_context(history.product(kind, texts, options.histories, options.force))
-        console.meter.busy("drawing")
-        if kind == "page":
-            from dembrick.views import page
+        look = look_of(options) | ({"color": "none"} if all(before) else {})
+        for kind, path in zip(kinds, options.to, strict=True):
+            with history.product(kind, texts, options.histories, options.force):
+                console.meter.busy("drawing")
+                if kind == "page":
+                    from dembrick.views import page
 
-            page.write(found[0], options.to)
-        else:
-            _draw(found, kind, options, console, look_of(options) | ({"color": "none"} if all(before) else {}))
-    console.result({kind: options.to}, f"{kind}: {options.to}")
+                    page.write(found[0], path)
+                else:
+                    _draw(found, kind, path, options, console, look)
+            console.part(f"{kind}: {path}")
+    console.result(dict(zip(kinds, options.to, strict=True)) | {"files": options.to}, "")
     return 0
 
 
-def _kind(options) -> str:
+KINDS = {".png": "picture", ".gif": "movie", ".mp4": "movie", ".html": "page", ".htm": "page"}
+
+
+def _kind(path: str, options) -> str:
     """page, movie or picture, by the ending."""
+    from dembrick.cli.paths import require_ending
     from dembrick.errors import ScenarioError
 
-    ending = options.to.lower().rpartition(".")[2]
-    if ending not in ("html", "htm"):
-        return "movie" if ending in ("gif", "mp4") else "picture"
-    if len(options.histories) > 1:
+    require_ending(path, tuple(KINDS), "a picture, movie or page")
+    kind = KINDS[os.path.splitext(path)[1].lower()]
+    if kind == "page" and len(options.histories) > 1:
         raise ScenarioError("a page shows one run; --to FILE.png or FILE.gif draws several side by side")
-    return "page"
+    return kind
 
 
-def _draw(found, kind: str, options, console, look: dict) -> None:
+def _draw(found, kind: str, path: str, options, console, look: dict) -> None:
     from dembrick.views import render
 
     size = tuple(options.size) if options.size else None
     if kind == "picture":
-        render.picture(found, options.to, **look, size=size, frame=options.frame, time=options.time)
+        render.picture(found, path, **look, size=size, frame=options.frame, time=options.time)
         return
     render.movie(
         found,
-        options.to,
+        path,
         **look,
         size=size,
         fps=options.fps,

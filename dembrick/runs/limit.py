@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 SLIDES, PRESSES = 1e-3, 1e-6  # of the greatest move, and of the greatest N: what slides, and what presses
+ROUNDING = 1e-8  # of what is carried: what the solver of cones leaves of zero
 ACROSS = 0.05  # cosine of a direction that points neither to the blocks nor away from them
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
@@ -215,7 +216,7 @@ class ReactionResult:
     def push(self) -> dict | None:
         """How the support pushes the other blocks: its ``least`` and ``greatest`` size (N, None if unlimited), the
         direction ``along`` which it does (3), and whether that is "inward", towards them, or "outward", away from them
-        (None if it is across); None if it may push either way."""
+        (None if it is across); None if it may push either way, or not at all."""
         low, high = self.least.value, self.greatest.value
         if low < 0.0 < high or low == high == 0.0:
             return None
@@ -229,6 +230,8 @@ class ReactionResult:
     def _push_text(self) -> str:
         """Sentence on what the signs of the two values mean."""
         push = self.push
+        if self.least.value == self.greatest.value == 0.0:
+            return "the support does not push the others along this direction, nor against it"
         if push is None:
             return "the support may push the others along this direction (positive) or against it (negative)"
         side = {"inward": ", inward (towards them)", "outward": ", outward (away from them)", None: ""}[push["side"]]
@@ -325,10 +328,12 @@ def reaction(
         raise ScenarioError(f"no free block touches {show(support)}, so it has no reaction")
     way = way / np.linalg.norm(way)
     try:
-        least, greatest = reaction_range(assembly, fixed, way)
+        found = reaction_range(assembly, fixed, way)
     except NotConvergedError as error:
         error.answer = _failure(given, error)
         raise
+    carried = float(np.linalg.norm(assembly.dead_force[~assembly.fixed], axis=1).sum())
+    least, greatest = (_without_rounding(end, carried) for end in found)
     wall = {"build": built, "total": time.perf_counter() - began}
     centres = assembly.position - assembly.position[fixed].mean(axis=0)
     mean = np.average(centres[~assembly.fixed], axis=0, weights=assembly.mass[~assembly.fixed])
@@ -414,6 +419,12 @@ def _digits(found: analysis.Limit) -> int:
     """Digits of the load factor that its bounds leave."""
     gap = max(found.gap, 1e-10)
     return int(min(9, max(4, math.floor(-math.log10(gap)) + 1)))
+
+
+def _without_rounding(end: Extreme, carried: float) -> Extreme:
+    """An end whose values that are rounding beside all that is ``carried`` (N) are zero."""
+    reached, bound = (0.0 if abs(value) <= ROUNDING * carried else value for value in (end.reached, end.bound))
+    return replace(end, reached=reached, bound=bound)
 
 
 def _finite(value: float) -> float | None:

@@ -79,6 +79,40 @@ def test_a_file_that_cannot_be_written_leaves_the_answer(told, folder):
         assert found.status == "yield"
 
 
+def test_render_writes_what_it_is_asked_for(told):
+    assert told("run", "set4a", "--quiet", "--out", "run.h5")[0] == 0
+    code, out, _ = told("render", "run.h5", "--to", "a.png", "--to", "a.html", "--quiet")
+    assert code == 0 and out.splitlines() == ["picture: a.png", "page: a.html"]
+    code, out, _ = told("render", "run.h5", "--to", "b.png", "--json")
+    assert json.loads(out) == {"picture": "b.png", "files": ["b.png"]}
+    code, _, err = told("render", "run.h5", "--to", "z.xyz")
+    endings = ".png or .gif or .mp4 or .html or .htm"
+    assert code == 2 and f"z.xyz: a picture, movie or page is written with the ending {endings}" in err
+    with pytest.raises(SystemExit):
+        told("render", "run.h5", "--to", "c.png", "c.html")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("check", "arch"),
+        ("limit", "arch"),
+        ("domain", "--a", "0.3", "--b", "0.2", "--mu", "0.64", "--N", "467"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_to_is_another_name_of_picture_and_plot(words, told, folder):
+    assert told(*words, "--to", "there.png", "--quiet")[0] == 0
+    assert (folder / "there.png").stat().st_size > 3000
+
+
+def test_a_direction_may_begin_with_a_minus_sign(told):
+    spelled = [told("limit", "arch", "--reaction", "arch.right", *way) for way in (
+        ("--direction", "-1,0,0"), ("--direction=-1,0,0",), ("--direction", "-1.0,.0,0")
+    )]  # fmt: skip
+    assert spelled[0][0] == 0 and spelled[0] == spelled[1] == spelled[2]
+
+
 def test_help_names_every_ending():
     assert set(export.BY_ENDING) == {
         ".png",

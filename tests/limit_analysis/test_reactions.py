@@ -58,6 +58,15 @@ def test_a_push_is_told_without_signs(ends, push):
     )
 
 
+def test_what_is_zero_is_told_as_zero():
+    """The reactions of all supports together are the weight, and nothing along the span."""
+    found = reaction(load("arch"), "arch", (-1.0, 0.0, 0.0))
+    for end in (found.least, found.greatest):
+        assert end.value == end.reached == end.bound == 0.0
+    assert "greatest      0 N (balanced 0, bound 0)" in found.text()
+    assert "push          the support does not push the others along this direction, nor against it" in found.text()
+
+
 def test_a_springing_that_sinks():
     found = reaction(scenes.arch(law(friction=0.7), (1.0, 0.0, 0.0)), "arch.right", (0.0, 0.0, 1.0))
     assert found.least.value == pytest.approx(6565.6696, rel=1e-7)
