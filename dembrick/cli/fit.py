@@ -77,6 +77,6 @@ def _text(fits, confidence: float) -> str:
             alone = "-" if test["mu"] is None else f"{test['mu']:.4f}"
             lines.append(
                 f"{test['test']:>10}{test['V_measured']:14.5g}{test['V_fitted']:12.5g}"
-                f"{test['residual_percent']:+8.1f} %{alone:>10}"
+                f"{test['residual_percent']:+z8.1f} %{alone:>10}"
             )
     return "\n".join(lines)

@@ -6,6 +6,7 @@ from dembrick.cli.paths import FRAME, add_force, frame_of, require_ending
 
 MOST = 40  # lines of the printed table
 ROUNDING = 1e-8  # of the largest value of a column: less is printed as zero
+SHORT = 1e-3  # m: of a moment and an eccentricity, what is rounding beside the forces at this arm is zero
 TITLES = ("N [N]", "V_1 [N]", "V_2 [N]", "M_T [N m]", "e_1 [mm]", "e_2 [mm]", "slip [mm]", "open", "utilisation")
 COLUMNS = {
     "N": 1.0,
@@ -68,7 +69,7 @@ def _text(rows: list[dict], most: int) -> str:
     rows = sorted(rows, key=lambda row: -1e300 if row["utilisation"] is None else -row["utilisation"])
     width = max([5, *(len(row["joint"]) for row in rows[:most])])
     largest = {name: max((abs(row[name] or 0.0) for row in rows), default=0.0) for name in COLUMNS}
-    force, arm = max(largest["N"], largest["V_1"], largest["V_2"]), max(largest["e_1"], largest["e_2"])
+    force, arm = max(largest["N"], largest["V_1"], largest["V_2"]), max(largest["e_1"], largest["e_2"], SHORT)
     largest |= dict.fromkeys(("V_1", "V_2"), force) | dict.fromkeys(("e_1", "e_2"), arm)
     largest["M_T"] = max(largest["M_T"], force * arm)
     lines = [f"{'joint':{width}}" + "".join(f"{title:>12}" for title in TITLES) + "  state"]

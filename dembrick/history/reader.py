@@ -18,6 +18,7 @@ from dembrick.history.inputs import Input, read_inputs, unpacked
 from dembrick.history.layout import FORMAT, WRITTEN
 from dembrick.history.rest_geometry import RestGeometry
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import nearest
 from dembrick.scenario.regimes import (
     COLLAPSE,
     LIMIT_LOAD,
@@ -80,13 +81,22 @@ class History(RestGeometry):
 
     def __init__(self, path: str | os.PathLike):
         self.path = os.fspath(path)
-        self._file = guard.open_file(path)
+        self._opened_file = guard.open_file(path)
         try:
             self.status = _status(self._file)
             self._open_series()
         except BaseException:
-            self._file.close()
+            self.close()
             raise
+
+    @property
+    def _file(self):
+        """The file; HistoryError if the history was closed."""
+        if not self._opened_file.id.valid:
+            raise HistoryError(
+                f"{self.path}: this history was closed; read it again, or ask inside its 'with' statement"
+            )
+        return self._opened_file
 
     def _open_series(self) -> None:
         self._series: dict[str, tuple[tuple[int | None, ...], str, int]] = {}  # shape, kind, entries that were written
@@ -145,16 +155,17 @@ class History(RestGeometry):
 
     def _data(self, path: str) -> h5py.Dataset:
         """The dataset of a channel, looked at when it is first asked for: a plot needs few of dozens."""
+        file = self._file
         if path not in self._opened:
             shape, kind, count = self._series[path]
-            data = guard.dataset(self._file, path, kind, shape)
+            data = guard.dataset(file, path, kind, shape)
             if not 0 <= count <= len(data):
                 raise HistoryError(f"{self.path}: {path} has {len(data)} entries where {count} were written")
             self._opened[path] = data
         return self._opened[path]
 
     def close(self) -> None:
-        self._file.close()
+        self._opened_file.close()
 
     def __enter__(self) -> History:
         return self
@@ -312,8 +323,13 @@ class History(RestGeometry):
         return Curve(load or None, unit, "", displacement)
 
     def unit(self, path: str) -> str:
-        """The unit of a dataset that grows with the run, by its path in the file."""
-        found = guard.attribute(self._data(path), "units")
+        """The unit of a dataset that grows with the run, by its path in the file or its name in ``history``; KeyError
+        if there is none."""
+        where = path if path in self._series else f"history/{path}"
+        if where not in self._series:
+            known = [name.removeprefix("history/") for name in self._series]
+            raise KeyError(f"no series {path!r} in {self.path}; {nearest(path, known)}")
+        found = guard.attribute(self._data(where), "units")
         return found if isinstance(found, str) else ""
 
     @cached_property

@@ -235,13 +235,13 @@ def table_3(rows: Sequence[dict]) -> str:
         half = 0.5 * (row["V_upper"] - row["V_lower"])
         text = (
             f"{row['set']:4}{row['formulation']:17}{row['experiment']:11.0f}{printed:>9}{row['theory']:11.3f}"
-            f"{row['V']:11.3f}{half:8.3f}{100 * row['error_vs_theory']:+10.4f} %"
-            f"{row['difference_vs_experiment_percent']:+8.1f} % |"
+            f"{row['V']:11.3f}{half:8.3f}{100 * row['error_vs_theory']:+z10.4f} %"
+            f"{row['difference_vs_experiment_percent']:+z8.1f} % |"
         )
         if other is not None:
             half = 0.5 * (other["V_upper"] - other["V_lower"])
             mark = " " if other["bracket"] == "certified" else "*"
-            text += f"{other['V']:21.3f}{mark}{half:8.3f}{100 * (other['V'] / row['V'] - 1):+6.1f} %"
+            text += f"{other['V']:21.3f}{mark}{half:8.3f}{100 * (other['V'] / row['V'] - 1):+z6.1f} %"
         lines.append(text)
     return "\n".join(lines)
 
@@ -260,8 +260,8 @@ def notes(rows: Sequence[dict]) -> str:
     if gaps:
         lines.append(
             "Mid-height: the rig pushes 0.05 m above the joint, the paper's formulas assume the joint plane; the "
-            f"overturning that comes with it changes V by {min(gaps):+.1f} to {max(gaps):+.1f} % (nothing for couples "
-            "and for the full-pressure convex joint)."
+            f"overturning that comes with it changes V by {min(gaps):+z.1f} to {max(gaps):+z.1f} % (nothing for "
+            "couples and for the full-pressure convex joint)."
         )
     lines.append(
         f"mu = {FRICTION} is not printed in the paper. It was inferred from its own analytical columns, so meeting "
@@ -291,7 +291,7 @@ def table_1(rows: Sequence[dict]) -> str:
         half = 0.5 * (row["M_T0_upper"] - row["M_T0_lower"])
         lines.append(
             f"{row['a_over_b']:5.2f}  {row['formulation']:13}{row['printed']:9.2f}{row['theory']:11.4f}"
-            f"{row['M_T0']:11.4f}{half:8.4f}{100 * row['error_vs_theory']:+10.4f} %"
+            f"{row['M_T0']:11.4f}{half:8.4f}{100 * row['error_vs_theory']:+z10.4f} %"
         )
     return "\n".join(lines)
 

@@ -8,8 +8,9 @@ import pytest
 from dembrick import history
 from dembrick.assembly.block_shapes import shapes_of
 from dembrick.assembly.build import assemble
-from dembrick.cli import main
+from dembrick.cli import joints, main
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.runs import lab
 from dembrick.runs.outcomes.result import printed, reaction_lines
 from dembrick.runs.study import plan
 from dembrick.scenario import toml
@@ -185,6 +186,21 @@ def test_a_scenario_in_mm_is_told_so_before_it_is_called_soft():
 def test_a_key_that_is_needed_and_missing():
     text = SET4A.partition("[[actuators]]")[0] + '[control]\nkind = "tilt"\naxis = [1.0, 0.0, 0.0]\nrate = 1.0\n'
     assert "[control]: displacement is missing: a tilt in real time needs it, in m" in refused(text)
+
+
+def test_rounding_prints_as_none_in_tables():
+    row = {
+        "a_over_b": 1.0,
+        "formulation": "convex",
+        "printed": 1.0,
+        "theory": 1.0,
+        "M_T0": 1.0,
+        "error_vs_theory": -1e-9,
+    }
+    assert lab.table_1([row | {"M_T0_upper": 1.0, "M_T0_lower": 1.0}]).endswith(" +0.0000 %")
+    carried = dict.fromkeys(joints.COLUMNS, 0.0) | {"N": 467.0, "V_1": 2e-7, "M_T": -1.1369e-13, "e_1": 3e-14}
+    line = joints._text([carried | {"joint": "a / b", "state": "closed"}], 1).splitlines()[1]
+    assert line.split() == ["a", "/", "b", "467", *"00000000", "closed"]
 
 
 def test_rounding_beside_a_force_prints_as_none():

@@ -88,8 +88,12 @@ def test_render_writes_what_it_is_asked_for(told):
     code, _, err = told("render", "run.h5", "--to", "z.xyz")
     endings = ".png or .gif or .mp4 or .html or .htm"
     assert code == 2 and f"z.xyz: a picture, movie or page is written with the ending {endings}" in err
+
+
+def test_render_says_how_several_files_are_named(capsys):
     with pytest.raises(SystemExit):
-        told("render", "run.h5", "--to", "c.png", "c.html")
+        main(["render", "run.h5", "--to", "c.png", "c.html"])
+    assert "unrecognized arguments: c.html; several files are named by a --to each" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

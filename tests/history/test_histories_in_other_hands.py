@@ -39,3 +39,17 @@ def test_a_table_without_its_library_says_what_to_install(run, monkeypatch, pack
     monkeypatch.setitem(sys.modules, package, None)
     with dembrick.read_history(run[1]) as found, pytest.raises(dembrick.MissingDependency, match=package):
         getattr(found, f"to_{package}")()
+
+
+def test_a_closed_history_says_so(run):
+    """It raised a ValueError of the library below, or called its attributes damaged."""
+    found = dembrick.read_history(run[1])
+    assert len(found.load) == found.n_row
+    found.close()
+    assert len(found.load) == found.n_row  # what was read stays
+    asked = (lambda: found.displacement, lambda: found.results, lambda: found.block_names, found.to_pandas,
+             lambda: found.series("load"), lambda: found.frame_values("position", 0, 1))  # fmt: skip
+    for ask in asked:
+        with pytest.raises(dembrick.HistoryError, match="set4a.h5: this history was closed; read it again"):
+            ask()
+    found.close()

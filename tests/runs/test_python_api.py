@@ -50,7 +50,9 @@ def test_rows_are_of_times_or_of_equilibria_in_memory_and_in_files(tmp_path, nam
     result = dembrick.simulate(scenario, tmp_path / "run.h5", law=law)
     with history.read(tmp_path / "run.h5") as found:
         assert result.counts_equilibria == found.counts_equilibria == counts
-        assert found.unit("history/time") == ("1" if counts else "s")
+        assert found.unit("history/time") == found.unit("time") == ("1" if counts else "s")
+        with pytest.raises(KeyError, match="no series 'lod' in .*did you mean 'load'"):
+            found.unit("lod")
         named = {time_name(result), time_name(found)}
     assert named == {"number of the equilibrium" if counts else "time [s]"}
     assert result.to_pandas().index.name == ("equilibrium [1]" if counts else "time [s]")

@@ -182,6 +182,8 @@ def test_a_search_that_follows_equilibria_and_a_test_at_a_rate_are_stages_too():
     alone = simulate(scenario(YIELD, loads=tower, actuators=jack), record=False)
     first = result.stages[1]["yield_point"]["V"]
     assert first == pytest.approx(alone.yield_point.V, rel=1e-4)
+    (told,) = (line for line in result.heading_lines if line.startswith("stage 2"))
+    assert told.startswith(f"stage 2       yield: yield, V = {first:.2f}") and told.endswith(" N (indicator)")
     assert result.yield_point.V == pytest.approx(alone.yield_point.V, rel=1e-4)
 
 

@@ -298,3 +298,15 @@ def test_the_studies_that_come_along_are_sound(path):
     study = studies.load(path)
     assert len(study) > 1
     studies.scenario_of(study, len(study) - 1)
+
+
+def test_answers_stand_in_the_order_of_the_cases(write, tmp_path):
+    """And not in that in which they were done."""
+    study = studies.load(write(THREE))
+    studies.sweep(study, tmp_path / "out", jobs=1)
+    (rows,) = (tmp_path / "out").glob("rows_*.jsonl")
+    lines = rows.read_text(encoding="utf-8").splitlines(keepends=True)
+    own = [i for i, line in enumerate(lines) if '"case"' in line]
+    rows.write_text("".join(lines[: own[0]] + [lines[i] for i in reversed(own)]), encoding="utf-8")
+    again = studies.sweep(study, tmp_path / "out", jobs=1)
+    assert again.ran == 0 and [cell["joint.friction"] for cell in again.statistics] == [0.5, 0.6, 0.7]

@@ -177,3 +177,10 @@ def test_completion_knows_commands_and_options(shell, word, capsys):
     assert cli.main(["completion", shell]) == 0
     script = capsys.readouterr().out
     assert word in script and "warmup" in script and "tolerance" in script
+
+
+@pytest.mark.parametrize("half, said", [(1e-9, "2 +- 5e-07 N"), (1e-3, "2 N")])
+def test_how_far_a_reference_is_known_where_the_bar_is_narrower(half, said):
+    case = dataclasses.replace(cases.chosen(["lab-2a-convex"], False)[0], reference=2.0, reference_error=5e-7)
+    outcome = verify.Outcome(case, 2.0, 2.0 - half, 2.0 + half, 0.1)
+    assert f" {said} " in verify.text_row(outcome) and f">{said}<" in verify.html([outcome], "1")

@@ -134,9 +134,10 @@ class RunResult:
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
         if self.assembly.custom_law is not None:
             lines.append(f"joint law     {described(self.assembly.custom_law.as_dict())}")
-        for stage in self.stages:
-            point = stage.get("yield_point") or {}
-            load = "" if point.get("V") is None else f", V = {plain(str(limit_text(point, stage.get('path'), '')))}"
+        for stage, control in zip(self.stages, self.scenario.stages, strict=False):
+            point, pushed = stage.get("yield_point") or {}, control.drives == ACTUATORS
+            told = "" if point.get("V") is None else limit_text(point, stage.get("path"), "N" if pushed else "")
+            load = f", {'V' if pushed else 'load factor'} = {plain(str(told))}" if told else ""
             lines.append(f"stage {stage['stage']:<8}{stage['kind']}: {stage['status']}{load}")
         return lines
 

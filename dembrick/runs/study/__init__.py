@@ -149,7 +149,7 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
     cells: dict[str, tuple[dict, list, list]] = {}
     rows = stored(folder, study.columns)
     found = {row["case"]: {name: row.get(name) for name in ("status", study.answer, *BAR)} for row in rows}
-    for case, row in found.items():
+    for case, row in sorted(found.items()):  # they are done in any order
         if row[study.answer] is not None and row["status"] not in UNANSWERED:
             fixed = study.cell(case)
             _, answers, bars = cells.setdefault(repr(fixed), (fixed, [], []))

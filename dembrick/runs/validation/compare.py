@@ -208,7 +208,7 @@ def text_row(found: Comparison) -> str:
     case = found.case
     mark = "*" if case.scatter_of else " "
     error = "-" if found.E is None else f"{found.E:+.3g}"
-    percent = "-" if found.E is None else f"{100.0 * found.E / case.D:+.1f} %"
+    percent = "-" if found.E is None else f"{100.0 * found.E / case.D:+z.1f} %"
     unit = "" if case.unit == "1" else case.unit
     return (
         f"{case.name:17} {number(case.D):>8} {small(case.u_D):>8}{mark} {number(found.S):>8} {small(found.u_num):>9} "

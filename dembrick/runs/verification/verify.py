@@ -152,6 +152,14 @@ def value_text(outcome: Outcome) -> str:
     return f"{value} +- {0.5 * (outcome.upper - outcome.lower):.1g}"
 
 
+def reference_text(outcome: Outcome) -> str:
+    """The reference with its unit, and how far it is known where the bar of the value is narrower than that."""
+    case = outcome.case
+    bar = math.inf if outcome.lower is None or outcome.upper is None else 0.5 * (outcome.upper - outcome.lower)
+    known = f" +- {case.reference_error:.1g}" if case.reference_error > bar else ""
+    return f"{case.reference:.7g}{known}{'' if case.unit == '1' else f' {case.unit}'}"
+
+
 def error_text(outcome: Outcome) -> str:
     """Relative error in per cent; of a bound how far below it the value lies."""
     if outcome.error is None:
@@ -162,17 +170,16 @@ def error_text(outcome: Outcome) -> str:
 def text_row(outcome: Outcome) -> str:
     """One line of the table on the terminal."""
     case = outcome.case
-    reference = f"{'<= ' if case.relation == 'at most' else ''}{case.reference:.7g}"
-    unit = "" if case.unit == "1" else f" {case.unit}"
+    reference = f"{'<= ' if case.relation == 'at most' else ''}{reference_text(outcome)}"
     return (
-        f"{case.name:28} {reference + unit:>16} {value_text(outcome):>22} {error_text(outcome):>10} "
+        f"{case.name:28} {reference:>24} {value_text(outcome):>22} {error_text(outcome):>10} "
         f"{outcome.seconds:6.2f} s  {verdict(outcome)}"
     )
 
 
 def text_header() -> str:
     """The heads of the columns of :func:`text_row`."""
-    return f"{'case':28} {'reference':>16} {'dembrick':>22} {'error':>10} {'time':>8}"
+    return f"{'case':28} {'reference':>24} {'dembrick':>22} {'error':>10} {'time':>8}"
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
@@ -180,7 +187,7 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     passed = sum(outcome.passed for outcome in outcomes)
     bars = [outcome.bar_holds for outcome in outcomes if outcome.bar_holds is not None]
     seconds = sum(outcome.seconds for outcome in outcomes)
-    held = f"{sum(bars)} of {len(bars)} error bars hold the reference"
+    held = f"{sum(bars)} of {len(bars)} error bars hold the reference as far as it is known"
     return f"{passed} of {len(outcomes)} cases pass, {held}, {seconds:.1f} s"
 
 
@@ -204,8 +211,7 @@ def _html_row(outcome: Outcome) -> str:
     case = outcome.case
     changes = "".join(f" --set {escape(change)}" for change in case.set)
     remark = f"<br><small>{escape(case.remark or outcome.failure)}</small>" if case.remark or outcome.failure else ""
-    unit = "" if case.unit == "1" else f" {case.unit}"
-    reference = f"{'at most ' if case.relation == 'at most' else ''}{case.reference:.7g}{unit}"
+    reference = f"{'at most ' if case.relation == 'at most' else ''}{reference_text(outcome)}"
     return (
         f"<tr><td>{escape(case.title)}<br><small><code>{escape(case.name)}: {escape(case.scenario)}{changes}</code>"
         f"</small></td><td>{escape(case.source)}{remark}</td><td class=n>{escape(reference)}</td>"
