@@ -6,12 +6,12 @@ import os
 import sys
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.checks import show
 
 # Bytes that a block of a wall takes at the peak of building, with its joints and the state of a run: 5.6 kB measured
 # with four-point joints, 8.9 kB with convex ones; rounded up. What a run keeps is a good part less.
 BYTES_PER_BLOCK = 10_000
 _CHECKED_ABOVE = 10_000  # blocks: fewer fit anywhere
+MOST_BLOCKS = 1_000_000  # of a scene; the largest that was run has a tenth of them
 
 
 def available() -> int | None:
@@ -28,14 +28,20 @@ def available() -> int | None:
 
 
 def check_memory(asked: list[tuple[str, int]], others: int = 0) -> None:
-    """ScenarioError if the structures ``asked`` for (name, blocks) and ``others`` blocks exceed the memory."""
+    """ScenarioError if the structures ``asked`` for (their keys, blocks) and ``others`` blocks are more than
+    `MOST_BLOCKS` or exceed the memory."""
     total = others + sum(count for _, count in asked)
     if total <= _CHECKED_ABOVE:
         return
+    keys, count = max(asked, key=lambda pair: pair[1]) if asked else ("", others)
+    who = f"{keys} asks for {count} blocks" if count > others else f"the scenario has {others} blocks"
+    if total > MOST_BLOCKS:
+        raise ScenarioError(
+            f"{who}: more than {MOST_BLOCKS} in a scene are not built, as that takes longer than anyone waits; ask for "
+            "fewer, or divide the structure"
+        )
     there, needed = available(), total * BYTES_PER_BLOCK
     if there is not None and needed > there:
-        name, count = max(asked, key=lambda pair: pair[1]) if asked else ("", others)
-        who = f"{show(name)} asks for {count} blocks" if count > others else f"the scenario has {others} blocks"
         raise ScenarioError(
             f"{who}: the scene would take about {needed / 1e9:.3g} GB and {there / 1e9:.3g} GB are free here; "
             "ask for fewer blocks or take a machine with more memory"

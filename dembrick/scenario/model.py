@@ -50,7 +50,7 @@ from dembrick.scenario.declared import (
     unit_vector,
     vector_of,
 )
-from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
+from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall, sizes_of
 from dembrick.scenario.generators.corners import lay
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
@@ -343,8 +343,10 @@ class Scenario(Generic[AControl]):
 
     def _lay(self):
         """Build what the generators describe, if memory holds it, and gather the groups."""
-        generators = [generator for key in GENERATORS for generator in getattr(self, key)]
-        check_memory([(generator.name, generator.count()) for generator in generators], len(self.blocks))
+        counts = [
+            (f"{key}.{one.name}: {sizes_of(one)}", one.count()) for key in GENERATORS for one in getattr(self, key)
+        ]
+        check_memory(counts, len(self.blocks))
         blocks = [*self.blocks, *lay(self.walls)]
         plain: tuple[Stack | Arch | Dome, ...] = (*self.stacks, *self.arches, *self.domes)
         for generator in plain:

@@ -313,15 +313,15 @@ def test_names_must_not_mean_two_things():
         scene(walls=(wall,), joints=(JointOverride(("w.1.1", "w.1.1"), LAW),))
 
 
-def test_more_blocks_than_memory_holds_are_refused_before_they_are_laid():
-    with pytest.raises(ScenarioError, match=r"'w' asks for 1000001000001 blocks: .* GB are free here; ask for fewer"):
+def test_blocks_without_number_are_refused_before_they_are_laid():
+    with pytest.raises(ScenarioError, match="walls.w: .* asks for 1000001000001 blocks: more than 1000000"):
         scene(walls=(Wall("w", "tuff", STONE, courses=1_000_000, blocks=1_000_000),))
     for generator in (
         {"stacks": (Stack("s", "tuff", 10**10, box=STONE),)},
         {"arches": (Arch("a", "tuff", 1.0, 0.1, 0.1, 10**10),)},
         {"domes": (Dome("d", "tuff", 1.0, 0.1, 10**5, 10**5, key=1.0),)},
     ):
-        with pytest.raises(ScenarioError, match="asks for 1000"):
+        with pytest.raises(ScenarioError, match="= 100000.* asks for 1000.*more than 1000000 in a scene"):
             scene(**generator)
 
 
@@ -332,4 +332,11 @@ def test_memory_is_known_on_this_system(monkeypatch):
         memory.check_memory([("w", 25_000)])
     memory.check_memory([("w", 5_000)])
     monkeypatch.setattr(memory, "available", lambda: None)
-    memory.check_memory([("w", 10**12)])
+    memory.check_memory([("w", 10**6)])
+
+
+def test_more_blocks_than_anyone_waits_for_are_refused_with_their_key(monkeypatch):
+    """They were built for ten minutes without a word, if memory held them."""
+    monkeypatch.setattr(memory, "available", lambda: None)
+    with pytest.raises(ScenarioError, match="walls.w: courses = 100000 and blocks = 10 asks for 1100001 blocks"):
+        scene(walls=(Wall("w", "tuff", STONE, courses=100_000, blocks=10, ends="half"),))

@@ -8,6 +8,13 @@ from dembrick.scenario.generators.arches import Arch, Dome
 from dembrick.scenario.generators.stacks import Stack
 from dembrick.scenario.generators.walls import Opening, Return, Wall
 
-__all__ = ["GENERATORS", "Arch", "Dome", "Opening", "Return", "Stack", "Wall"]
+__all__ = ["GENERATORS", "Arch", "Dome", "Opening", "Return", "Stack", "Wall", "sizes_of"]
 
 GENERATORS = {"walls": Wall, "stacks": Stack, "arches": Arch, "domes": Dome}  # key of the scenario: class
+SIZES = ("courses", "rings", "voussoirs", "blocks")  # keys that count stones, of any generator
+
+
+def sizes_of(generator: Wall | Stack | Arch | Dome) -> str:
+    """The keys of a generator that say how many blocks it has, for a message."""
+    values = ((key, getattr(generator, key, None)) for key in SIZES)
+    return " and ".join(f"{key} = {value}" for key, value in values if value is not None) or "its pattern"
