@@ -77,8 +77,11 @@ def _run_again(file, path: str) -> list[str]:
     """How the run of a history is made again, and with a change; or why no command makes it."""
     if isinstance(file.settings.get("custom_law"), dict):
         return ["run again     in Python only, as its joint law is a function that the file does not hold"]
+    killed = {"interrupted": "", "running": " (if it was killed)"}.get(file.status)  # else it is over
+    goes_on = [] if killed is None else [f"go on         dembrick restart {path}{killed}"]
     with_files = f", with {len(file.inputs)} file{'s' * (len(file.inputs) > 1)} that it holds" if file.inputs else ""
     return [
+        *goes_on,
         f"scenario      dembrick info {path} --scenario",
         f"run again     dembrick run {path} --set KEY.PATH=VALUE --out NEW.h5{with_files}",
     ]

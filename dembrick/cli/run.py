@@ -104,9 +104,12 @@ def answer(simulated: Callable, path: str, console, to: Sequence[str] = (), forc
     except DembrickError as error:
         if error.exit_code != 1:
             raise
-        console.result(error.answer or {"status": "failed", "error": str(error), "history": path}, "")
+        left = os.path.exists(path)  # none where the folder cannot be written
+        failed = {"status": "failed", "error": str(error)} | ({"history": path} if left else {})
+        console.result(error.answer or failed, "")
         console.error(str(error))
-        console.remark(f"history: {path}")
+        if left:
+            console.remark(f"history: {path}")
         return 1
     for phase, seconds in {**result.wall, **(result.run.phases or {})}.items():
         if isinstance(seconds, float):

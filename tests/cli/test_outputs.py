@@ -117,6 +117,14 @@ def test_a_direction_may_begin_with_a_minus_sign(told):
     assert spelled[0][0] == 0 and spelled[0] == spelled[1] == spelled[2]
 
 
+def test_a_history_that_was_not_written_is_not_named(told):
+    """A folder in which nobody may make a file, root neither."""
+    code, out, err = told("run", "set4a", "--out", "/proc/x.h5")
+    assert code == 1 and "cannot be written" in err and "history:" not in err
+    code, out, err = told("run", "set4a", "--out", "/proc/x.h5", "--json")
+    assert set(json.loads(out)) == {"status", "error"}
+
+
 def test_help_names_every_ending():
     assert set(export.BY_ENDING) == {
         ".png",

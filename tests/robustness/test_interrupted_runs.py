@@ -116,6 +116,8 @@ def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeyp
     path = tmp_path / "run.h5"
     assert main(["run", str(tmp_path / "set4a.toml"), "--out", str(path)]) == 143
     assert capsys.readouterr().err == f"interrupted; go on with: dembrick restart {path}\n"
+    assert main(["info", str(path)]) == 0
+    assert f"go on         dembrick restart {path}\n" in capsys.readouterr().out
     with read(path) as file:
         assert file.status == "interrupted"
     with pytest.raises(RuntimeError, match="a fault"), interrupts.handled():
