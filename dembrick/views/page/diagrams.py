@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dembrick.views import summary
-from dembrick.views.plot.paths import JointPath
+from dembrick.views.plot.paths import JointPath, torsion_strength
 from dembrick.views.plot.subject import Diagram, diagram_of
 
 if TYPE_CHECKING:
@@ -81,16 +81,15 @@ def yield_domain(history: History, record: Record, path: JointPath, rows: np.nda
     torsion_in, torsion = ("-", 1.0) if relative else summary.load_unit(float(np.abs(path.M_T).max()), "N m")
     lines = []
     for section in path.sections:
-        name = "convex (exact)" if section.formulation == "convex" else section.formulation
-        line = {"x": listed(shear * section.V), "y": listed(torsion * section.M_T), "name": f"limit surface, {name}"}
+        line = {"x": listed(shear * section.V), "y": listed(torsion * section.M_T), "name": section.name}
         lines.append(line | {"look": section.formulation.split(",")[0]})
     lines.append({"x": listed(shear * x[kept]), "y": listed(torsion * y[kept]), "look": "run", "name": "run"})
     now = [listed(np.interp(record.time, history.time, own)) for own in (shear * x, torsion * y)]
     title = f"Yield domain of the joint {path.joint}"
     if relative:
-        return _chart(
-            f"{title} at N of the moment", "shear force V over μN [-]", "torsion M_T over its strength [-]", lines, *now
-        )
+        over = "cA + μN" if path.cohesive else "μN"
+        torsion_name = f"torsion M_T over {torsion_strength([path])} [-]"
+        return _chart(f"{title} at N of the moment", f"shear force V over {over} [-]", torsion_name, lines, *now)
     return _chart(f"{title} at N = {summary.load_text(path.normal_force)}", f"shear force V [{shear_in}]",
                   f"torsion M_T [{torsion_in}]", lines, *now)  # fmt: skip
 

@@ -13,7 +13,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.theory.paper_tables import SETS
 from dembrick.views import summary
 from dembrick.views.plot import runs, style
-from dembrick.views.plot.subject import pushes_several
+from dembrick.views.plot.subject import chosen_joint, is_brittle, pushes_several, strengths
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 CURVES = ("convex", "concave", "corrected")
 _LAB_JOINT = (0.3, 0.2, 467.0)  # a, b (m), N of the laboratory's sets
 _SAME = 1e-3
+_OF_DOMAIN = {
+    "a": "the edge a of its joint (m)", "b": "the edge b of its joint (m)", "friction": "its friction",
+    "N": "its normal force N (N)", "cohesion": "its cohesion (Pa)",
+}  # fmt: skip
 _APPROXIMATE = (":", "--", "-.", (0, (10, 3)))
 
 
@@ -44,7 +48,8 @@ class RectangularJoint(NamedTuple):
 
 def domain_points(histories) -> list[dict]:
     """One row a history with a yield point: ``V``, its bounds, ``V_1``, ``V_2``, ``M_T``, ``N``, the formulation,
-    edges ``a`` and ``b`` (m) of the joint and its ``friction``, ``load_height`` (m) of the actuators above it.
+    edges ``a`` and ``b`` (m) of the joint, its ``friction`` and ``cohesion`` (Pa) before slip and whether some of these
+    are lost by slip (``brittle``), ``load_height`` (m) of the actuators above it.
 
     Histories that reached no yield point give no row; HistoryError if the joint is not a rectangle.
     """
@@ -58,25 +63,26 @@ def domain_points(histories) -> list[dict]:
                 f"{history.path}: its load acts on several blocks, so its yield point is no point of the domain of one "
                 "joint; --kind path draws a joint's own forces"
             )
-        joint = _loaded_joint(history)
+        joint = _yielding_joint(history)
         a, b = np.ptp(joint["polygon"], axis=0)
         if abs(a * b - joint["area"]) > 1e-6 * joint["area"]:
             raise HistoryError(f"{history.path}: its joint is not a rectangle, so no domain can be drawn for it")
         heights = [(actuator["point"] - joint["origin"]) @ joint["axes"][2] for actuator in history.actuators]
         row = {key: point.get(key) for key in ("V", "V_lower", "V_upper", "bracket", "V_1", "V_2", "M_T", "N")}
         row |= {"a": float(a), "b": float(b), "friction": joint["friction"], "title": history.title}
+        row |= {"cohesion": strengths(joint)[1], "brittle": is_brittle(joint)}
         row |= {"formulation": history.results.get("formulation", joint["formulation"])}
         row |= {"load_height": float(np.mean(heights)) if heights else 0.0, "history": history.path}
         rows.append(row)
     return rows
 
 
-def _loaded_joint(history: History) -> dict:
-    """The joint under the block that the actuators push; the only joint of a laboratory test."""
+def _yielding_joint(history: History) -> dict:
+    """The joint of the yield point, at the block that the actuators push; the only joint of a laboratory test."""
     loaded = {actuator["block"] for actuator in history.actuators}
-    for joint in history.joints:
-        if not loaded or loaded & {joint["block_a"], joint["block_b"]}:
-            return joint
+    joint = history.joints[chosen_joint(history)]
+    if not loaded or loaded & {joint["block_a"], joint["block_b"]}:
+        return joint
     raise HistoryError(f"{history.path}: it has no joint at the block that is pushed, so no domain can be drawn for it")
 
 
@@ -90,9 +96,12 @@ def interaction(
     """Non-dimensional curves M_T / M_T0 over V / V_0 for a force along t2, as the paper's Fig. 4.
 
     ``points``: histories, or rows as of :func:`domain_points`. ``joint``: (a, b, friction, N); without it the first
-    point's. Each point is normalised by its own V_0 and by the M_T0 of its formulation.
+    point's. Each point is normalised by its own V_0 and by the M_T0 of its formulation. ScenarioError if the joints of
+    the points have not one ratio of their edges.
     """
     rows = _rows(points)
+    if joint is None:
+        _require_alike(rows, {"a/b": "the ratio of its edges a/b"})
     joint = _joint(rows, joint)
     with style.settings():
         figure, axes = style.canvas(ax)
@@ -128,10 +137,13 @@ def domains(
 ) -> Figure:
     """Dimensional domains M_T (N m) over V (N) with simulated and measured points, as the paper's Fig. 5.
 
-    ``points`` and ``joint`` as for :func:`interaction`. ``experiments``: name -> (V, M_T); left out, the measured
+    ``points`` and ``joint`` as for :func:`interaction`; without it all points must be of equal joints under one N,
+    else ScenarioError. ``experiments``: name -> (V, M_T); left out, the measured
     sets of the paper where the joint is the laboratory's, {} for none.
     """
     rows = _rows(points)
+    if joint is None:
+        _require_alike(rows, _OF_DOMAIN)
     joint = _joint(rows, joint)
     if experiments is None:
         mine = (joint.a, joint.b, joint.normal_force)
@@ -160,6 +172,7 @@ def domains(
         axes.set_ylabel(rf"$M_T$ [{torsion_in}]")
         a, b, friction, normal, cohesion = joint
         bond = f", cohesion {1e-3 * cohesion:.3g} kPa" if cohesion else ""
+        bond += "\nbefore any bond breaks" if any(row.get("brittle") for row in rows) else ""
         axes.set_title(f"joint {a:.3g} x {b:.3g} m, N = {summary.load_text(normal)}, friction {friction:.3g}{bond}")
         axes.set(xlim=(0.0, None), ylim=(0.0, None))
         style.legend(figure, axes, ax is None)
@@ -186,6 +199,27 @@ def _rows(points) -> list[dict]:
         if missing:
             raise ScenarioError(f"a point of a yield domain needs {', '.join(needed)}; {', '.join(missing)} is missing")
     return rows
+
+
+def _require_alike(rows: Sequence[Mapping], keys: Mapping[str, str]) -> None:
+    """ScenarioError if numbers of the joints of points, by their ``keys`` with what they are, are not those of the
+    first."""
+
+    def value(row: Mapping, key: str) -> float | None:
+        if key == "a/b":
+            return row["a"] / row["b"] if row.get("a") and row.get("b") else None
+        return row.get(key)
+
+    for row in rows[1:]:
+        for key, what in keys.items():
+            first, other = value(rows[0], key), value(row, key)
+            if first is None or other is None or abs(first - other) <= _SAME * max(abs(first), abs(other)):
+                continue
+            named = [own.get("history") or "a point" for own in (rows[0], row)]
+            raise ScenarioError(
+                f"{named[1]} belongs to another yield domain than {named[0]}: {what} is {other:.6g} there and "
+                f"{first:.6g} here; draw each by itself"
+            )
 
 
 def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = None) -> RectangularJoint:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dembrick import theory
 from dembrick.errors import ScenarioError
+from dembrick.history.rest_geometry import STRENGTHS
 from dembrick.views import summary
 from dembrick.views.given import takes_paths
 from dembrick.views.plot import runs, style, subject
@@ -27,21 +28,30 @@ _CHANGES = 1e-3  # of the greatest N of the record: a normal force that changes 
 
 
 class Section(NamedTuple):
-    """A quarter of a limit surface, cut by the plane of a shear direction and the torsion axis: V, M_T (N, N m)."""
+    """A quarter of a limit surface, cut by the plane of a shear direction and the torsion axis: V, M_T (N, N m).
+    ``bond``: what it takes of one that may break, "bonded" or "bond broken"."""
 
     formulation: str
     V: np.ndarray
     M_T: np.ndarray
+    bond: str = ""
+
+    @property
+    def name(self) -> str:
+        """What a legend calls it."""
+        shown = "convex, exact" if self.formulation == "convex" else self.formulation
+        return f"limit surface, {shown}{self.bond and f', {self.bond}'}"
 
 
 class JointPath(NamedTuple):
     """How a joint was loaded. ``V`` (T,) N is the shear force along ``direction`` (in t1, t2), ``M_T`` (T,) N m the
     torsion, both counted positive the way they went furthest; ``sections`` the joint's own yield domain at the last
-    row, and the exact one of the convex formulation where that is another.
+    row, and the exact one of the convex formulation where that is another. They have the cohesion of the joint; if it
+    is lost by slip there are that of the bond, where V went furthest if it broke since, and that of what is left.
 
-    A domain grows with N. Where N changes, ``strength`` (T,) N is mu N, NaN if the joint is open, and the sections
-    are those of a joint pressed in the middle, over its strength in shear and in torsion, which is ``radius`` (m) times
-    that in shear; elsewhere ``strength`` is None.
+    A domain grows with N. Where N changes, ``strength`` (T,) N is c A + mu N, of what its bond is then, NaN if the
+    joint has none, and the sections are those of a joint pressed in the middle, over its strength in shear and in
+    torsion, which is ``radius`` (m) times that in shear, of the ``formulation``; elsewhere ``strength`` is None.
     """
 
     joint: str
@@ -53,6 +63,8 @@ class JointPath(NamedTuple):
     sections: tuple[Section, ...]
     strength: np.ndarray | None = None
     radius: float = 1.0
+    formulation: str = ""
+    cohesive: bool = False
 
     @property
     def drawn(self) -> tuple[np.ndarray, np.ndarray]:
@@ -71,25 +83,57 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     size = np.hypot(V_1, V_2)
     furthest = int(np.argmax(size))
     reach = float(np.hypot(*own["polygon"].T).max())
-    sliding = size[furthest] > _PURE * max(own["friction"] * now["N"], float(np.abs(M_T).max()) / reach)
+    most = max(float(subject.shear_strength(own, now["N"])), float(np.abs(M_T).max()) / reach)
+    sliding = size[furthest] > _PURE * most
     direction = np.array([V_1[furthest], V_2[furthest]]) / size[furthest] if sliding else np.array([0.0, 1.0])
     sense = -1.0 if M_T[int(np.argmax(np.abs(M_T)))] < 0.0 else 1.0
     N, strength, radius = history.joint("N")[:, number], None, 1.0
+    held = _held(history, number)
+    broke = subject.is_brittle(own) and held[-1] < 1.0
+    surfaces = []
     if own["friction"] > 0.0 and N.max() > 0.0 and np.ptp(N) > _CHANGES * N.max():
-        strength = np.where(N > 0.0, own["friction"] * N, np.nan)
-        now = {"N": 1.0 / own["friction"], "M_1": 0.0, "M_2": 0.0}
-    law = subject.limit_surface(own, now)
-    if strength is not None and law is not None:
-        radius = law.radius
-    sections = [] if law is None else [_section(_formulation(own), law, direction, sense, radius)]
-    if now["N"] > 0.0 and own["friction"] > 0.0 and _formulation(own) != "convex":
-        exact = theory.convex(own["polygon"], own["friction"], now["N"])
-        sections.append(_section("convex", exact, direction, sense, radius))
+        strength = held * subject.shear_strength(own, N)
+        strength = strength + (1.0 - held) * np.where(N > 0.0, subject.shear_strength(own, N, True), 0.0)
+        strength = np.where(strength > 0.0, strength, np.nan)
+        own, now = _of_friction_1(own), {"N": 1.0, "M_1": 0.0, "M_2": 0.0}
+        surfaces = [("", subject.limit_surface(own, now))]
+    elif subject.is_brittle(own):
+        whole = subject.carried_by(history, number, furthest) if broke else now
+        surfaces = [
+            ("bonded", subject.limit_surface(own, whole)), ("bond broken", subject.limit_surface(own, now, broken=True))
+        ]  # fmt: skip
+    else:
+        surfaces = [("", subject.limit_surface(own, now))]
+    laws = [(bond, law) for bond, law in surfaces if law is not None]
+    if strength is not None and laws:
+        radius = theory.torsion_strength(laws[0][1])
+    sections = [_section(_formulation(own), law, direction, sense, radius, bond) for bond, law in laws]
+    V_0 = float(subject.shear_strength(own, now["N"]))
+    if V_0 > 0.0 and (now["N"] > 0.0 or subject.is_brittle(own)) and _formulation(own) != "convex":
+        exact = theory.convex(own["polygon"], 0.0, 0.0, V_0 / own["area"])
+        sections.append(_section("convex", exact, direction, sense, radius, surfaces[0][0]))
     along = np.stack([V_1, V_2], axis=1) @ direction
     name = subject.joint_names(history)[number]
+    given = history.joints[number]
     return JointPath(
-        name, number, float(N[-1]), direction, along, sense * M_T, tuple(sections), strength, radius
+        name, number, float(N[-1]), direction, along, sense * M_T, tuple(sections), strength, radius, _formulation(own),
+        subject.strengths(given)[1] > 0.0 or subject.is_brittle(given),
     )  # fmt: skip
+
+
+def _held(history: History, number: int) -> np.ndarray:
+    """(T,): the part of a joint's area whose bond holds, in the last frame up to each row; 1 where none was recorded,
+    and of joints that have none."""
+    held = history.frame_values("bond", 0, history.n_frames) if history.n_frames else None
+    if held is None or not len(held) or not subject.is_brittle(history.joints[number]):
+        return np.ones(history.n_row)
+    frame = np.searchsorted(history.frame_time, history.time, side="right") - 1
+    return held[np.maximum(frame, 0), number]
+
+
+def _of_friction_1(joint: dict) -> dict:
+    """The same joint without a bond and with friction 1: its surface over its strength, whatever that is."""
+    return {key: value for key, value in joint.items() if key not in STRENGTHS} | {"friction": 1.0}
 
 
 def _formulation(joint: dict) -> str:
@@ -98,13 +142,15 @@ def _formulation(joint: dict) -> str:
     return f"convex, {joint['pressure']} pressure" if follows else joint["formulation"]
 
 
-def _section(formulation: str, law: theory.Law, direction: np.ndarray, sense: float, radius: float) -> Section:
+def _section(
+    formulation: str, law: theory.Law, direction: np.ndarray, sense: float, radius: float, bond: str
+) -> Section:
     angle = np.linspace(0.0, np.pi / 2.0, _RAYS)
     v, m = np.cos(angle), law.radius * np.sin(angle)
     v[-1] = m[0] = 0.0
     rays = np.column_stack([v * direction[0], v * direction[1], sense * m])
     found = theory.surface_along(law, rays)
-    return Section(formulation, found[:, :2] @ direction, sense * found[:, 2] / radius)
+    return Section(formulation, found[:, :2] @ direction, sense * found[:, 2] / radius, bond)
 
 
 @takes_paths
@@ -113,9 +159,10 @@ def load_path(
 ) -> Figure:
     """V against M_T of one joint through the record, on its yield domain; several histories in one picture.
 
-    The domain is the formulation's own, and the exact one of the convex formulation beside it. Where a normal force
-    changes on the way everything is drawn over mu N of its moment. ``joint``: ``"a/b"`` by the names of its blocks;
-    left out, the joint that gave way.
+    The domain is the formulation's own, and the exact one of the convex formulation beside it, with the cohesion of the
+    joint; of a bond that may break also what is left without it. Where a normal force changes on the way everything is
+    drawn over the strength at the N of its moment, in torsion over that of the own formulation. ``joint``: ``"a/b"`` by
+    the names of its blocks; left out, the joint that gave way.
     """
     above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
@@ -132,17 +179,16 @@ def load_path(
         ]
         told_apart = len(set(formulations)) == len(paths)  # else the domains step back behind the colours of the runs
         drawn: list[tuple] = []
-        for section in (section for path in paths for section in path.sections):
-            key = (section.formulation, *(f"{value:.6g}" for value in (*section.V[::30], *section.M_T[::30])))
+        mixed = relative and len({path.formulation for path in paths}) > 1  # each over its own strength in torsion
+        for section in (section for path in paths for section in (path.sections[:1] if mixed else path.sections)):
+            key = (section.name, *(f"{value:.6g}" for value in (*section.V[::30], *section.M_T[::30])))
             if key in drawn:
                 continue
             drawn.append(key)
             colour, line, _ = style.FORMULATION[section.formulation.split(",")[0]]
             colour = colour if told_apart else style.GREY
-            name = "convex, exact" if section.formulation == "convex" else section.formulation
-            axes.plot(
-                shear * section.V, torsion * section.M_T, color=colour, ls=line, lw=1.0, label=f"limit surface, {name}"
-            )
+            width = 0.7 if section.bond == "bond broken" else 1.0
+            axes.plot(shear * section.V, torsion * section.M_T, color=colour, ls=line, lw=width, label=section.name)
         looks = runs.looks(formulations)
         if len(paths) == 1:
             looks = [looks[0]._replace(colour=style.BLACK, line="-")]
@@ -155,14 +201,15 @@ def load_path(
                 x = abs(np.array([point["V_1"], point["V_2"]]) @ path.direction)
                 y = abs(point["M_T"])
                 if relative:
-                    strength = history.joints[path.number]["friction"] * point.get("N", np.nan)
+                    strength = subject.shear_strength(history.joints[path.number], point.get("N", np.nan))
                     x, y = x / strength, y / (strength * path.radius)
                 axes.plot(shear * x, torsion * y, marker="*", ms=11, color=look.colour, mec="white", mew=0.7, ls="none",
                           zorder=5, clip_on=False, label="_nolegend_" if i else "yield point")  # fmt: skip
         first = paths[0]
-        over = r"over $\mu N$ [-]" if relative else f"[{shear_in}]"
+        cohesive = any(path.cohesive for path in paths)
+        over = (r"over $c\,A + \mu N$ [-]" if cohesive else r"over $\mu N$ [-]") if relative else f"[{shear_in}]"
         axes.set_xlabel(f"shear force V {_named(first.direction)} {over}")
-        axes.set_ylabel(r"torsion $M_T$ " + ("over its strength at that N [-]" if relative else f"[{torsion_in}]"))
+        axes.set_ylabel(r"torsion $M_T$ " + (f"over {torsion_strength(paths)} [-]" if relative else f"[{torsion_in}]"))
         pressed = "N of the moment" if relative else f"N = {summary.load_text(first.normal_force)}"
         least = [(float(np.nanmin(path.drawn[k], initial=0.0)) for path in paths) for k in (0, 1)]
         axes.set_xlim(left=min(0.0, 1.05 * shear * min(least[0])))
@@ -170,6 +217,12 @@ def load_path(
         joint_told = style.plain(f"joint {first.joint}, {pressed}")
         head_and_legend(figure, axes, ax is None, f"{above}; {joint_told}" if above else joint_told)
     return figure
+
+
+def torsion_strength(paths: Sequence[JointPath]) -> str:
+    """Whose strength in torsion, at the N of the moment, the torsion of paths is drawn over."""
+    names = {path.formulation for path in paths}
+    return f"the {names.pop()} strength at its N" if len(names) == 1 else "the strength of each formulation at its N"
 
 
 def _named(direction: np.ndarray) -> str:

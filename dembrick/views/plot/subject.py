@@ -77,24 +77,59 @@ def pressure_centre(carried: Mapping[str, float]) -> np.ndarray:
     return np.array([carried["M_2"], -carried["M_1"]]) / carried["N"]
 
 
-def limit_surface(joint: Mapping, carried: Mapping[str, float]) -> theory.Law | None:
-    """The torsion-shear limit surface of a joint's own formulation at what it carries (``N``, ``M_1``, ``M_2``).
+def strengths(joint: Mapping, broken: bool = False) -> tuple[float, float]:
+    """Friction coefficient and cohesion (Pa) of a joint of a history, as long as its bond holds or after it broke."""
+    if broken:
+        return joint.get("residual_friction", joint["friction"]), joint.get("residual_cohesion", 0.0)
+    return joint["friction"], joint.get("cohesion", 0.0)
 
-    Points press like springs under the eccentric normal force. None if the joint is open, has no friction, or is
-    pressed outside itself.
+
+def is_brittle(joint: Mapping) -> bool:
+    """Whether a joint loses some of its strength as it slips."""
+    return strengths(joint) != strengths(joint, True)
+
+
+def shear_strength(joint: Mapping, N, broken: bool = False):
+    """c A + mu N of a joint (N), which may be below zero if it is pulled."""
+    friction, cohesion = strengths(joint, broken)
+    return cohesion * joint["area"] + friction * N
+
+
+def limit_surface(joint: Mapping, carried: Mapping[str, float], broken: bool = False) -> theory.Law | None:
+    """The torsion-shear limit surface of a joint's own formulation at what it carries (``N``, ``M_1``, ``M_2``), with
+    its cohesion, or with what is left of it where the bond is ``broken``.
+
+    Points press like springs under the eccentric normal force; as long as a bond holds they may pull. None if the
+    joint has no strength, or if without a bond that holds it is open or pressed outside itself.
     """
-    if not (carried["N"] > 0.0 and joint["friction"] > 0.0):
+    friction, cohesion = strengths(joint, broken)
+    held = is_brittle(joint) and not broken
+    strength = float(shear_strength(joint, carried["N"], broken))
+    if not (strength > 0.0 and (held or carried["N"] > 0.0)):
         return None
     try:
         if joint["formulation"] == "convex":
-            own = theory.polygon_formulation(joint["polygon"], joint["friction"], joint["pressure"])
+            if held or cohesion > 0.0:
+                return theory.convex(joint["polygon"], 0.0, 0.0, strength / joint["area"])
+            own = theory.polygon_formulation(joint["polygon"], friction, joint["pressure"])
+        elif held:
+            force = linear_stress(joint["normal_arms"], joint["areas"], carried) * joint["areas"]
+            bearing = np.maximum(cohesion * joint["areas"] + friction * force, 0.0)
+            return theory.points(joint["shear_arms"], bearing, 1.0)
         else:
-            own = theory.point_formulation(
-                joint["normal_arms"], joint["areas"], joint["friction"], joint["shear_arms"], joint["formulation"]
-            )
+            arms = joint["normal_arms"], joint["areas"], friction, joint["shear_arms"]
+            own = theory.point_formulation(*arms, joint["formulation"], cohesion)
         return own.law(carried["N"], pressure_centre(carried))
     except ScenarioError:
         return None
+
+
+def linear_stress(arms: np.ndarray, areas: np.ndarray, carried: Mapping[str, float]) -> np.ndarray:
+    """Normal stress (n,) Pa at points of a joint that may pull: linear over their ``arms``, in balance with N, M_1 and
+    M_2."""
+    phi = np.column_stack([np.ones(len(arms)), arms])
+    spread = np.linalg.pinv((phi * np.asarray(areas)[:, None]).T @ phi, rcond=1e-12, hermitian=True)
+    return phi @ spread @ np.array([carried["N"], carried["M_2"], -carried["M_1"]])
 
 
 def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]:
