@@ -51,6 +51,7 @@ def collect(history: History) -> dict:
     shown = frame_number(history)
     moved = _moved(history, carried, blocks, frames.number.tolist(), shown)
     at = int(np.abs(frames.number - shown).argmin())
+    colours = _colours(history, frames, moved, at)
     start = automatic_magnification(history, int(frames.number[at]))
     path = recorded_path(history)
     record = diagrams.record_at(history, frames.time, moved)
@@ -71,8 +72,8 @@ def collect(history: History) -> dict:
         "shown": at,
         "load": diagrams.listed(record.load) if pushed else None,
         "reach": 0.5 * float(np.linalg.norm(np.ptp(world, axis=0))),
-        "most": max(float(moved.max()), 1e-30),
-        "mostText": _end_of_scale(history, float(moved.max())),
+        "most": max(_up_to(moved, at), 1e-30),
+        "mostText": colours[0]["text"],
         "magnification": {"start": math.log10(start), "most": max(1.0, math.ceil(math.log10(start) + 0.7))},
         "actuators": _arrows(history, loads.driven_loads(history) if pushed else [], middle),
         "loads": _arrows(history, loads.dead_loads(history), middle),
@@ -82,7 +83,7 @@ def collect(history: History) -> dict:
         "centre": _centres(history, path, frames, middle, world, blocks),
         "curve": diagrams.curve(history, record),
         "path": None if path is None else diagrams.yield_domain(history, record, path),
-        "colours": _colours(history, frames, float(moved.max())),
+        "colours": colours,
         "joints": choices.joints(history, record, path),
         "record": choices.record(history),
         "readout": diagrams.readout(history, record, path),
@@ -150,25 +151,33 @@ def _arrows(history: History, given: list[loads.Load], middle: np.ndarray) -> li
     return [_arrow(history, load, middle, most or 1.0) for load in given]
 
 
-def _end_of_scale(history: History, moved: float) -> str:
-    """Text at the end of the colour scale: the travel of a corner (m), or the greatest velocity of a mechanism."""
-    return "the greatest velocity" if history.status == MECHANISM else f"{summary.length(moved)} (a corner)"
+def _up_to(values: np.ndarray, at: int) -> float:
+    """Where a colour scale ends: at the greatest of ``values`` (f, ...) up to the frame that is shown first, of which
+    later ones, when blocks fall, would leave no colours; of all frames if there is nothing up to then."""
+    return float(values[: at + 1].max(initial=0.0)) or float(values.max(initial=0.0))
 
 
-def _colours(history: History, frames: Frames, moved: float) -> list[dict]:
+def _end_of_scale(values: np.ndarray, at: int) -> str:
+    """The length at the end of a colour scale, beyond which the last colour stays."""
+    end = _up_to(values, at)
+    return summary.length(end) + (" and more" if values.max(initial=0.0) > end else "")
+
+
+def _colours(history: History, frames: Frames, moved: np.ndarray, at: int) -> list[dict]:
     """Quantities by which blocks can be coloured: a name, what the end of the scale says, values (f, n) of the
-    blocks."""
-    found = [{"name": "displacement", "text": _end_of_scale(history, moved), "values": None, "most": 1.0}]
+    blocks. ``moved`` (f,) m: the travel of a corner; ``at``: which frame is shown first."""
+    text = "the greatest velocity" if history.status == MECHANISM else f"{_end_of_scale(moved, at)} (a corner)"
+    found = [{"name": "displacement", "text": text, "values": None, "most": 1.0}]
     if history.n_joint and history.has_joints and history.n_row and len(frames.number) * history.n_joint <= _MOST_USED:
         joints = JointMotion(history)
         now = joints.at(frames.number.tolist())
         slip = now.resultants[..., CHANNELS.index("slip")]
         for name, of_joint, most in (
             ("utilisation", now.utilisation, 1.0),
-            ("slip", slip, float(slip.max(initial=0.0))),
+            ("slip", slip, _up_to(slip, at)),
         ):
             values = joints.greatest_of_blocks(of_joint)
-            text = "1: slides, or a hinge" if name == "utilisation" else summary.length(most)
+            text = "1: slides, or a hinge" if name == "utilisation" else _end_of_scale(slip, at)
             values = _packed(np.minimum(values, 1e30), "<f4")
             found.append({"name": name, "text": text, "values": values, "most": most or 1.0})
     return [*found, {"name": "none", "text": "", "values": None, "most": 1.0}]

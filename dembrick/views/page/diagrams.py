@@ -65,9 +65,12 @@ def curve(history: History, record: Record) -> dict:
         V = float(scale * record.diagram.loads(V))
         chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} {record.load_unit.strip('-')}".rstrip()}]
     limit = record.diagram.limit(history.results)
-    if limit is not None and summary.yield_point(history.results).get("bracket") != "open":
+    if limit is not None:
         lower, upper, said = limit
-        chart |= {"band": [scale * lower, scale * upper], "bandName": said}
+        if upper is None:
+            chart["levels"].append({"y": scale * lower, "look": "least", "name": said})
+        else:
+            chart |= {"band": [scale * lower, scale * upper], "bandName": said}
     return chart
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 
 _THETA = r"$\theta$"
+_OPEN = {"lw": 0.8, "ls": (0, (5, 3))}  # line of a bound that has none opposite
 _WIDE = 36  # characters of a text that has a line of the legend to itself
 MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
 
@@ -58,7 +59,8 @@ def force_displacement(
     that displacement over time. Forces from 10 kN on are drawn in kN. The colour of a run is that of its formulation.
 
     ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
-    bounds of each yield point. ``measured``: curves of the laboratory (:func:`read_measured`), laid over.
+    bounds of each yield point, a line with arrows at the lower one where there is no upper one. ``measured``: curves of
+    the laboratory (:func:`read_measured`), laid over.
     """
     above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
@@ -73,7 +75,8 @@ def force_displacement(
         unit, factor = summary.travel_unit(longest)
         limits = [diagram.limit(history.results) if bracket else None for history in histories]
         loads = [own.load for own in (*records, *measured)] if diagram.load is not None else []
-        loads += [np.array(found[:2]) for found in limits if found] + [np.array([*(references or {}).values()])]
+        loads += [np.array([V for V in found[:2] if V is not None]) for found in limits if found]
+        loads.append(np.array([*(references or {}).values()]))
         loads_in, scale = runs.unit_of_loads(loads, diagram.unit)
         looks = runs.looks([runs.formulation_of(history) for history in histories])
         for record, label, look, limit in zip(records, labels, looks, limits, strict=True):
@@ -83,9 +86,14 @@ def force_displacement(
             if limit is not None:
                 lower, upper, said = limit
                 text = said if len(histories) == 1 else None
-                axes.axhspan(scale * lower, scale * upper, color=look.colour, alpha=0.25, lw=0.6, label=text)
-        if len(histories) > 1 and any(limits):
+                if upper is None:
+                    _at_least(axes, scale * lower, look.colour, text)
+                else:
+                    axes.axhspan(scale * lower, scale * upper, color=look.colour, alpha=0.25, lw=0.6, label=text)
+        if len(histories) > 1 and any(limit and limit[1] is not None for limit in limits):
             axes.fill([], [], color=style.GREY, alpha=0.25, lw=0.6, label="bands: brackets of the limits")
+        if len(histories) > 1 and any(limit and limit[1] is None for limit in limits):
+            axes.plot([], [], color=style.GREY, **_OPEN, label="lines with arrows: no upper bound")
         for i, curve in enumerate(measured):
             marker, load = MEASURED[i % len(MEASURED)], scale * curve.load
             axes.plot(factor * curve.displacement, load, color=style.BLACK, ls="-", lw=0.9, marker=marker, ms=4,
@@ -103,6 +111,16 @@ def force_displacement(
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         head_and_legend(figure, axes, ax is None, above)
     return figure
+
+
+def _at_least(axes: Axes, load: float, colour: str, label: str | None) -> None:
+    """A line at a load that a limit has at least, and arrows up from it."""
+    axes.axhline(load, color=colour, **_OPEN, label=label)
+    for share in (0.06, 0.94):  # of the width
+        axes.annotate(
+            "", (share, load), (0.0, 16.0), xycoords=("axes fraction", "data"), textcoords="offset points",
+            arrowprops={"arrowstyle": "<-", "color": colour, "lw": 0.8, "shrinkA": 0.0, "shrinkB": 0.0},
+        )  # fmt: skip
 
 
 def curve_panels(panels: Sequence[CurvePanel]) -> Figure:

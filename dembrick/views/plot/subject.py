@@ -155,20 +155,23 @@ class Diagram(NamedTuple):
         """Loads (T,) or a load of the record, in ``unit``."""
         return np.degrees(np.arctan(recorded)) if self.tilts else recorded
 
-    def limit(self, results: Mapping) -> tuple[float, float, str] | None:
-        """Bounds of the limit load in ``unit``, and the limit in words; None without a bracket or if the run failed."""
+    def limit(self, results: Mapping) -> tuple[float, float | None, str] | None:
+        """Bounds of the limit load in ``unit``, the upper one None where nothing bounds it, and the limit in words;
+        None without a lower bound or if the run failed."""
         point = summary.yield_point(results)
-        if "error" in results or any(key not in point for key in ("V", "V_lower", "V_upper")):
+        if "error" in results or any(key not in point for key in ("V", "V_lower")):
             return None
         beside = summary.part(results, "path") | summary.part(results, "collapse")
         if self.tilts:
             said = summary.angle_text(point, beside)
         else:
             unit, factor = summary.load_unit(abs(point["V"]), self.unit.strip("-"))
-            scaled = {key: factor * point[key] for key in ("V", "V_lower", "V_upper")}
+            scaled = {key: factor * point[key] for key in ("V", "V_lower", "V_upper") if key in point}
             said = summary.limit_text(point | scaled, beside, unit)
-        lower, upper = (float(self.loads(point[key])) for key in ("V_lower", "V_upper"))
-        return lower, upper, str(said)
+        lower, upper = float(self.loads(point["V_lower"])), point.get("V_upper")
+        if upper is None or point.get("bracket", "open") == "open":
+            return lower, None, str(said)
+        return lower, float(self.loads(upper)), str(said)
 
 
 class Record(NamedTuple):

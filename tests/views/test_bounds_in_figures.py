@@ -1,0 +1,56 @@
+"""What figures and pages make of a limit that nothing bounds from above, and where their colour scales end."""
+
+import numpy as np
+import pytest
+
+from dembrick.views import plot, summary
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
+from dembrick.views.page import content
+
+
+@pytest.mark.parametrize("upper", [4e4, None])
+@pytest.mark.parametrize("own_axes", [False, True])
+def test_an_open_bracket_is_a_line_at_what_the_limit_has_at_least(run, monkeypatch, upper, own_axes):
+    """Whatever stands for the bound that there is not: the axis is that of the curve."""
+    bare = plot.force_displacement([run], bracket=False).axes[0].get_ylim()
+    most = float(np.abs(run.load).max())
+    point = {"V": 0.9 * most, "V_lower": 0.9 * most, "V_upper": upper, "bracket": "open"}
+    monkeypatch.setitem(run.__dict__, "results", {"title": "open", "yield_point": point})
+    given = plot.force_displacement([run], bracket=False).axes[0] if own_axes else None
+    axes = given or plot.force_displacement([run]).axes[0]
+    if own_axes:
+        assert plot.force_displacement([run], ax=axes) is axes.figure
+    assert not axes.patches and axes.get_ylim() == pytest.approx(bare, rel=0.05)
+    (line,) = (line for line in axes.lines if "no upper bound" in line.get_label())
+    assert np.unique(line.get_ydata()) == pytest.approx([0.9 * most])
+    arrows = [note for note in axes.texts if note.arrow_patch is not None]
+    assert arrows and [note.xy[1] for note in arrows] == pytest.approx([0.9 * most] * len(arrows))
+    assert all(note.xyann[1] > 0.0 for note in arrows)  # upwards
+    chart = content.collect(run)["curve"]
+    assert chart["band"] is None
+    assert [level["y"] for level in chart["levels"] if "no upper bound" in level["name"]] == pytest.approx([0.9 * most])
+
+
+def test_a_closed_bracket_stays_a_band(run, monkeypatch):
+    point = {"V": 2.0, "V_lower": 1.9, "V_upper": 2.1, "bracket": "certified"}
+    monkeypatch.setitem(run.__dict__, "results", {"title": "closed", "yield_point": point})
+    figure = plot.force_displacement([run]).axes[0]
+    assert len(figure.patches) == 1 and not figure.texts
+    assert content.collect(run)["curve"]["band"] == pytest.approx([1.9, 2.1])
+
+
+def test_colours_of_a_page_reach_up_to_what_it_shows_first(run, monkeypatch):
+    """At the limit, in the second frame of four: later ones, of blocks that fall, would leave it a single colour."""
+    at = float(run.frame_time[1])
+    V = float(np.interp(at, run.time, run.load))
+    monkeypatch.setitem(run.__dict__, "searches_limit", True)
+    monkeypatch.setitem(run.__dict__, "results", {"yield_point": {"V": V, "limit_at": at}})
+    body, block, _ = all_vertices(run)
+    moved = np.linalg.norm(CarriedPoints(run, body, block).moved(Poses.read(run, 0, run.n_frames)), axis=2).max(axis=1)
+    data = content.collect(run)
+    assert data["shown"] == 1 and moved[-1] > 1.5 * moved[1] > 0.0
+    assert data["most"] == pytest.approx(moved[1])
+    assert data["mostText"] == f"{summary.length(moved[1])} and more (a corner)" == data["colours"][0]["text"]
+    slip = next(colour for colour in data["colours"] if colour["name"] == "slip")
+    rows = np.abs(run.time[:, None] - run.frame_time[:2]).argmin(axis=0)
+    assert slip["most"] == pytest.approx(run.joint("slip")[rows].max())
