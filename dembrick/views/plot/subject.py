@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -40,7 +40,7 @@ def pushes_several(history: History) -> bool:
 
 
 def chosen_joint(history: History, name: str | int | None = None) -> int:
-    """Number of the joint called ``a/b`` (or ``a/b #3``, or 3); without a name the one that gave way.
+    """Number of the joint called ``a/b`` (or ``b / a``, ``a/b #3``, or 3); without a name the one that gave way.
 
     That is the joint of the yield point, else the first one of a block that is pushed, else the one that slipped most.
     Raises HistoryError if there is no joint, ScenarioError for a name that no joint has.
@@ -55,9 +55,10 @@ def chosen_joint(history: History, name: str | int | None = None) -> int:
     pairs = _pairs(history)
     if name:
         names = joint_names(history)
-        for known in (names, pairs):
-            if name in known:
-                return known.index(name)
+        for asked in (name, *_other_ways(name)):
+            for known in (names, pairs):
+                if asked in known:
+                    return known.index(asked)
         if name.isdecimal():
             return chosen_joint(history, int(name))
         shown = ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
@@ -70,6 +71,17 @@ def chosen_joint(history: History, name: str | int | None = None) -> int:
         if pushed & {joint["block_a"], joint["block_b"]}:
             return i
     return int(np.argmax(history.joint("slip")[-1])) if history.n_row and history.has_joints else 0
+
+
+def _other_ways(name: str) -> Iterator[str]:
+    """The same joint in other words: without the spaces around the slash, and with its blocks in the other order, as
+    results name hinges. Names of blocks may have a slash in them."""
+    pair, sign, number = name.strip().rpartition("#")
+    pair, end = (pair.strip(), f" #{number.strip()}") if sign and number.strip().isdecimal() else (name.strip(), "")
+    for cut in [i for i, letter in enumerate(pair) if letter == "/"]:
+        one, other = pair[:cut].strip(), pair[cut + 1 :].strip()
+        yield f"{one}/{other}{end}"
+        yield f"{other}/{one}{end}"
 
 
 def pressure_centre(carried: Mapping[str, float]) -> np.ndarray:
