@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
+from dembrick.views import structure_numbers as structure
 from dembrick.views.summary import (
     angle_text,
     known,
@@ -87,12 +88,16 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     lines += _of_collapse(collapse, point)
     if not isinstance(results.get("error"), str):  # what a run that failed had come to is no limit
         lines += _of_yield(point, "" if of_blocks else unit, at_rate, path | collapse)
+        lines += [KeyNumber(*told) for told in structure.of_path(path | collapse, "" if of_blocks else unit)]
+        lines += [KeyNumber(*told) for told in structure.of_collapse(collapse)]
     lines += cycle_numbers(results.get("cycles"), unit)
     lines += _after(part(results, "after"))
     lines += _of_theory(part(results, "theory"))
     lines += told_by(OF_SETTLEMENT, results)
     lines += told_by(OF_MOTION, results) if not (point or collapse or results.get("settlement")) else []
     lines += told_by(OF_LAWS, results)
+    for of in (structure.of_stages, structure.of_ties, structure.of_reactions):
+        lines += [KeyNumber(*told) for told in of(results)]
     lines += told_by(OF_WORK, results)
     return lines
 
@@ -222,8 +227,9 @@ def _not_standing(results: Mapping) -> Told | None:
 
 
 def _left_out(results: Mapping) -> Told | None:
-    found = results.get("left_out")
-    said = [one.get("text") for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
+    said = []
+    for found in (own.get("left_out") for own in (results, part(results, "path"), part(results, "collapse"))):
+        said += [one.get("text") for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
     return Told("; ".join(texts(said))) if texts(said) else None
 
 
@@ -233,7 +239,9 @@ def _settled(results: Mapping) -> Told | None:
     if at is None:
         return None
     text = f"{at:.5g} m" if bar is None else with_error(at, abs(bar), "m")
-    return Told(text, _NO_BAR if bar is None else "from runs refined")
+    ends = structure.pair(collapse.get("settlement_range"))
+    between = "" if ends is None else f"between {ends[0]:.5g} and {ends[1]:.5g} m; "
+    return Told(text, between + (_NO_BAR if bar is None else "from runs refined"))
 
 
 def _reaction(results: Mapping) -> Told | None:

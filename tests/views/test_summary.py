@@ -71,6 +71,52 @@ def test_a_load_factor_has_no_newtons():
     assert lines[4].value == "rocking"
 
 
+def test_a_structure_tells_what_else_its_run_printed():
+    """Stages, ties, reactions, blocks and hinges, and what other paths bear."""
+    stage = {"stage": 1, "kind": "displacement", "status": "completed", "yield_point": POINT, "path": None}
+    ties = [
+        {"between": ["a", "b"], "tension": 200.0, "yielded": 1.8e-3},
+        {"between": ["a", "c"], "tension": 5.0, "peak": 7.0},
+    ]
+    beside = {
+        "path_range": [0.19, 0.21],
+        "paths": [9, 10],
+        "associative": {"upper": 0.22},
+        "mechanism_load_factor": 0.18,
+    }
+    collapse = {"load_factor": 0.2, "mechanism": "rocking", "blocks": ["a", "b"], "hinges": ["b / a"]} | beside
+    lines = names(
+        {
+            "yield_point": POINT | {"V": 0.2, "V_lower": 0.2, "V_upper": 0.2}, "collapse": collapse, "stages": [stage],
+            "ties": ties, "reactions": {"base": [1.0, 0.0, 20.0, 0.0, -1e-9, 3.0]},
+        }
+    )  # fmt: skip
+    told = {name: line[1:3] for name, line in lines.items()}
+    assert told["stage 1"] == ("displacement: completed", "V = 216.0 ± 1.0, certified")
+    assert told["tie a - b"] == ("200 N", "yielded by 1.8 mm") and told["tie a - c"] == ("5 N", "7 N at the most")
+    assert told["reaction of base"] == ("1, 0, 20 N", "0, 0, 3 N m about its centroid")
+    assert told["blocks that move"][0] == "a, b" and told["hinges"][0] == "b / a"
+    assert told["after a peak"] == ("load factor 0.18", "how high the peak is depends on the way there")
+    assert told["path range"] == ("0.19 to 0.21", "by 9 of 10 paths of the same structure")
+    assert told["bound"] == ("0.22", "associative: no path ends above")
+    settled = names({"collapse": {"settlement": 0.2, "settlement_range": [0.19, 0.21], "mechanism": "rocking"}})
+    assert settled["settlement at collapse"].remark.startswith("between 0.19 and 0.21 m; ")
+
+
+def test_of_many_supports_and_ties_some_have_a_line():
+    wrench, tie = [1.0] * 6, {"between": ["a", "b"], "tension": 1.0}
+    lines = names({"ties": [tie] * 9, "reactions": {f"s{i}": wrench for i in range(11)}})
+    assert lines["more ties"].value == "1" and lines["more supports"].value == "3" and "reaction of s8" not in lines
+
+
+@pytest.mark.parametrize("junk", [None, True, "x", [], [1], [{}], {"a": [1]}, {"a": "x"}, {"a": [math.nan] * 6}])
+def test_junk_beside_the_limit_is_left_out(junk):
+    keys = ("path_range", "paths", "wanders", "blocks", "hinges", "settlement_range", "left_out", "associative")
+    beside = dict.fromkeys(keys, junk)
+    results = {"stages": junk, "ties": junk, "reactions": junk, "collapse": beside, "path": beside}
+    assert {line.name for line in key_numbers(results)} <= {"blocks that move", "hinges"}
+
+
 @pytest.mark.parametrize("junk", [None, True, "x", [], {"V": "x"}, {"V": [1]}, {"V": math.nan}, {"V": 10**400}])
 def test_junk_is_left_out(junk):
     assert key_numbers({"yield_point": junk, "theory": junk, "collapse": junk, "wall": junk, "steps": junk}) == []

@@ -1,0 +1,95 @@
+"""Key numbers of a structure beside its limit: other paths to it, blocks and hinges, stages, ties, reactions.
+
+They are told as name, value and remark, of results that may hold anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from dembrick.views.summary import known, length, limit_text, listed, load_text, number, part, texts, yield_point
+
+_SHOWN = 8  # supports or ties that have a line each
+_ROUNDING = 1e-7  # of the largest force or moment: less is printed as zero
+_WRENCH = 6  # numbers of a reaction
+
+
+def of_path(beside: Mapping, unit: str) -> Iterator[tuple[str, str, str]]:
+    """What other paths bear, from what stands beside a limit load in ``unit`` (``collapse`` or ``path``)."""
+    after, at = number(beside.get("mechanism_load_factor")), number(beside.get("load_factor"))
+    if after is not None and at is not None and after < at:
+        told = f"{'' if unit else 'load factor '}{known(after, 0.0, 5)} {unit}".rstrip()
+        yield "after a peak", told, "how high the peak is depends on the way there"
+    if (ends := pair(beside.get("wanders"))) is not None:
+        yield "wanders", _range(*ends, unit), "blocks snap on and on, and no limit is narrower"
+    if (ends := pair(beside.get("path_range"))) is not None:
+        count = pair(beside.get("paths"))
+        by = "" if count is None else f"by {count[0]:.0f} of {count[1]:.0f} paths of the same structure"
+        yield "path range", _range(*ends, unit), by
+        upper = number(part(beside, "associative").get("upper"))
+        if upper is not None:
+            yield "bound", f"{known(upper, 0.0, 5)} {unit}".rstrip(), "associative: no path ends above"
+        elif beside.get("no_path_above") is True:
+            yield "bound", "no path ends above", "normality allows the mechanism"
+
+
+def of_collapse(collapse: Mapping) -> Iterator[tuple[str, str, str]]:
+    """The blocks that come down, and the hinges between them."""
+    for key, name in (("blocks", "blocks that move"), ("hinges", "hinges")):
+        if isinstance(collapse.get(key), list):
+            yield name, listed(texts(collapse[key])), ""
+
+
+def of_stages(results: Mapping) -> Iterator[tuple[str, str, str]]:
+    """The stages before the last: their kind, how they ended, and their limit load where they had one."""
+    stages = results.get("stages")
+    for stage in stages if isinstance(stages, list) else ():
+        count = number(part({"": stage}, "").get("stage"))
+        kind, status = (part({"": stage}, "").get(key) for key in ("kind", "status"))
+        if count is None or not (isinstance(kind, str) and isinstance(status, str)):
+            continue
+        point = yield_point(stage)
+        limit = limit_text(point, part(stage, "path"), "") if "V" in point else None
+        load = "" if limit is None else f"V = {limit.value}, {limit.kind}"
+        yield f"stage {count:.0f}", f"{kind}: {status}", load
+
+
+def of_ties(results: Mapping) -> Iterator[tuple[str, str, str]]:
+    """The tension of every tie, its peak, and by how much it has yielded."""
+    ties = results.get("ties")
+    known_ties = [tie for tie in ties if isinstance(tie, Mapping)] if isinstance(ties, list) else []
+    for tie in known_ties[:_SHOWN]:
+        tension, peak, yielded = (number(tie.get(key)) for key in ("tension", "peak", "yielded"))
+        if tension is None:
+            continue
+        remarks = [] if peak is None else [f"{load_text(peak)} at the most"]
+        remarks += [f"yielded by {length(yielded)}"] if yielded else []
+        yield f"tie {' - '.join(texts(tie.get('between')))}".rstrip(), load_text(tension), ", ".join(remarks)
+    if len(known_ties) > _SHOWN:
+        yield "more ties", str(len(known_ties) - _SHOWN), "--json lists all"
+
+
+def of_reactions(results: Mapping) -> Iterator[tuple[str, str, str]]:
+    """Force and moment of every support on the structure."""
+    found = part(results, "reactions")
+    wrenches = {}
+    for name, wrench in found.items():
+        numbers = [number(value) for value in wrench] if isinstance(wrench, list) else []
+        if isinstance(name, str) and len(numbers) == _WRENCH and None not in numbers:
+            wrenches[name] = [value for value in numbers if value is not None]
+    largest = max((abs(value) for wrench in wrenches.values() for value in wrench), default=0.0)
+    for name, wrench in list(wrenches.items())[:_SHOWN]:
+        shown = [f"{value:.6g}" if abs(value) > _ROUNDING * largest else "0" for value in wrench]
+        yield f"reaction of {name}", f"{', '.join(shown[:3])} N", f"{', '.join(shown[3:])} N m about its centroid"
+    if len(wrenches) > _SHOWN:
+        yield "more supports", str(len(wrenches) - _SHOWN), "--json lists all"
+
+
+def pair(value: object) -> tuple[float, float] | None:
+    """Two finite numbers, None for anything else."""
+    found = [number(one) for one in value] if isinstance(value, list | tuple) else []
+    return (found[0], found[1]) if len(found) == 2 and None not in found else None  # type: ignore[return-value]
+
+
+def _range(low: float, high: float, unit: str) -> str:
+    return f"{known(low, 0.0, 5)} to {known(high, 0.0, 5)} {unit}".rstrip()
