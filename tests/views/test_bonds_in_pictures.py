@@ -58,3 +58,20 @@ def test_tension_is_used_up_at_the_first_crack(tmp_path, formulation, crack):
     V_0 = 467.0 * 0.2 / (6.0 if formulation == "convex" else 2.0) / 0.1  # where it begins to pull
     np.testing.assert_allclose(found[pulls], (V[pulls] - V_0) / (crack - V_0), atol=2e-3)
     assert found[pulls].max() > 0.8
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave"])
+def test_stages_of_a_brittle_joint_show_its_peak_and_what_it_carries_after(tmp_path, formulation):
+    """In shear it bears c A + mu N once, and mu_r N from then on; friction in the picture is in balance with both."""
+    law = {"cohesion": 1e4, "residual_friction": 0.5}
+    used(tmp_path / "b.h5", formulation, single((0.0, 0.0)), **law)
+    with history.read(tmp_path / "b.h5") as found:
+        stages, peak = joint_plane(found), float(found.load.max())
+        shear = [float(found.joint("V_2")[JointMotion(found).rows([stage.frame])[0], 0]) for stage in stages]
+    loads = [stage.load for stage in stages]
+    assert max(loads) > 0.98 * peak > 2.0 * loads[-1] and loads[-1] == pytest.approx(0.5 * 467.0, rel=1e-2)
+    assert loads[:-1] == sorted(loads[:-1]) and len(stages) <= 4
+    *_, last = stages
+    whole = 0.06 / len(last.points) if formulation == "convex" else 1.0
+    assert whole * last.friction.sum(axis=0)[1] == pytest.approx(-shear[-1], rel=2e-2)
+    assert last.limit * whole * len(last.points) == pytest.approx(0.5 * 467.0, rel=1e-2)

@@ -2,16 +2,19 @@
 
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 
 import dembrick
 from dembrick import history
 from dembrick.errors import ScenarioError
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.regimes import OF_ACTUATORS
 from dembrick.views import page, plot, summary
 from dembrick.views.plot import style
 from dembrick.views.plot.studies import unit_of
+from helpers.one_joint import scene, single
 from helpers.scenario_text import block, header
 
 TITLE = "Granite blocks, jack at 0.12 m"
@@ -197,3 +200,38 @@ def test_a_settled_figure_is_the_one_that_saving_lays_out(tmp_path):
             assert figure.get_layout_engine() is None
         plot.save(figure, tmp_path / name)
     assert (tmp_path / "own.png").read_bytes() == (tmp_path / "settled.png").read_bytes()
+
+
+def test_a_study_is_drawn_under_its_title(tmp_path):
+    head, rows = "case,joint.friction,status,V", ["0,0.5,yield,200", "1,0.6,yield,240"]
+    assert plot.study(table_of(tmp_path, head, rows)).get_suptitle() == ""  # a table that stands alone
+    (tmp_path / "table.h5").write_bytes(b"no table")
+    assert plot.study(table_of(tmp_path, head, rows)).get_suptitle() == ""
+    with h5py.File(tmp_path / "table.h5", "w") as file:
+        file.attrs["title"] = "Two frictions, $x$"
+    assert plot.study(table_of(tmp_path, head, rows)).get_suptitle() == r"Two frictions, \$x\$"
+
+
+# --- titles ---
+
+
+def test_titles_do_not_break_at_equals_signs_or_before_units():
+    title = "My dry wall on a tilting table; joint wall.base/wall.1.8, N = 1177 N"
+    for width in range(20, 70):
+        lines = style.wrapped(title, width).split("\n")
+        assert " ".join(lines) == title and "N = 1177 N" in lines[-1], width
+        assert all(len(line) <= width for line in lines if " " in line)
+    assert style.wrapped("set of 10 blocks", 10) == "set of 10\nblocks"
+
+
+def test_a_layout_says_what_its_letters_are(pushed_in_plan):
+    with history.read(pushed_in_plan) as found:
+        assert plot.layout([found]).get_supxlabel() == "O: centroid of the joint, C: torsion centre"
+        assert plot.layout([found], torsion_centre=False).get_supxlabel() == ""
+
+
+@pytest.fixture(scope="module")
+def pushed_in_plan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "run.h5"
+    simulate(scene(jacks=single((0.075, 0.0))), path)
+    return path

@@ -359,6 +359,20 @@ class JointFrames:
         """(f, c) m2: areas of the contact points; None if the history does not have them, as older ones."""
         return self._values("contact_area")
 
+    @property
+    def held(self) -> np.ndarray | None:
+        """(f, j): the part of every joint's area whose bond holds; None where no joint has more than friction."""
+        return None if self.joints.bonds is None else self._held
+
+    @cached_property
+    def point_strength(self) -> np.ndarray | None:
+        """(f, c) N: the shear that every contact point may carry; None where no joint has more than friction."""
+        bonds = self.joints.bonds
+        if bonds is None:
+            return None
+        recorded, area = self.point_forces is not None, self.joints.points[2] if self._areas is None else self._areas
+        return bonds.point_strength(self.resultants, self._held, self.normal_forces, recorded, area)
+
     @cached_property
     def _held(self) -> np.ndarray:
         """(f, j): the part of every joint's area whose bond holds; zero if it never had one."""
@@ -402,8 +416,7 @@ class JointFrames:
             normal = np.ascontiguousarray(self.normal_forces)
             rest = (start, joint, joints.friction)
             if joints.bonds is not None:  # strengths in place of normal forces
-                recorded, area = self.point_forces is not None, joints.points[2] if self._areas is None else self._areas
-                normal = joints.bonds.point_strength(resultants, self._held, normal, recorded, area)
+                normal = self.point_strength
                 rest = (start, joint, np.ones(joints.n_joint))
             point_gauges(x, y, *rest, normal, force, joints.twist[1], np.zeros(6), found)
             arms = self._values("contact_arm")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -172,7 +171,7 @@ def name_axes(axes: Axes, diagram: subject.Diagram, travel: str, unit: str) -> N
 def head_and_legend(figure: Figure, axes: Axes, own: bool, above: str, columns: int = 2) -> None:
     """Above the axes of a figure of ours what its runs share, and a legend in one column where its texts are long."""
     if own and above:
-        axes.set_title("\n".join(textwrap.wrap(above, 60)))
+        axes.set_title(style.wrapped(above, 60))
     longest = max(map(len, axes.get_legend_handles_labels()[1]), default=0)
     style.legend(figure, axes, own, columns=1 if longest > _WIDE else columns)
 
@@ -217,9 +216,9 @@ def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = N
                 colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
                 axes.plot(history.time, values, color=colour, ls=line, label=style.plain(name.replace("_", " ")))
             axes.set_xlabel(subject.time_name(history))
-            axes.set_title("\n".join(textwrap.wrap(label, 44)))
+            axes.set_title(style.wrapped(label, 44))
         panels[0].set_ylabel("energy [J]")
         if ax is None and above:
-            figure.suptitle("\n".join(textwrap.wrap(above, 60)), fontsize=9)
+            figure.suptitle(style.wrapped(above, 60), fontsize=9)
         style.legend(figure, panels[0], ax is None, columns=3)
     return figure

@@ -8,7 +8,6 @@ corners put it elsewhere than the whole area does.
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
 
 SLIDES_FROM = 0.995  # utilisation from which the friction is drawn at its limit
 _MOST_POINTS = 40  # contact points drawn one by one; more of them, and convex joints, get a grid
+_WEAKER = 0.98  # of its greatest force: a joint that ends with less has lost some
 _GRID = 6  # points over the longer side of a joint
 _ARROW = {True: 0.22, False: 0.16}  # of the joint's size, the longest arrow: with few points, with many
 _SHEAR = 100.0  # joint's sizes from O: a centre beyond is that of a shear, and none is drawn
@@ -128,7 +128,7 @@ def _friction(
     law: theory.Law | None = None
     if shown is None:
         bent = dict(zip(CHANNELS, carried, strict=True))
-        law = subject.limit_surface(joint, bent)
+        law = subject.limit_surface(joint, bent, broken=now.held is not None and now.held[0, 0] < 0.5)
         if law is None:
             return None, 0.0
         pressed = points - subject.pressure_centre(bent)
@@ -136,14 +136,15 @@ def _friction(
     else:
         normal, forces = now.normal_forces[0], now.point_forces
         share = 1.0 if len(shown) == len(normal) else joint["areas"][shown]
-        limit = joint["friction"] * normal[shown] / share
+        strength = joint["friction"] * normal if now.point_strength is None else now.point_strength[0]
+        limit = strength[shown] / share
         if forces is not None:
             along = forces[0, shown] @ now.axes[0, 0, :2].T
             return along / np.reshape(share, (-1, 1)), float(limit.max())
     if not slides:
         return None, float(limit.max())
     if law is None:
-        law = theory.points(joint["shear_arms"], normal, joint["friction"])
+        law = theory.points(joint["shear_arms"], strength, 1.0)
     v_1, v_2, w = theory.limit_load(law, carried[1:4]).twist
     slip = np.stack([v_1 - w * points[:, 1], v_2 + w * points[:, 0]], axis=1)
     speed = np.linalg.norm(slip, axis=1, keepdims=True)
@@ -160,15 +161,21 @@ def _inside(points: np.ndarray, parts) -> np.ndarray:
 
 
 def _growing(history: History, number: int, stages: int) -> list[int]:
-    """Frames at which the joint's force first comes to half its last value, then ever closer to it; the last frame."""
+    """Frames at which the joint's force first comes to half its last value, then ever closer to it; the last frame.
+    Of a joint that has lost some of its force by then, as a bond broke, frames on the way to its peak, and the last."""
     motion = JointMotion(history, number)
     everyone = np.arange(1, history.n_frames)
     force = motion.at(everyone).resultants[:, 0, 1:4] * np.array([1.0, 1.0, 1.0 / motion.size[0]])
-    last = force[-1] @ force[-1]
-    reached = np.maximum.accumulate(force @ force[-1] / last if last > 0.0 else everyone / everyone[-1])
-    shares = 1.0 - 10.0 ** -np.linspace(math.log10(2.0), 3.0, stages - 1)
+    size = np.linalg.norm(force, axis=1)
+    top = int(np.argmax(size))
+    if stages == 1 or size[-1] >= _WEAKER * size[top]:
+        top = len(everyone) - 1
+    ends = {int(everyone[top]), int(everyone[-1])}
+    way, on_the_way = force[: top + 1] @ force[top], everyone[: top + 1]
+    reached = np.maximum.accumulate(way / way[-1] if way[-1] > 0.0 else on_the_way / on_the_way[-1])
+    shares = 1.0 - 10.0 ** -np.linspace(math.log10(2.0), 3.0, stages - len(ends))
     chosen = np.searchsorted(reached, shares)
-    return sorted({int(everyone[min(k, len(everyone) - 1)]) for k in chosen} | {int(everyone[-1])})
+    return sorted({int(on_the_way[min(k, top)]) for k in chosen} | ends)
 
 
 @takes_paths
@@ -201,7 +208,7 @@ def joint_stages(
             grid = figure.subplots(len(rows), columns, squeeze=False)
             axes = [own for row, line in zip(rows, grid, strict=True) for own in line[: len(row)]]
             for row, line, label in zip(rows, grid, labels, strict=True):
-                line[0].set_ylabel("\n".join(textwrap.wrap(label, 26)))
+                line[0].set_ylabel(style.wrapped(label, 26))
                 for unused in line[len(row) :]:
                     unused.remove()
         else:
@@ -217,7 +224,7 @@ def joint_stages(
             named |= {label: handle for handle, label in zip(*own.get_legend_handles_labels(), strict=True)}
         if ax is None:
             if above:
-                figure.suptitle("\n".join(textwrap.wrap(above, 30 * columns)), fontsize=9)
+                figure.suptitle(style.wrapped(above, 30 * columns), fontsize=9)
             figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4 if columns > 2 else 2)
     return figure
 

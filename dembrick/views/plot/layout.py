@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -49,6 +48,8 @@ def layout(sources, ax: Axes | None = None, torsion_centre: bool = True) -> Figu
             figure.get_layout_engine().set(h_pad=0.12)  # inches; titles of three lines end at the edge otherwise
         for own, plan in zip(axes, plans, strict=True):
             _draw(own, plan, torsion_centre)
+        if ax is None and torsion_centre and any(plan.torsion_centre is not None for plan in plans):
+            figure.supxlabel("O: centroid of the joint, C: torsion centre", fontsize=8)
     return figure
 
 
@@ -120,7 +121,7 @@ def _draw(axes, plan: Plan, torsion_centre: bool) -> None:
         axes.plot(*plan.torsion_centre, "x", color=style.BLUE, ms=7, mew=1.8)
         axes.annotate("C", plan.torsion_centre, (0, 5), textcoords="offset points", color=style.BLUE, ha="center")
     heading, _, rest = style.plain(plan.title).partition(":")
-    axes.set_title("\n".join([heading, *textwrap.wrap(rest.strip(), 30)]), fontsize=8)
+    axes.set_title("\n".join([heading, style.wrapped(rest.strip(), 30)]).rstrip(), fontsize=8)
     axes.set_aspect("equal")
     axes.set_xlim(lower[0] - 0.36 * size, upper[0] + 0.2 * size)
     axes.set_ylim(lower[1] - 0.7 * size, upper[1] + 0.4 * size)

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from dembrick.errors import ScenarioError
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.history import guard
 from dembrick.scenario import keys
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.csv_tables import Table, read_table
@@ -35,12 +36,14 @@ _MOST_LINES = 8  # in the legend of a panel; more cases than that are a cloud of
 
 
 class StudyTable(NamedTuple):
-    """A study as it was read: its ``path``, the ``keys`` that change, and a row for each case that did not fail."""
+    """A study as it was read: its ``path``, the ``keys`` that change, a row for each case that did not fail, and its
+    ``title``, empty if the table stands alone."""
 
     path: str
     keys: tuple[str, ...]
     columns: tuple[str, ...]
     rows: list[dict[str, str]]
+    title: str = ""
 
     def numbers(self, name: str) -> list[float | None]:
         """A column as numbers, None if a cell holds none or the table has no such column."""
@@ -64,7 +67,17 @@ def read_study(path: str | os.PathLike) -> StudyTable:
     if not sound:
         raise ScenarioError(f"{path}: no case of this study has an answer; its column 'error' says why")
     place = titles.index("status")
-    return StudyTable(str(path), titles[1:place], titles[place:], sound)
+    return StudyTable(str(path), titles[1:place], titles[place:], sound, _title(path))
+
+
+def _title(path: Path) -> str:
+    """The title of the study whose table it is, from the ``table.h5`` beside it."""
+    try:
+        with guard.open_file(path.with_name("table.h5")) as file:
+            found = guard.attribute(file, "title")
+    except HistoryError:
+        return ""
+    return found if isinstance(found, str) else ""
 
 
 def study(table: StudyTable, answer: str | None = None, over: Sequence[str] = ()) -> Figure:
@@ -86,6 +99,8 @@ def study(table: StudyTable, answer: str | None = None, over: Sequence[str] = ()
             _panel(axes, table, answer, key)
             if axes.get_legend_handles_labels()[1]:
                 axes.legend(loc="best")
+        if table.title:
+            figure.suptitle(style.wrapped(style.plain(table.title), 60 * len(panels)), fontsize=9)
     return figure
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import re
+import textwrap
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
@@ -127,6 +129,15 @@ def plain(text: str) -> str:
     """Text as it stands: no formula between dollar signs, and never a label that matplotlib would hide."""
     text = str(text).replace("$", r"\$")
     return f" {text}" if text.startswith("_") else text
+
+
+_TOGETHER = re.compile(r"(?<==) | (?==)|(?<=\d) (?=[^\W\d_]{1,3}(?:\b|$))")  # " = ", and a number and its unit
+
+
+def wrapped(text: str, width: int) -> str:
+    """A text in lines of so many characters, none of which breaks at an equals sign or before a unit."""
+    fixed = _TOGETHER.sub("\N{NO-BREAK SPACE}", text)
+    return "\n".join(textwrap.wrap(fixed, width)).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def inline_svg(figure: Figure) -> str:
