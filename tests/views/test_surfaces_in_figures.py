@@ -47,6 +47,7 @@ def test_a_brittle_joint_has_the_surface_of_its_bond_and_that_of_what_is_left(tm
     with history.read(run) as found:
         lines = content.collect(found)["path"]["lines"]
     assert max(lines[0]["x"]) == pytest.approx(BONDED, rel=1e-6) and lines[0]["name"].endswith(", bonded")
+    assert [line["look"] for line in lines[:2]] == [formulation, f"{formulation} broken"]
 
 
 def test_a_ductile_joint_ends_on_the_surface_that_has_its_cohesion(tmp_path):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dembrick.views import summary
-from dembrick.views.plot.paths import JointPath, torsion_strength
+from dembrick.views.plot.paths import BROKEN, JointPath, torsion_strength
 from dembrick.views.plot.subject import Diagram, diagram_of
 
 if TYPE_CHECKING:
@@ -85,7 +85,8 @@ def yield_domain(history: History, record: Record, path: JointPath, rows: np.nda
     lines = []
     for section in path.sections:
         line = {"x": listed(shear * section.V), "y": listed(torsion * section.M_T), "name": section.name}
-        lines.append(line | {"look": section.formulation.split(",")[0]})
+        look = section.formulation.split(",")[0] + (" broken" if section.bond == BROKEN else "")
+        lines.append(line | {"look": look})
     lines.append({"x": listed(shear * x[kept]), "y": listed(torsion * y[kept]), "look": "run", "name": "run"})
     now = [listed(np.interp(record.time, history.time, own)) for own in (shear * x, torsion * y)]
     title = f"Yield domain of the joint {path.joint}"

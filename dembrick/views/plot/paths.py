@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from dembrick.history.reader import History
 
+BROKEN = "bond broken"  # of a section: without the bond that it may have had
 _RAYS = 91  # of a section through a limit surface, from pure shear to pure torsion
 _PURE = 1e-6  # of the strength: a shear force that is not there
 _CHANGES = 1e-3  # of the greatest N of the record: a normal force that changes by more has no one domain
@@ -100,7 +101,7 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     elif subject.is_brittle(own):
         whole = subject.carried_by(history, number, furthest) if broke else now
         surfaces = [
-            ("bonded", subject.limit_surface(own, whole)), ("bond broken", subject.limit_surface(own, now, broken=True))
+            ("bonded", subject.limit_surface(own, whole)), (BROKEN, subject.limit_surface(own, now, broken=True))
         ]  # fmt: skip
     else:
         surfaces = [("", subject.limit_surface(own, now))]
@@ -187,7 +188,7 @@ def load_path(
             drawn.append(key)
             colour, line, _ = style.FORMULATION[section.formulation.split(",")[0]]
             colour = colour if told_apart else style.GREY
-            width = 0.7 if section.bond == "bond broken" else 1.0
+            width = 0.7 if section.bond == BROKEN else 1.0
             axes.plot(shear * section.V, torsion * section.M_T, color=colour, ls=line, lw=width, label=section.name)
         looks = runs.looks(formulations)
         if len(paths) == 1:
