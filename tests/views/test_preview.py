@@ -10,8 +10,9 @@ from dembrick import cli, history
 from dembrick.assembly.build import assemble
 from dembrick.runs import mechanism_history
 from dembrick.scenario import shipped
-from dembrick.views import render
+from dembrick.views import page, render
 from dembrick.views.motion.joints import JointMotion
+from dembrick.views.page import content
 from dembrick.views.render.scene import Scene
 
 
@@ -87,6 +88,23 @@ def test_a_settlement_before_its_run_shows_what_moves_and_claims_nothing(drawing
     assert (tail - centre) @ arrow > 0.0
     neutral, sandy = (red < 240) & (np.abs(red - blue) < 9), (red > 120) & (red - blue > 20)
     assert "grey: fixed" in said and neutral.sum() > 5000 < sandy.sum()  # pixels of supports and of free blocks
+
+
+@pytest.mark.parametrize("name", ["arch_spread", "set4a"])
+def test_a_page_before_the_run_claims_nothing(name):
+    """No load of 0 N, no equilibrium, no curve of a point; actuators are shown, as long as they ever get."""
+    scenario = dembrick.load(name)
+    with mechanism_history.before_a_run(scenario, assemble(scenario)) as found:
+        data, text = content.collect(found), page.document(found)
+    assert data["curve"] is None is data["record"] and data["readout"] == []
+    assert [colour["name"] for colour in data["colours"]] == ["none"] and data["mostText"] == ""
+    assert "before the run, " in text and "There are no results yet" in text
+    assert (data["load"], len(data["actuators"])) == (([1.0], 1) if name == "set4a" else ([1.0], 0))
+
+
+def test_a_reaction_is_not_called_the_load_of_actuators(run, monkeypatch):
+    monkeypatch.setitem(run.__dict__, "curve", dembrick.load("arch_spread").control.curve)
+    assert [item["name"] for item in content.collect(run)["readout"]][1] == "reaction along the motion"
 
 
 def test_a_scenario_that_is_wrong_is_not_drawn(tmp_path, capsys):

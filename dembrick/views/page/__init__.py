@@ -20,6 +20,7 @@ from dembrick import history as histories
 from dembrick.errors import OutputError
 from dembrick.history.files import check_output, write_whole
 from dembrick.views.key_numbers import key_numbers
+from dembrick.views.motion.frames import START
 from dembrick.views.page import content
 
 if TYPE_CHECKING:
@@ -116,7 +117,8 @@ def _subtitle(history: History) -> str:
     results = history.results
     formulation = results.get("formulation")
     words = [f"formulation {formulation}"] if isinstance(formulation, str) else []
-    words.append("still running, or stopped before its end" if history.status == "running" else history.status)
+    told = {"running": "still running, or stopped before its end", START: "before the run"}
+    words.append(told.get(history.status, history.status))
     joints = "1 joint" if history.n_joint == 1 else f"{history.n_joint} joints"
     return ", ".join([*words, f"{history.n_block} blocks, {joints}"])
 

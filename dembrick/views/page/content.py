@@ -12,7 +12,7 @@ from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rot
 from dembrick.views import summary
 from dembrick.views.motion import loads
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
-from dembrick.views.motion.frames import LAST, MECHANISM, ejected, frame_number
+from dembrick.views.motion.frames import LAST, MECHANISM, START, ejected, frame_number
 from dembrick.views.motion.joints import CHANNELS, JointMotion
 from dembrick.views.motion.magnification import automatic_magnification
 from dembrick.views.page import choices, diagrams
@@ -57,6 +57,7 @@ def collect(history: History) -> dict:
     record = diagrams.record_at(history, frames.time, moved)
     # by actuators, not by the weight of a tilted structure
     pushed = record.load is not None and record.diagram.unit == "N"
+    before = history.status == START  # nothing has been computed yet
     return {
         "blocks": {
             "count": history.n_block,
@@ -70,7 +71,7 @@ def collect(history: History) -> dict:
         },
         "time": diagrams.listed(frames.time),
         "shown": at,
-        "load": diagrams.listed(record.load) if pushed else None,
+        "load": None if not pushed else [1.0] if before else diagrams.listed(record.load),
         "reach": 0.5 * float(np.linalg.norm(np.ptp(world, axis=0))),
         "most": max(_up_to(moved, at), 1e-30),
         "mostText": colours[0]["text"],
@@ -81,12 +82,12 @@ def collect(history: History) -> dict:
             {"blocks": tie["blocks"].tolist(), "points": (tie["points"] - middle).tolist()} for tie in history.ties
         ],
         "centre": _centres(history, path, frames, middle, world, blocks),
-        "curve": diagrams.curve(history, record),
+        "curve": None if before else diagrams.curve(history, record),
         "path": None if path is None else diagrams.yield_domain(history, record, path),
         "colours": colours,
         "joints": choices.joints(history, record, path),
-        "record": choices.record(history),
-        "readout": diagrams.readout(history, record, path),
+        "record": None if before else choices.record(history),
+        "readout": [] if before else diagrams.readout(history, record, path),
     }
 
 
@@ -167,6 +168,9 @@ def _colours(history: History, frames: Frames, moved: np.ndarray, at: int) -> li
     """Quantities by which blocks can be coloured: a name, what the end of the scale says, values (f, n) of the
     blocks. ``moved`` (f,) m: the travel of a corner; ``at``: which frame is shown first."""
     text = "the greatest velocity" if history.status == MECHANISM else f"{_end_of_scale(moved, at)} (a corner)"
+    none = {"name": "none", "text": "", "values": None, "most": 1.0}
+    if history.status == START:
+        return [none]
     found = [{"name": "displacement", "text": text, "values": None, "most": 1.0}]
     if history.n_joint and history.has_joints and history.n_row and len(frames.number) * history.n_joint <= _MOST_USED:
         joints = JointMotion(history)
@@ -180,7 +184,7 @@ def _colours(history: History, frames: Frames, moved: np.ndarray, at: int) -> li
             text = "1: slides, or a hinge" if name == "utilisation" else _end_of_scale(slip, at)
             values = _packed(np.minimum(values, 1e30), "<f4")
             found.append({"name": name, "text": text, "values": values, "most": most or 1.0})
-    return [*found, {"name": "none", "text": "", "values": None, "most": 1.0}]
+    return [*found, none]
 
 
 def recorded_path(history: History) -> JointPath | None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dembrick.scenario.regimes import OF_ACTUATORS
 from dembrick.views import summary
 from dembrick.views.plot.paths import BROKEN, JointPath, torsion_strength
 from dembrick.views.plot.subject import Diagram, diagram_of
@@ -103,7 +104,7 @@ def readout(history: History, record: Record, path: JointPath | None) -> list[di
     name, unit = ("equilibrium", "") if history.counts_equilibria else ("time", "s")
     items = [{"name": name, "unit": unit, "digits": 4, "values": listed(record.time)}]
     if record.load is not None:
-        name = "V" if record.diagram.unit == "N" else record.diagram.load
+        name = "V" if record.diagram.load == OF_ACTUATORS.load else record.diagram.load
         items.append({"name": name, "unit": record.load_unit.strip("-"), "digits": 5, "values": listed(record.load)})
     items.append({"name": "displacement", "unit": record.unit, "digits": 4, "values": listed(record.travel)})
     if path is not None and record.diagram.unit == "N":

@@ -85,12 +85,14 @@
     for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => made.look(button.dataset.view));
     views.push(made.show);
     data.colours.forEach((colour, i) => addOption("colour", colour.name, i));
-    find("colour").addEventListener("change", () => {
+    const paint = () => {
       const colour = data.colours[Number(find("colour").value)];
       made.paint(colour.name === "displacement" ? null : {values: colour.values && new Float32Array(bytes(colour.values)), most: colour.most});
       find("scale-high").textContent = colour.text;
       find("ramp").hidden = find("scale-low").hidden = !colour.text;
-    });
+    };
+    find("colour").addEventListener("change", paint);
+    paint();
   }
 
   function addOption(select, text, value) {
@@ -140,6 +142,7 @@
     showChart(name, data[name]);
     views.push((newFrame) => charts[name].show(newFrame));
   }
+  find("curve-figure").parentElement.hidden = !data.curve && !data.path;
   data.joints.forEach((joint, i) => addOption("joint", joint.name, i));
   find("joint-choice").hidden = data.joints.length < 2;
   find("joint").addEventListener("change", () => showChart("path", data.joints[Number(find("joint").value)].chart || data.path));
