@@ -32,7 +32,7 @@ from dembrick.scenario.generators import Arch, Stack, Wall  # noqa: E402
 from dembrick.scenario.generators.walls import Return  # noqa: E402
 from dembrick.simulation.limit_analysis import analysis  # noqa: E402
 from helpers import pushed_assemblies as scenes  # noqa: E402
-from helpers.pushed_assemblies import law  # noqa: E402
+from helpers.stone_scenes import law  # noqa: E402
 
 X, Y, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
 SLIDES = 1e-3  # of the greatest motion of a joint: a corner that carries something and slips by more slides

@@ -18,9 +18,10 @@ from dembrick.runs.theory_check import theory_of
 from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block, Part, Prism
 from dembrick.scenario.controls import DynamicControl, PushoverControl, StaticsControl
-from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Scenario, YieldControl
+from dembrick.scenario.model import Actuator, JointLaw, Load, Material, YieldControl
 from dembrick.simulation.statics.limit_load import find_limit_load
 from dembrick.simulation.statics.state import initial_state
+from helpers.stone_scenes import of_stone
 
 L_PARTS = (Part(box=(0.3, 0.1, 0.2), position=(0.15, 0.05, 0.1)), Part(box=(0.1, 0.2, 0.2), position=(0.05, 0.2, 0.1)))
 L_AREA = 0.03 + 0.02
@@ -36,13 +37,11 @@ def law(formulation="convex", **more):
 
 def on_a_floor(*blocks, joint=None, loads=(), jacks=(), tolerance=1e-6):
     floor = Block("floor", "tuff", (2.0, 2.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
-    return Scenario(
-        "test",
-        (0.0, 0.0, -9.81),
+    return of_stone(
         joint or law(),
-        {"tuff": Material(2000.0)},
-        (floor, *blocks),
         YieldControl(tolerance),
+        (floor, *blocks),
+        materials={"tuff": Material(2000.0)},
         loads=loads,
         actuators=jacks,
     )
@@ -315,11 +314,9 @@ def test_joints_of_prisms_that_overlap_anyhow():
     upper = Prism([(-0.9, -0.4), (0.9, -0.4), (0.0, 0.7)], 0.3)
     blocks.append(Block("high", "tuff", prism=upper, position=(0.9, 0.1, 0.15), orientation=turn))
     with pytest.raises(ScenarioError, match="'low0' and 'low1' overlap"):
-        assemble(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), control=YieldControl()))
+        assemble(of_stone(law(), YieldControl(), blocks, materials={"tuff": Material(2000.0)}))
     blocks[1] = Block("low1", "tuff", prism=lower[1], position=(2.05, 0, -0.25), fixed=True)
-    found = assemble(
-        Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), control=YieldControl())
-    )
+    found = assemble(of_stone(law(), YieldControl(), blocks, materials={"tuff": Material(2000.0)}))
     assert sorted((j.block_a, j.block_b) for j in found.joints) == [(0, 2), (1, 2)]
     for joint in found.joints:
         shapes = [found.shapes[i].moved(found.position[i], found.orientation[i]) for i in (joint.block_a, 2)]

@@ -8,20 +8,18 @@ from dembrick.assembly import build
 from dembrick.assembly.contact_points import rim_gap
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl, TiltControl, YieldControl
-from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario, Stack
+from dembrick.scenario.model import Actuator, JointLaw, Stack
 from helpers.scenario_text import header
+from helpers.stone_scenes import of_stone
 
 WIDE, HIGH, STONES = 0.3, 0.2, 4  # m: a pile that rocks at psi = atan(WIDE / (STONES * HIGH))
 
 
 def pile(formulation, points=None, control=None, **more):
-    return Scenario(
-        title="pile",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw(formulation, 0.7, 1e11, 4e10, points),
-        materials={"stone": Material(2000.0)},
+    return of_stone(
+        JointLaw(formulation, 0.7, 1e11, 4e10, points),
+        control or TiltControl((1.0, 0.0, 0.0), displacement=0.02, quasi_static=True),
         stacks=(Stack("pile", "stone", STONES, box=(0.5, WIDE, HIGH), base=0.1),),
-        control=control or TiltControl((1.0, 0.0, 0.0), displacement=0.02, quasi_static=True),
         **more,
     )
 

@@ -10,7 +10,8 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.scenario.controls import BaseMotionControl, Sine
 from dembrick.scenario.files import inputs_of
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Block, Output
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -18,16 +19,13 @@ X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 def sliding(control, friction):
     """A block on a floor, its joint stiff enough that slip is all that is seen."""
-    return Scenario(
-        title="shaken",
-        gravity=(0.0, 0.0, -G),
-        joint=JointLaw("concave", friction, 1e11, 4e10),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    return of_stone(
+        law("concave", friction, 1e11),
+        control,
+        (
             Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
             Block("block", "stone", (0.4, 0.4, 0.1), (0.0, 0.0, 0.05)),
         ),
-        control=control,
         output=Output(("frames",), rows=50, frames=50),
     )
 

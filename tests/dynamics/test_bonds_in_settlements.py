@@ -7,11 +7,11 @@ import pytest
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import SettlementControl
-from dembrick.scenario.model import JointLaw, JointOverride, Material, Output, Scenario
+from dembrick.scenario.model import JointLaw, JointOverride, Output, Scenario
 from dembrick.scenario.time_functions import Turn
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
-STONE = {"stone": Material(2000.0)}
 W, K = 3000.0, 1e8  # N, N/m
 
 
@@ -25,7 +25,7 @@ def beam(sinks, formulation, bond=500.0, **law) -> Scenario:
     own = {"cohesion": bond / area, "tensile_strength": bond / area} if bond else {}
     law = JointLaw(formulation, 0.6, K / area, 0.4 * K / area, **own, **law)
     control = SettlementControl(("middle",), (0.0, 0.0, -sinks), tolerance=1e-3)
-    return Scenario("beam", (0.0, 0.0, -G), law, STONE, tuple(blocks), control, output=Output(("frames",)))
+    return of_stone(law, control, blocks, output=Output(("frames",)))
 
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
@@ -51,7 +51,7 @@ def tower(formulation, control, friction=0.9, **law) -> Scenario:
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.2, 0.4, 1.0), (0.0, 0.0, 0.5))
     law = JointLaw(formulation, friction, 1e10, 4e9, **law)
-    return Scenario("turn", (0.0, 0.0, -G), law, STONE, (floor, block), control, output=Output(()))
+    return of_stone(law, control, (floor, block), output=Output(()))
 
 
 def turning(angle):
@@ -82,9 +82,10 @@ def test_a_bonded_block_that_would_slide(formulation):
     A, weight = 0.08, 2000.0 * 0.08 * 0.4 * G
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.4, 0.2, 0.4), (0.0, 0.0, 0.2))
-    law = JointLaw(formulation, 0.2, 1e10, 4e9, cohesion=1e3, tensile_strength=3e3)
     control = turning(40.0)
-    result = simulate(Scenario("slide", (0.0, 0.0, -G), law, STONE, (floor, block), control, output=Output(())))
+    result = simulate(
+        of_stone(law(formulation, 0.2, cohesion=1e3, tensile_strength=3e3), control, (floor, block), output=Output(()))
+    )
     low, high = 0.0, 1.0
     for _ in range(60):
         th = 0.5 * (low + high)
@@ -128,9 +129,7 @@ def test_a_block_that_is_pushed_over_a_joint_that_dilates(formulation, dilation)
     law, smooth = (JointLaw(formulation, mu, 1e9, 4e8, dilation=d, **points) for mu, d in ((0.4, dilation), (0.0, 0.0)))
     control = SettlementControl(("pusher",), (0.002, 0.0, 0.0))
     own = (JointOverride(("pusher", "block"), smooth),)
-    scenario = Scenario(
-        "pushed", (0.0, 0.0, -G), law, STONE, (floor, pusher, block), control, joints=own, output=Output(("frames",))
-    )
+    scenario = of_stone(law, control, (floor, pusher, block), joints=own, output=Output(("frames",)))
     result = simulate(scenario)
     weight, area = 2000.0 * 0.4 * 0.3 * 0.1 * G, 0.4 * 0.3
     assert result.status == "completed"

@@ -22,6 +22,7 @@ from dembrick.simulation.dynamics.time_step import (
     stepped_dashpots,
 )
 from helpers import motions as theory
+from helpers.stone_scenes import of_stone
 
 DENSITY = 2000.0
 
@@ -200,13 +201,11 @@ def test_damping_and_restitution_are_inverse():
 def test_free_fall_without_joints():
     """No contact, no damping: exactly g t^2 / 2."""
     result = simulate(
-        Scenario(
-            title="thrown",
-            gravity=(0.0, 0.0, -9.81),
-            joint=JointLaw("concave", 0.6, 1e9, 1e9),
+        of_stone(
+            JointLaw("concave", 0.6, 1e9, 1e9),
+            DynamicControl(0.5),
+            (Block("stone", "stone", (0.1, 0.2, 0.3), (0, 0, 0), velocity=(2.0, 0.0, 1.0)),),
             materials={"stone": Material(DENSITY)},
-            blocks=(Block("stone", "stone", (0.1, 0.2, 0.3), (0, 0, 0), velocity=(2.0, 0.0, 1.0)),),
-            control=DynamicControl(0.5),
         )
     )
     t = result.run.motion.time

@@ -10,8 +10,9 @@ import pytest
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DisplacementControl, DynamicControl
-from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Actuator, Block, JointLaw, Scenario
 from helpers.custom_laws import COULOMB
+from helpers.stone_scenes import of_stone
 
 FRICTION, COHESION, WEIGHT, AREA = 0.6, 4000.0, 0.2 * 0.2 * 0.1 * 2000.0 * 9.81, 0.04
 THIN = 0.02  # m
@@ -24,12 +25,12 @@ def plank(formulation: str, cohesion: float, kept: float) -> Scenario:
     floors = [
         Block(f"floor {i}", "stone", (0.4, 0.4, 0.2), (x, 0.0, -0.1), fixed=True) for i, x in enumerate((-0.2, 0.2))
     ]
-    return Scenario(
-        "a plank over two blocks", (0.0, 0.0, -9.81), law, {"stone": Material(2000.0)},
-        (*floors, Block("plank", "stone", (0.2, 0.2, 0.1), (0.0, 0.0, 0.05))),
+    return of_stone(
+        law,
         DisplacementControl(1e-3, TRAVEL, large_displacements=True),
+        (*floors, Block("plank", "stone", (0.2, 0.2, 0.1), (0.0, 0.0, 0.05))),
         actuators=(Actuator("jack", "plank", (-0.1, 0.0, 0.0), (1.0, 0.0, 0.0)),),
-    )  # fmt: skip
+    )
 
 
 def thrown(still: Scenario, speed: float) -> Scenario:

@@ -11,11 +11,12 @@ from dembrick.cli import main
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import CHANNELS, Block, Output
 from dembrick.simulation.channels import NEW_CONTACTS
 from dembrick.views.export.layers import Contacts, Picture
 from dembrick.views.motion.joints import JointMotion
 from helpers.restart_cases import stop_at_look
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True)
@@ -24,13 +25,11 @@ OBLIQUE = tuple(np.array([0.92, 0.1, 0.3, 0.23]) / np.linalg.norm([0.92, 0.1, 0.
 
 
 def scene(*blocks, duration, rows=100_000, formulation="concave", gravity=(0.0, 0.0, -G), **output):
-    return Scenario(
-        title="thrown",
+    return of_stone(
+        law(formulation, 0.5, 2e8),
+        DynamicControl(duration, 0.3),
+        blocks,
         gravity=gravity,
-        joint=JointLaw(formulation, 0.5, 2e8, 8e7),
-        materials={"stone": Material(2000.0)},
-        blocks=blocks,
-        control=DynamicControl(duration, 0.3),
         output=Output(CHANNELS, rows=rows, frames=rows, **output),
     )
 

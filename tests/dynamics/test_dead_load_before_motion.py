@@ -8,20 +8,18 @@ import pytest
 from dembrick.errors import NotConvergedError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Sine
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Solver
+from dembrick.scenario.model import Block, Solver
 from dembrick.simulation.dynamics.dead_load import MOST_STEPS
+from helpers.stone_scenes import law, of_stone
 
 AT_REST = 1e-9  # m
 
 
 def scene(blocks, stiffness=1e10, control=None, friction=0.6):
-    return Scenario(
-        title="dead loads",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw("concave", friction, stiffness, 0.4 * stiffness),
-        materials={"stone": Material(2000.0)},
-        blocks=(Block("floor", "stone", (8.0, 3.0, 0.2), (0.0, 0.0, -0.1), fixed=True), *blocks),
-        control=control or DynamicControl(0.05),
+    return of_stone(
+        law("concave", friction, stiffness),
+        control or DynamicControl(0.05),
+        (Block("floor", "stone", (8.0, 3.0, 0.2), (0.0, 0.0, -0.1), fixed=True), *blocks),
     )
 
 

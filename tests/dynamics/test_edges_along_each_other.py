@@ -9,11 +9,12 @@ import pytest
 from dembrick.geometry.shapes import box
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import CHANNELS, Block, Output
 from dembrick.simulation.dynamics import contact_detection
 from dembrick.simulation.interrupts import Interrupted
 from helpers.pairs import K_N, Pair
 from helpers.restart_cases import check_same
+from helpers.stone_scenes import law, of_stone
 
 CUBE, DEPTH, WIDE = 0.1, 2e-5, 0.2
 G = 9.81
@@ -55,12 +56,10 @@ def test_edges_that_press_go_on_however_little_that_becomes():
 def rows_on_a_slope(angle=0.2, duration=0.1, spin=0.0):
     """Two cubes side by side on two others on a floor that slopes; all begin to turn with ``spin`` (rad/s)."""
     places = [(0.1 * i, 0.0, 0.05 + 0.1 * k) for i in range(2) for k in range(2)]
-    return Scenario(
-        title="straight rows",
-        gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle)),
-        joint=JointLaw("concave", 0.6, 1e8, 4e7),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    return of_stone(
+        law("concave", 0.6, 1e8),
+        DynamicControl(duration, 0.3),
+        (
             Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
             *(
                 Block(f"cube {n}", "stone", (0.1, 0.1, 0.1), place, angular_velocity=(0.0, spin, 0.0))
@@ -68,7 +67,7 @@ def rows_on_a_slope(angle=0.2, duration=0.1, spin=0.0):
             ),
             Block("far", "stone", (0.1, 0.1, 0.1), (0.5, 0.5, 0.07), velocity=(0.0, 0.0, 0.0)),
         ),
-        control=DynamicControl(duration, 0.3),
+        gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle)),
         output=Output(CHANNELS, rows=400, frames=400),
     )
 
@@ -91,16 +90,13 @@ def test_an_edge_carries_its_block():
     """A block that stands on its edge from the start, with no joint: that is not let go."""
     side = 0.1
     turn = (math.cos(math.pi / 8.0), 0.0, math.sin(math.pi / 8.0), 0.0)
-    scene = Scenario(
-        title="on edge",
-        gravity=(0.0, 0.0, -G),
-        joint=JointLaw("concave", 0.6, 1e8, 4e7),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    scene = of_stone(
+        law("concave", 0.6, 1e8),
+        DynamicControl(0.1, 0.3),
+        (
             Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
             Block("cube", "stone", (side, side, side), (0.0, 0.0, side / math.sqrt(2.0)), turn),
         ),
-        control=DynamicControl(0.1, 0.3),
         output=Output(CHANNELS, rows=400, frames=400),
     )
     frames = simulate(scene).frames

@@ -9,21 +9,16 @@ import pytest
 from dembrick.kernels.dynamics.polygon_cuts import room_along
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Block, Output
 from dembrick.simulation.dynamics.joint_polygons import Polygons
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 
 
 def scene(*blocks, control, gravity=(0.0, 0.0, -G), friction=0.5, formulation="convex", **more):
-    return Scenario(
-        title="hits",
-        gravity=gravity,
-        joint=JointLaw(formulation, friction, 1e10, 4e9, **more),
-        materials={"stone": Material(2000.0)},
-        blocks=blocks,
-        control=control,
-        output=Output(rows=400, frames=40),
+    return of_stone(
+        law(formulation, friction, **more), control, blocks, gravity=gravity, output=Output(rows=400, frames=40)
     )
 
 

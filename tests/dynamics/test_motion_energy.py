@@ -13,10 +13,11 @@ from dembrick.errors import EnergyAuditError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import model
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine
-from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario, Solver
+from dembrick.scenario.model import Block, Load, Output, Solver
 from dembrick.simulation import energy_audit
 from dembrick.simulation.channels import energies as energies_of
 from helpers.custom_laws import COHESIVE
+from helpers.stone_scenes import law, of_stone
 
 FORMULATIONS = ("concave", "corrected-shear", "distributed", "convex")
 G = 9.81
@@ -24,13 +25,11 @@ G = 9.81
 
 def scene(formulation, control, *blocks, friction=0.64, gravity=(0.0, 0.0, -G), stiffness=1e9, factor=0.9, loads=()):
     """Blocks on a large floor."""
-    return Scenario(
-        title="energy",
+    return of_stone(
+        law(formulation, friction, stiffness),
+        control,
+        (Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True), *blocks),
         gravity=gravity,
-        joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
-        materials={"stone": Material(2000.0)},
-        blocks=(Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True), *blocks),
-        control=control,
         solver=Solver(step_factor=factor),
         output=Output(("joints", "energy", "frames", "velocity"), rows=400, frames=40),
         loads=loads,

@@ -13,12 +13,13 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario import model, shipped, toml
 from dembrick.scenario.controls import DynamicControl, PushoverControl
 from dembrick.scenario.generators import Wall
-from dembrick.scenario.model import JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Output
 from dembrick.simulation.dynamics.integrator import advance, joint_forces, present_velocities
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, out_of_balance, with_contact_forces
 from dembrick.views.export.layers import Contacts, Picture
 from dembrick.views.motion.joints import JointMotion
 from helpers.resting_blocks import FORMULATIONS, about, place, resting
+from helpers.stone_scenes import law, of_stone
 
 POINTS = ("concave", "corrected", "corrected-shear", "distributed")
 ALL = model.CHANNELS
@@ -106,12 +107,9 @@ def test_contact_forces_sum_up_to_the_joint(formulation):
 
 def wall(formulation, control, **output):
     """A small wall at rest, with everything recorded."""
-    return Scenario(
-        title="wall",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw(formulation, 0.7, 1e9, 4e8),
-        materials={"stone": Material(2000.0)},
-        control=control,
+    return of_stone(
+        law(formulation, 0.7, 1e9),
+        control,
         walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), courses=3, blocks=2, base=0.1),),
         output=Output(ALL, **output),
     )

@@ -13,24 +13,22 @@ from dembrick.kernels.dynamics.loop import Limits
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine, TiltControl
-from dembrick.scenario.model import Block, JointLaw, Load, Material, Scenario, Wall
+from dembrick.scenario.model import Block, Load, Scenario, Wall
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import advance, motion
 from dembrick.simulation.dynamics.loads import Driving
 from helpers.motions import toppling_tilt
 from helpers.places import SCENARIOS
 from helpers.resting_blocks import block_on_floor
+from helpers.stone_scenes import law, of_stone
 
 
 def wall(control, courses=4, blocks=2, formulation="concave", friction=0.64, stiffness=1e10, **more):
     """A straight wall of 0.3 x 0.2 x 0.1 m blocks in running bond, on a slab."""
-    return Scenario(
-        title="wall",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
-        materials={"stone": Material(2000.0)},
+    return of_stone(
+        law(formulation, friction, stiffness),
+        control,
         walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), courses=courses, blocks=blocks, base=0.1),),
-        control=control,
         **more,
     )
 
@@ -240,16 +238,13 @@ def test_a_push_that_brings_nothing_down():
 
 def tower(control, box, friction=0.8):
     """A block of that box on a floor."""
-    return Scenario(
-        title="block",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw("concave", friction, 1e10, 4e9),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    return of_stone(
+        law("concave", friction),
+        control,
+        (
             Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
             Block("block", "stone", box, (0.0, 0.0, 0.5 * box[2])),
         ),
-        control=control,
     )
 
 
@@ -277,16 +272,13 @@ def _fields(scenario):
 def test_what_cannot_stand_falls_from_where_it_was():
     """A block that lies on its floor by a third only begins to fall about the edge: alpha = m g arm / I_edge."""
     a, b, c, out = 0.3, 0.2, 0.1, 0.05
-    scenario = Scenario(
-        title="over the edge",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw("concave", 0.9, 1e10, 4e9),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    scenario = of_stone(
+        law("concave", 0.9),
+        DynamicControl(0.1),
+        (
             Block("floor", "stone", (1.0, 1.0, 0.5), (-0.5, 0.0, -0.25), fixed=True),
             Block("block", "stone", (a, b, c), (out, 0.0, c / 2)),
         ),
-        control=DynamicControl(0.1),
     )
     result = simulate(scenario)
     inertia = (a * a + c * c) / 12.0 + out**2 + (c / 2) ** 2

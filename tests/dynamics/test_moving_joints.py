@@ -15,7 +15,7 @@ from dembrick.kernels.joint.area_law import area_pressure
 from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
+from dembrick.scenario.model import Block, JointLaw, Wall
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, look_first, motion
@@ -23,6 +23,7 @@ from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
 from dembrick.simulation.session import Kept
 from helpers.resting_blocks import FORMULATIONS, GRAVITY, about, place, resting, two_blocks
+from helpers.stone_scenes import law, of_stone
 
 FAR = Limits(displacement=1e6, longest=1.0)
 TURNED = (0.8, 0.0, 0.36, -0.48)
@@ -211,12 +212,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
         for i in range(n)
         for kind, z in (("floor", -0.05), ("block", 0.05))
     ]
-    built = build.assemble(
-        Scenario(
-            title="pairs", gravity=tuple(GRAVITY), joint=JointLaw("convex", 0.64, 1e10, 4e9),
-            materials={"stone": Material(2000.0)}, blocks=tuple(stones), control=DynamicControl(duration=1.0),
-        )
-    )  # fmt: skip
+    built = build.assemble(of_stone(law("convex"), DynamicControl(duration=1.0), stones))
     moving, driving = motion(built, 0.1, 0.3), Driving(GRAVITY)
     find_equilibrium(moving, driving)
     faces = moving.state.faces
@@ -255,13 +251,8 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_wall_takes_less_than_2_kb_a_block(formulation):
     joint = JointLaw(formulation, 0.64, 1e10, 4e9)
-    built = build.assemble(
-        Scenario(
-            title="wall", gravity=tuple(GRAVITY), joint=joint, materials={"stone": Material(2000.0)},
-            walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), 20, 20, base=0.1),),
-            control=DynamicControl(duration=1.0),
-        )
-    )  # fmt: skip
+    wall = Wall("wall", "stone", (0.3, 0.2, 0.1), 20, 20, base=0.1)
+    built = build.assemble(of_stone(joint, DynamicControl(duration=1.0), walls=(wall,)))
     moving = motion(built, 0.05, 0.9)
     assert sum(array.nbytes for array in moving.state.arrays) < 2000 * len(built.names)
     if formulation == "convex":

@@ -5,16 +5,16 @@ import pytest
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Block, Output
+from helpers.stone_scenes import law, of_stone
 
 G, MU = 9.81, 0.3
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
 
 
 def scene(*blocks, control, formulation="concave"):
-    law = JointLaw(formulation, MU, 1e10, 4e9)
     output = Output(("joints", "energy"), rows=200, frames=1)
-    return Scenario("reactions", (0.0, 0.0, -G), law, {"stone": Material(2000.0)}, blocks, control, output=output)
+    return of_stone(law(formulation, MU), control, blocks, output=output)
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])

@@ -9,23 +9,16 @@ from dembrick.assembly.build import assemble
 from dembrick.errors import EnergyAuditError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine, TiltControl
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario, Solver
+from dembrick.scenario.model import Block, Output, Solver
 from dembrick.simulation.energy_audit import Auditor, Sums
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
 
 
 def scene(*blocks, control, gravity=(0.0, 0.0, -G), friction=0.5, formulation="concave", **more):
-    return Scenario(
-        title="outcome",
-        gravity=gravity,
-        joint=JointLaw(formulation, friction, 1e10, 4e9),
-        materials={"stone": Material(2000.0)},
-        blocks=blocks,
-        control=control,
-        **more,
-    )
+    return of_stone(law(formulation, friction), control, blocks, gravity=gravity, **more)
 
 
 def test_a_falling_block_has_the_velocity_of_its_frame():

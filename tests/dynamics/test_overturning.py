@@ -15,7 +15,8 @@ from scipy.optimize import brentq
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, Pulse
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Block, Output
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 
@@ -39,17 +40,12 @@ def falls(acceleration, width, height, duration, formulation, heading=0.0):
     """Whether the simulated block does."""
     half = 0.5 * heading
     turned = (math.cos(half), 0.0, 0.0, math.sin(half))
-    scene = Scenario(
-        title="overturning",
-        gravity=(0.0, 0.0, -G),
-        joint=JointLaw(formulation, 3.0, 1e11, 4e10),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    scene = of_stone(
+        law(formulation, 3.0, 1e11),
+        BaseMotionControl(2.5, (math.cos(heading), math.sin(heading), 0.0), pulse=Pulse(acceleration, duration)),
+        (
             Block("floor", "stone", (6.0, 6.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
             Block("block", "stone", (width, 0.4, height), (0.0, 0.0, 0.5 * height), turned),
-        ),
-        control=BaseMotionControl(
-            2.5, (math.cos(heading), math.sin(heading), 0.0), pulse=Pulse(acceleration, duration)
         ),
         output=Output(rows=100, frames=100),
     )

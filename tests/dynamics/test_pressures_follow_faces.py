@@ -15,6 +15,7 @@ from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 from dembrick.scenario.pressures import Pressure
 from dembrick.simulation.dynamics import memory_order
 from helpers.restart_cases import check_same, stop_at_look
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 WATER = 1000.0 * G  # N/m3
@@ -144,17 +145,15 @@ B, H, DENSITY = 0.6, 1.2, 2000.0
 
 
 def wall(pressures, control, **more):
-    return Scenario(
-        title="a wall under pressure",
-        gravity=(0.0, 0.0, -G),
-        joint=JointLaw("concave", 5.0, 1e10, 4e9),
-        materials={"stone": Material(DENSITY)},
-        blocks=(
+    return of_stone(
+        law("concave", 5.0),
+        control,
+        (
             Block("base", "stone", (4.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
             Block("wall", "stone", (B, 1.0, H), (0.0, 0.0, 0.5 * H)),
         ),
+        materials={"stone": Material(DENSITY)},
         pressures=pressures,
-        control=control,
         **more,
     )
 

@@ -6,7 +6,8 @@ import pytest
 from dembrick import theory
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario
+from dembrick.scenario.model import Block, Load, Output
+from helpers.stone_scenes import law, of_stone
 
 A, B, HEIGHT, MU, G = 0.3, 0.2, 0.1, 0.64, 9.81
 WEIGHT = 2000.0 * A * B * HEIGHT * G
@@ -19,12 +20,10 @@ def turned(pressure, part):
     edge, as heavy as the block, puts the resultant at b / 4."""
     couple = part * STRENGTH[pressure] * MU * 2.0 * WEIGHT * theory.equations.torsion_parameter(A, B)
     push = couple / B
-    scene = Scenario(
-        title="bent and twisted",
-        gravity=(0.0, 0.0, -G),
-        joint=JointLaw("convex", MU, 1e9, 4e8, pressure=pressure),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    scene = of_stone(
+        law("convex", MU, 1e9, pressure=pressure),
+        DynamicControl(0.05),
+        (
             Block("floor", "stone", (1.0, 1.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
             Block("block", "stone", (A, B, HEIGHT), (0.0, 0.0, 0.5 * HEIGHT)),
         ),
@@ -33,7 +32,6 @@ def turned(pressure, part):
             Load("block", (-push, 0.0, 0.0), (0.0, 0.5 * B, 0.0)),
             Load("block", (push, 0.0, 0.0), (0.0, -0.5 * B, 0.0)),
         ),
-        control=DynamicControl(0.05),
         output=Output(rows=20, frames=20),
     )
     q = simulate(scene).frames["orientation"][:, 1]

@@ -12,13 +12,13 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.generators import Arch, Wall
-from dembrick.scenario.model import JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import JointLaw, Output, Scenario
 from dembrick.scenario.time_functions import SupportPath, Turn
 from dembrick.simulation.dynamics.paths import load_path
 from dembrick.simulation.dynamics.support_motion import SupportMotion
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
-STONE = {"stone": Material(2000.0)}
 WEIGHT = 13811.599  # N, of the arch
 # thrust of the arch over the spread (m) of its right springing: three rigid hinges
 SPREAD = {0.01: 2156.0722, 0.05: 2263.4567, 0.1: 2409.2076}
@@ -31,9 +31,8 @@ SINKING[0.2] = (6948.2364, 2623.5674)
 
 def arch(control, stiffness=1e10, formulation="concave") -> Scenario:
     """Semicircle of 20 straight voussoirs, mean radius 1.5 m, 0.3 m thick, 0.5 m deep."""
-    law = JointLaw(formulation, 0.7, stiffness, 0.4 * stiffness)
     vault = Arch("arch", "stone", 1.5, 0.3, 0.5, 20)
-    return Scenario("arch", (0.0, 0.0, -G), law, STONE, (), control, arches=(vault,), output=Output(("frames",)))
+    return of_stone(law(formulation, 0.7, stiffness), control, arches=(vault,), output=Output(("frames",)))
 
 
 @pytest.fixture(autouse=True)
@@ -135,7 +134,7 @@ def beam(control, width, formulation) -> Scenario:
     for name, x in (("left", -1.0), ("middle", 0.0), ("right", 1.0)):
         blocks.append(Block(name, "stone", box=(width, depth, 0.2), position=(x, 0.0, -0.1), fixed=True))
     law = JointLaw(formulation, 0.6, 1e8 / (width * depth), 0.4e8 / (width * depth))
-    return Scenario("beam", (0.0, 0.0, -G), law, STONE, tuple(blocks), control, output=Output(()))
+    return of_stone(law, control, blocks, output=Output(()))
 
 
 @pytest.mark.parametrize(
@@ -167,8 +166,7 @@ def two_slabs(control, friction) -> Scenario:
         Block("right", "stone", (1.2, 0.6, 0.2), (1.4, 0.0, -0.1), fixed=True),
     )
     wall = Wall("wall", "stone", (0.4, 0.2, 0.2), 4, 4, ends="half", position=(0.0, 0.0, 0.0))
-    law = JointLaw("concave", friction, 1e10, 4e9)
-    return Scenario("bond", (0.0, 0.0, -G), law, STONE, slabs, control, walls=(wall,), output=Output(()))
+    return of_stone(law("concave", friction), control, slabs, walls=(wall,), output=Output(()))
 
 
 @pytest.mark.parametrize("friction, bound", [(0.5, 1255.68), (0.8, 969.59)])
@@ -190,8 +188,7 @@ def test_a_block_on_a_floor_that_turns(friction, falls):
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.2, 0.4, 1.0), (0.0, 0.0, 0.5))
     control = SettlementControl(("floor",), rotation=Turn((0.0, 1.0, 0.0), 20.0, (0.0, 0.0, 0.0)), tolerance=1e-3)
-    law = JointLaw("concave", friction, 1e10, 4e9)
-    result = simulate(Scenario("turn", (0.0, 0.0, -G), law, STONE, (floor, block), control, output=Output(())))
+    result = simulate(of_stone(law("concave", friction), control, (floor, block), output=Output(())))
     corner = math.hypot(0.5, 0.2)
     assert result.status == "collapse"
     found = result.collapse
@@ -255,8 +252,7 @@ def test_a_collapse_in_real_time_says_at_which_settlement():
     block = Block("block", "stone", (0.2, 0.4, 0.5), (0.0, 0.0, 0.25))
     turn = Turn((0.0, 1.0, 0.0), 30.0, (0.0, 0.0, 0.0))
     control = SettlementControl(("floor",), rotation=turn, quasi_static=False, rate=0.1)
-    law = JointLaw("concave", 0.9, 1e9, 4e8)
-    result = simulate(Scenario("turn", (0.0, 0.0, -G), law, STONE, (floor, block), control))
+    result = simulate(of_stone(law("concave", 0.9, 1e9), control, (floor, block)))
     assert result.status == "collapse" and result.collapse["blocks"] == ["block"]
     angle = result.collapse["settlement"] / math.hypot(0.5, 0.2)
     assert math.atan(0.4) * 0.98 < angle < math.atan(0.4) * 1.1
@@ -271,8 +267,7 @@ def test_what_comes_down_with_its_support_has_not_fallen(friction):
     block = Block("block", "stone", (0.2, 0.2, 0.1), (0.3, 0.0, 0.05))
     turn, rides = Turn((0.0, 1.0, 0.0), 25.0), friction > math.tan(math.radians(25.0))
     control = SettlementControl(("floor",), (0.0, 0.0, -0.2), turn, quasi_static=False, rate=0.5)
-    law = JointLaw("concave", friction, 1e8, 4e7)
-    scene = Scenario("ride", (0.0, 0.0, -G), law, STONE, (floor, away, block), control, output=Output(()))
+    scene = of_stone(law("concave", friction, 1e8), control, (floor, away, block), output=Output(()))
     result = simulate(scene)
     assert result.fallen == ([] if rides else ["block"])
     assert result.status == ("completed" if rides else "collapse")

@@ -8,8 +8,9 @@ import pytest
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Block, JointLaw, Material, Output
 from helpers.custom_laws import COULOMB
+from helpers.stone_scenes import of_stone
 
 G, DENSITY = 9.81, 2000.0
 CELLS = 40  # of the face, along each edge
@@ -67,13 +68,11 @@ def simulated(edges, friction, formulation, velocity, spin, law, **joint):
     block = Block(
         "block", "stone", edges, (0.0, 0.0, 0.5 * h), velocity=(*velocity, 0.0), angular_velocity=(0.0, 0.0, spin)
     )
-    scenario = Scenario(
-        title="over the edges",
-        gravity=(0.0, 0.0, -G),
-        joint=JointLaw(formulation, friction, 1e9, 4e8, **joint),
+    scenario = of_stone(
+        JointLaw(formulation, friction, 1e9, 4e8, **joint),
+        DynamicControl(0.5),
+        (floor, block),
         materials={"stone": Material(DENSITY)},
-        blocks=(floor, block),
-        control=DynamicControl(0.5),
         output=Output(("energy", "frames"), rows=40, frames=4),
     )
     result = simulate(scenario, law=law)

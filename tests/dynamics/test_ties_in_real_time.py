@@ -10,12 +10,13 @@ from dembrick import history
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DisplacementControl, DynamicControl, SettlementControl, StaticsControl
-from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Output, Scenario
+from dembrick.scenario.model import Actuator, Load, Material, Output, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.views import export
 from dembrick.views.motion.blocks import Poses
 from dembrick.views.render.loads import DrawnTies
 from helpers.restart_cases import check_same, stop_at_look
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 MASS = 12.0  # kg, of the block
@@ -34,12 +35,14 @@ def pulled(duration, *, speed=SPEED, output=("joints", "energy", "frames"), **mo
         Block("anchor", "stone", (0.1, 0.1, 0.1), (-1.0, 0.0, 0.05), fixed=True),
         Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(speed, 0.0, 0.0)),
     )
-    law = JointLaw("concave", 0.0, 1e9, 4e8)
     bar = tie(("anchor", (-1.0, 0.0, 0.05)), ("block", (0.0, 0.0, 0.05)), **more)
-    return Scenario(
-        "pulled", (0.0, 0.0, -G), law, {"stone": Material(2000.0)}, blocks, DynamicControl(duration), ties=(bar,),
+    return of_stone(
+        law("concave", 0.0, 1e9),
+        DynamicControl(duration),
+        blocks,
+        ties=(bar,),
         output=Output(output, rows=2000, frames=20),
-    )  # fmt: skip
+    )
 
 
 def test_a_block_swings_once_on_a_slack_cable():
@@ -89,10 +92,14 @@ def test_a_block_circles_on_a_tie():
         Block("block", "stone", (0.3, 0.2, 0.1), (L, 0.0, 0.0), velocity=(0.0, v, 0.0)),
     )
     bar = tie(("pivot", (0.0, 0.0, 0.0)), ("block", (L, 0.0, 0.0)), 1e6, prestress=MASS * v * v / L)
-    given = Scenario(
-        "circle", (0.0, 0.0, 0.0), JointLaw("concave", 0.5, 1e8, 4e7), {"stone": Material(2000.0)}, blocks,
-        DynamicControl(2.0 * math.pi * L / v), ties=(bar,), output=Output(("energy", "frames"), rows=500, frames=8),
-    )  # fmt: skip
+    given = of_stone(
+        law("concave", 0.5, 1e8),
+        DynamicControl(2.0 * math.pi * L / v),
+        blocks,
+        gravity=(0.0, 0.0, 0.0),
+        ties=(bar,),
+        output=Output(("energy", "frames"), rows=500, frames=8),
+    )
     result = simulate(given)
     np.testing.assert_allclose(result.rows["tension"], MASS * v * v / L, rtol=1e-3)
     middle = result.frames["displacement"][len(result.frames["time"]) // 2, 1]
@@ -108,11 +115,8 @@ def hung(control, stiffness=1e7, **more) -> Scenario:
         Block("beam", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 1.05), fixed=True),
         Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
     )
-    law = JointLaw("convex", 0.6, 1e9, 4e8)
     bar = tie(("beam", (0.0, 0.0, 1.0)), ("block", (0.0, 0.0, 0.1)), stiffness, **more)
-    return Scenario(
-        "hung", (0.0, 0.0, -G), law, {"stone": Material(2000.0)}, blocks, control, ties=(bar,), output=Output(()),
-    )  # fmt: skip
+    return of_stone(law("convex", 0.6, 1e9), control, blocks, ties=(bar,), output=Output(()))
 
 
 @pytest.mark.parametrize("sinks", [2e-6, 4e-5])
@@ -136,13 +140,16 @@ def test_a_tied_block_slides_at_constant_rate():
         Block("upper", "tuff", (0.3, 0.2, 0.15), (0.0, 0.0, 0.075)),
     )
     weight = 1500.0 * 0.009 * G
-    given = Scenario(
-        "tied bed", (0.0, 0.0, -G), JointLaw("convex", 0.64, 1e11, 4e10), {"tuff": Material(1500.0)}, blocks,
-        DisplacementControl(rate=0.01, travel=5e-3), loads=(Load("upper", (0.0, 0.0, weight - 467.0)),),
+    given = of_stone(
+        law("convex", 0.64, 1e11),
+        DisplacementControl(rate=0.01, travel=5e-3),
+        blocks,
+        materials={"tuff": Material(1500.0)},
+        loads=(Load("upper", (0.0, 0.0, weight - 467.0)),),
         actuators=(Actuator("jack", "upper", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)),),
         ties=(tie(("lower", (0.0, 0.0, -0.15)), ("upper", (0.0, 0.0, 0.15)), 1e6, prestress=300.0),),
         output=Output(("joints", "energy"), rows=500),
-    )  # fmt: skip
+    )
     result = simulate(given)
     rows = result.rows
     soon = (rows["displacement"] > 1e-4) & (rows["displacement"] < 3e-4)

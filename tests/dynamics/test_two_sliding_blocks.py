@@ -7,7 +7,8 @@ import pytest
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, Sine
-from dembrick.scenario.model import Block, JointLaw, JointOverride, Material, Output, Scenario
+from dembrick.scenario.model import Block, JointLaw, JointOverride, Output
+from helpers.stone_scenes import of_stone
 
 G = 9.81
 LOWER, UPPER = (0.8, 0.6, 0.02), (0.35, 0.4, 0.02)  # m: so flat that nothing rocks
@@ -56,18 +57,15 @@ def test_two_blocks_on_a_shaken_floor(formulation, friction, amplitude, frequenc
     below, above = (JointLaw(formulation, mu, 5e10, 2e10, points) for mu in friction)
     heading = math.radians(37.0)
     along = np.array([math.cos(heading), math.sin(heading), 0.0])
-    scene = Scenario(
-        title="two blocks on a shaken floor",
-        gravity=(0.0, 0.0, -G),
-        joint=below,
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    scene = of_stone(
+        below,
+        BaseMotionControl(duration, tuple(along), sine=Sine(amplitude, frequency)),
+        (
             Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
             Block("lower", "stone", LOWER, (0.0, 0.0, 0.01)),
             Block("upper", "stone", UPPER, (0.0, 0.0, 0.03)),
         ),
         joints=(JointOverride(("lower", "upper"), above),),
-        control=BaseMotionControl(duration, tuple(along), sine=Sine(amplitude, frequency)),
         output=Output(rows=50, frames=5),
     )
     frames = simulate(scene, None).frames

@@ -9,6 +9,7 @@ from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Output, Scenario
 from dembrick.simulation.dynamics.paths import load_path
+from helpers.stone_scenes import of_stone
 
 G, DENSITY = 9.81, 1800.0
 
@@ -44,7 +45,7 @@ def wedge(height: float, slope: float, friction: float, wall_friction: float, tr
     joints = (JointOverride(("soil", "wall"), at_wall),)
     stone = {"stone": Material(DENSITY)}
     output = Output(("frames",))
-    return Scenario("wedge", (0.0, 0.0, -G), law, stone, blocks, control, joints=joints, output=output)
+    return of_stone(law, control, blocks, materials=stone, joints=joints, output=output)
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,10 @@ import numpy as np
 from dembrick.assembly import joints as joints_module
 from dembrick.assembly.joints import find_joints
 from dembrick.geometry.shapes import Polyhedron, box
-from dembrick.scenario.model import JointLaw
+from helpers.stone_scenes import law
 
 UNTURNED = (1.0, 0.0, 0.0, 0.0)
 LAB = (0.3, 0.2, 0.1)
-
-
-def law(formulation="concave", **other):
-    return JointLaw(formulation, 0.64, 1e10, 4e9, **other)
 
 
 def joints_of(*blocks, fixed=(), tolerance=joints_module.TOLERANCE, formulation="concave"):

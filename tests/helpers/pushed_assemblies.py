@@ -3,18 +3,12 @@
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import PushoverControl, YieldControl
 from dembrick.scenario.generators import Arch, Stack, Wall
-from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario
-
-STONE = {"stone": Material(2000.0)}
-GRAVITY = (0.0, 0.0, -9.81)
-
-
-def law(formulation="concave", friction=0.64, **more) -> JointLaw:
-    return JointLaw(formulation, friction, 1e10, 4e9, **more)
+from dembrick.scenario.model import Actuator, JointLaw, Scenario
+from helpers.stone_scenes import of_stone
 
 
 def pushed(joint: JointLaw, direction, blocks=(), **parts) -> Scenario:
-    return Scenario("pushed", GRAVITY, joint, STONE, blocks, PushoverControl(direction), **parts)
+    return of_stone(joint, PushoverControl(direction), blocks, **parts)
 
 
 def wall(joint: JointLaw, blocks: int, courses: int, direction) -> Scenario:
@@ -29,7 +23,7 @@ def _wall(blocks: int, courses: int) -> Wall:
 def wall_with_actuator(joint: JointLaw, block="wall.6.3", x=0.6) -> Scenario:
     """The wall of 4 x 6 blocks, a whole block of its top course pushed along y at its centroid."""
     actuator = Actuator("push", block, (x, 0.0, 0.55), (0.0, 1.0, 0.0))
-    return Scenario("pushed", GRAVITY, joint, STONE, (), YieldControl(), walls=(_wall(4, 6),), actuators=(actuator,))
+    return of_stone(joint, YieldControl(), walls=(_wall(4, 6),), actuators=(actuator,))
 
 
 def arch(joint: JointLaw, direction) -> Scenario:

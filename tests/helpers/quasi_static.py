@@ -4,19 +4,12 @@ from __future__ import annotations
 
 from dembrick.scenario.controls import TiltControl
 from dembrick.scenario.generators import Wall
-from dembrick.scenario.model import JointLaw, Material, Scenario
+from dembrick.scenario.model import Scenario
+from helpers.stone_scenes import law, of_stone
 
 
 def scene(control, formulation="concave", friction=0.7, stiffness=1e10, **parts) -> Scenario:
-    return Scenario(
-        title="quasi-static",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
-        materials={"stone": Material(2000.0)},
-        blocks=parts.pop("blocks", ()),
-        control=control,
-        **parts,
-    )
+    return of_stone(law(formulation, friction, stiffness), control, **parts)
 
 
 def tilt(axis=(1.0, 0.0, 0.0), **options):

@@ -7,10 +7,11 @@ import numpy as np
 from dembrick.assembly import build
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Block, JointLaw, Scenario
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import Motion, motion
 from dembrick.simulation.dynamics.loads import Driving
+from helpers.stone_scenes import law, of_stone
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
@@ -18,16 +19,13 @@ FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distribute
 
 def block_on_floor(control, loads=(), friction=0.2) -> Scenario:
     """A block of 0.3 x 0.2 x 0.1 m on a wide floor."""
-    return Scenario(
-        title="block",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw("convex", friction, 1e9, 1e9),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    return of_stone(
+        JointLaw("convex", friction, 1e9, 1e9),
+        control,
+        (
             Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
             Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
         ),
-        control=control,
         loads=loads,
     )
 
@@ -40,16 +38,14 @@ def two_blocks(
     points = {"points": (6, 4)} if formulation == "distributed" else {}
     turned = {key: tuple(R @ value) for key, value in block.items()}
     built = build.assemble(
-        Scenario(
-            title="two blocks",
-            gravity=tuple(R @ GRAVITY),
-            joint=JointLaw(formulation, friction, 1e10, 4e9, **points),
-            materials={"stone": Material(2000.0)},
-            blocks=(
+        of_stone(
+            law(formulation, friction, **points),
+            DynamicControl(duration=1.0),
+            (
                 Block("floor", "stone", floor, tuple(R @ [0.0, 0.0, -floor[2] / 2]), turn, fixed=True),
                 Block("block", "stone", (0.3, 0.2, 0.1), tuple(R @ [0.0, 0.0, 0.05]), turn, **turned),
             ),
-            control=DynamicControl(duration=1.0),
+            gravity=tuple(R @ GRAVITY),
         )
     )
     return motion(built, 0.1, 0.3)

@@ -2,17 +2,16 @@
 
 from dembrick.assembly import build
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import JointLaw, Material, Scenario, Wall
+from dembrick.scenario.model import Wall
+from helpers.stone_scenes import law, of_stone
 
 
 def wall(formulation, courses=5, blocks=4):
     return build.assemble(
-        Scenario(
-            title="wall",
+        of_stone(
+            law(formulation, 0.6, 1e9),
+            DynamicControl(1.0),
             gravity=(0.0, 1.0, -9.81),
-            joint=JointLaw(formulation, 0.6, 1e9, 4e8),
-            materials={"stone": Material(2000.0)},
             walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), courses, blocks, base=0.1),),
-            control=DynamicControl(1.0),
         )
     )

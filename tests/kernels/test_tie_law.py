@@ -6,11 +6,12 @@ import pytest
 from dembrick.assembly.build import assemble
 from dembrick.kernels.joint.ties import stretch, tie_energy, tie_losses
 from dembrick.scenario.controls import StaticsControl
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Block
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.simulation.moving_ties import at_ends, moving_ties
 from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.state import initial_state
+from helpers.stone_scenes import law, of_stone
 
 KINDS = {
     "cable": {},
@@ -22,16 +23,11 @@ KINDS = {
 
 def tied(**kind):
     blocks = (
-        Block("lower", "tuff", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
-        Block("upper", "tuff", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
+        Block("lower", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
+        Block("upper", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
     )
     ends = TieEnd("lower", (0.05, 0.0, -0.1)), TieEnd("upper", (0.05, 0.0, 0.1))
-    return assemble(
-        Scenario(
-            "tied", (0.0, 0.0, -9.81), JointLaw("concave", 0.6, 1e9, 4e8), {"tuff": Material(1500.0)}, blocks,
-            control=StaticsControl(), ties=(Tie(ends, 1e5, **kind),),
-        )
-    )  # fmt: skip
+    return assemble(of_stone(law("concave", 0.6, 1e9), StaticsControl(), blocks, ties=(Tie(ends, 1e5, **kind),)))
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -11,13 +11,14 @@ from dembrick.geometry.rotations import frame_quaternion, rotation_matrix, unit_
 from dembrick.kernels.dynamics.rigid_bodies import fetch_block, turn_block, turn_body, turn_slowly
 from dembrick.kernels.dynamics.tiles import FIXED, WORK, W, rows_of_lanes
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Block
 from dembrick.simulation.dynamics.integrator import joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, with_contact_forces
 from helpers import rows
 from helpers.resting_blocks import GRAVITY, about, place
+from helpers.stone_scenes import law, of_stone
 from helpers.walls import wall
 
 LAWS = {  # nine points are an odd number
@@ -31,17 +32,14 @@ LAWS = {  # nine points are an odd number
 def drawn(n, formulation):
     """``n`` blocks on as many floors, as they are drawn."""
     built = build.assemble(
-        Scenario(
-            title="pairs",
-            gravity=tuple(GRAVITY),
-            joint=JointLaw(formulation, 0.3, 1e10, 4e9, **LAWS[formulation]),
-            materials={"stone": Material(2000.0)},
-            blocks=tuple(
+        of_stone(
+            law(formulation, 0.3, **LAWS[formulation]),
+            DynamicControl(duration=1.0),
+            (
                 Block(f"{kind}{i}", "stone", (0.3, 0.2, 0.1), (float(i), 0.0, z), fixed=z < 0.0)
                 for i in range(n)
                 for kind, z in (("floor", -0.05), ("block", 0.05))
             ),
-            control=DynamicControl(duration=1.0),
         )
     )
     return motion(built, 0.1, 0.3)

@@ -18,10 +18,10 @@ from dembrick.scenario.model import Actuator, Load, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.simulation.limit_analysis import bounds, solver
 from helpers import pushed_assemblies as scenes
-from helpers.pushed_assemblies import law
+from helpers.stone_scenes import GRAVITY, law, of_stone
 
 
-def one_block(actuators=(), control=None, friction=0.64, gravity=scenes.GRAVITY, more=()) -> Scenario:
+def one_block(actuators=(), control=None, friction=0.64, gravity=GRAVITY, more=()) -> Scenario:
     blocks = (
         Block("floor", "stone", box=(2.0, 2.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
         Block("stone", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2)),
@@ -29,7 +29,7 @@ def one_block(actuators=(), control=None, friction=0.64, gravity=scenes.GRAVITY,
     )
     control = control or YieldControl()
     joint = law(friction=friction)
-    return Scenario("one block", gravity, joint, scenes.STONE, blocks, control, actuators=actuators)
+    return of_stone(joint, control, blocks, gravity=gravity, actuators=actuators)
 
 
 def push(direction, point=(0.0, 0.0, 0.2), name="push"):
@@ -122,9 +122,7 @@ def test_the_harmonic_stack(overhang, stands):
     for k, level in ((4, 0), (3, 1), (2, 2), (1, 3)):
         x += overhang * 0.5 / k
         blocks.append(Block(f"b.{k}", "stone", box=(1.0, 0.5, 0.2), position=(x, 0.0, 0.1 + 0.2 * level)))
-    scenario = Scenario(
-        "harmonic", scenes.GRAVITY, law(), scenes.STONE, tuple(blocks), PushoverControl((0.0, 0.0, -1.0))
-    )
+    scenario = of_stone(law(), PushoverControl((0.0, 0.0, -1.0)), blocks)
     pushed = replace(scenario, control=PushoverControl((1.0, 0.0, 0.0)))
     if stands:
         assert limit(pushed).load_factor > 0.0
@@ -228,7 +226,7 @@ def trough() -> Scenario:
         face = [(0.0, 0.0), (0.65 * s, 0.65), ((0.65 + c) * s, 0.65 - c), (c * s, -c)]
         blocks.append(Block(name, "stone", vertices=ends(face, 3.0), fixed=True))
     table = TiltControl((1.0, 0.0, 0.0), 1.0, 0.02, quasi_static=True)
-    return Scenario("trough", scenes.GRAVITY, law(friction=0.3), scenes.STONE, tuple(blocks), table)
+    return of_stone(law(friction=0.3), table, blocks)
 
 
 def test_the_second_opinion_slides_without_dilatancy():

@@ -6,7 +6,7 @@ from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from helpers import pushed_assemblies as scenes
-from helpers.pushed_assemblies import law
+from helpers.stone_scenes import law
 
 X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 

@@ -9,7 +9,7 @@ from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
 from dembrick.simulation.limit_analysis import analysis, solver
 from helpers import pushed_assemblies as scenes
-from helpers.pushed_assemblies import law
+from helpers.stone_scenes import law
 
 X, Y, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
 CONCAVE = {  # scenario, load factor (N for an actuator); independent conic programmes, and closed forms

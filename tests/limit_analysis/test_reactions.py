@@ -14,7 +14,7 @@ from dembrick.scenario.generators import Arch, Wall
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis.reactions import Extreme
 from helpers import pushed_assemblies as scenes
-from helpers.pushed_assemblies import law
+from helpers.stone_scenes import law, of_stone
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
@@ -78,7 +78,7 @@ def test_a_springing_that_sinks():
 def test_the_thrust_of_other_arches(stones, angle, thrust, greatest):
     """With a key stone, whose two sides are hinges; and of 140 deg."""
     arch = Arch("arch", "stone", 1.5, 0.3, 0.5, stones, angle)
-    given = Scenario("arch", scenes.GRAVITY, law(friction=0.7), scenes.STONE, (), DynamicControl(1.0), arches=(arch,))
+    given = of_stone(law(friction=0.7), DynamicControl(1.0), arches=(arch,))
     found = reaction(given, "arch.right", (-1.0, 0.0, 0.0))
     assert found.least.value == pytest.approx(thrust, rel=1e-6)
     if greatest is not None:
@@ -98,9 +98,7 @@ def test_bricks_on_a_slab_that_sinks(courses, blocks, bounds):
     )
     wall = Wall("wall", "stone", (0.4, 0.2, 0.2), courses, blocks, ends="half", position=(0.0, 0.0, 0.0))
     for friction, bound in bounds.items():
-        given = Scenario(
-            "bond", scenes.GRAVITY, law(friction=friction), scenes.STONE, slabs, DynamicControl(1.0), walls=(wall,)
-        )
+        given = of_stone(law(friction=friction), DynamicControl(1.0), slabs, walls=(wall,))
         assert reaction(given, "right", (0.0, 0.0, 1.0)).least.value == pytest.approx(bound, rel=1e-5)
 
 
@@ -110,7 +108,7 @@ def beam_on_three(width=0.2) -> Scenario:
     blocks = [Block("beam", "stone", box=(2.2, 0.5, weight), position=(0.0, 0.0, 0.5 * weight))]
     for name, x in (("left", -1.0), ("middle", 0.0), ("right", 1.0)):
         blocks.append(Block(name, "stone", box=(width, 0.5, 0.2), position=(x, 0.0, -0.1), fixed=True))
-    return Scenario("beam", scenes.GRAVITY, law(), scenes.STONE, tuple(blocks), DynamicControl(1.0))
+    return of_stone(law(), DynamicControl(1.0), blocks)
 
 
 def test_a_rigid_beam_on_three_supports():
@@ -131,7 +129,7 @@ def test_a_block_locked_between_walls_has_no_greatest_reaction():
         Block("right", "stone", box=(0.2, 1.0, 0.4), position=(0.3, 0.0, 0.2), fixed=True),
         Block("stone", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2)),
     )
-    scenario = Scenario("locked", scenes.GRAVITY, law(), scenes.STONE, blocks, DynamicControl(1.0))
+    scenario = of_stone(law(), DynamicControl(1.0), blocks)
     found = reaction(scenario, "right", (-1.0, 0.0, 0.0))
     assert found.least.value == pytest.approx(0.0, abs=1e-4)
     assert math.isinf(found.greatest.value)

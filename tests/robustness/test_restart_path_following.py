@@ -15,22 +15,19 @@ from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import model, shipped, toml
 from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Wall
-from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Actuator, Block
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.statics import dead_load, limit_load, stepper
 from dembrick.simulation.statics.paths import path_following, path_state
 from helpers.restart_cases import SLOW, check_same, dembrick, wait_for
+from helpers.stone_scenes import law, of_stone
 
 
 def scene(control, formulation="concave", friction=0.6, pressure="full", **parts):
     """A checkpoint is written where the run is stopped; that of the arch at every look."""
-    law = JointLaw(formulation, friction, 1e10, 4e9, pressure=pressure)
-    stone = {"stone": Material(2000.0)}
     output = model.Output(("joints", "energy", "frames", "velocity"), checkpoint=1e9)
-    return Scenario(
-        "followed", (0.0, 0.0, -9.81), law, stone, parts.pop("blocks", ()), control=control, output=output, **parts
-    )
+    return of_stone(law(formulation, friction, pressure=pressure), control, output=output, **parts)
 
 
 def wall(courses=4, block=(0.3, 0.2, 0.1)):

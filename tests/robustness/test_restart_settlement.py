@@ -7,12 +7,13 @@ from dembrick.errors import HistoryError
 from dembrick.history import Checkpoints, read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import SettlementControl
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Block, JointLaw, Output, Scenario
 from dembrick.scenario.time_functions import Turn
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics.paths import equilibria, load_path
 from dembrick.simulation.interrupts import Interrupted
 from helpers.restart_cases import check_same
+from helpers.stone_scenes import of_stone
 
 
 @pytest.fixture(autouse=True)
@@ -28,9 +29,7 @@ def turned_floor() -> Scenario:
     block = Block("block", "stone", (0.2, 0.4, 0.5), (0.0, 0.0, 0.25))
     control = SettlementControl(("floor",), rotation=Turn((0.0, 1.0, 0.0), 30.0), tolerance=0.05)
     law, output = JointLaw("concave", 0.9, 1e9, 4e8), Output(checkpoint=1e9)
-    return Scenario(
-        "turned", (0.0, 0.0, -9.81), law, {"stone": Material(2000.0)}, (floor, block), control, output=output
-    )
+    return of_stone(law, control, (floor, block), output=output)
 
 
 def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch):

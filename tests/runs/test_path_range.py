@@ -20,6 +20,7 @@ from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
 from dembrick.views.key_numbers import key_numbers
 from dembrick.views.summary import known
+from helpers.stone_scenes import of_stone
 
 
 def slope(ratio: float, friction: float = 0.8, columns: int = 4) -> Scenario:
@@ -41,15 +42,13 @@ def slope(ratio: float, friction: float = 0.8, columns: int = 4) -> Scenario:
         ]
     law = JointLaw("concave", friction, 1e9, ratio * 1e9)
     control = TiltControl((0.0, -1.0, 0.0))
-    return Scenario("slope", (0.0, 0.0, -9.81), law, {"stone": Material(2500.0)}, tuple(blocks), control)
+    return of_stone(law, control, blocks, materials={"stone": Material(2500.0)})
 
 
 def wall(ratio: float, friction: float, direction=(1.0, 0.0, 0.0)) -> Scenario:
     law = JointLaw("concave", friction, 1e10, ratio * 1e10)
     parts = Wall("wall", "stone", (0.4, 0.2, 0.2), courses=4, blocks=3, base=0.2)
-    return Scenario(
-        "wall", (0.0, 0.0, -9.81), law, {"stone": Material(2000.0)}, (), PushoverControl(direction), walls=(parts,)
-    )
+    return of_stone(law, PushoverControl(direction), walls=(parts,))
 
 
 def test_bars_of_one_structure_hold_each_others_answers():

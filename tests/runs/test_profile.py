@@ -11,8 +11,9 @@ from dembrick.cli import main
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl, PushoverControl
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Block
 from dembrick.simulation.statics.newton import Equilibria
+from helpers.stone_scenes import law, of_stone
 
 
 def test_info_tells_where_the_time_went(tmp_path, capsys):
@@ -54,17 +55,14 @@ def test_info_reads_no_data(tmp_path, monkeypatch, capsys):
 def stack(control, gap=0.0):
     """A block that stands on a floor, and one above it."""
     size = (0.3, 0.2, 0.1)
-    return Scenario(
-        title="stack",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw("concave", 0.64, 1e9, 4e8),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    return of_stone(
+        law("concave", 0.64, 1e9),
+        control,
+        (
             Block("floor", "stone", size, (0.0, 0.0, -0.05), fixed=True),
             Block("lower", "stone", size, (0.0, 0.0, 0.05)),
             Block("upper", "stone", size, (0.0, 0.0, 0.15 + gap)),
         ),
-        control=control,
     )
 
 

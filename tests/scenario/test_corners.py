@@ -13,8 +13,9 @@ from dembrick.runs.limit import limit
 from dembrick.scenario import toml
 from dembrick.scenario.controls import TiltControl
 from dembrick.scenario.generators import Opening, Return, Wall
-from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario
+from dembrick.scenario.model import JointLaw, JointOverride, Material
 from helpers.scenario_text import header
+from helpers.stone_scenes import of_stone
 
 DENSITY = 2000.0
 BLOCK = (0.4, 0.2, 0.2)
@@ -22,9 +23,7 @@ ROUGH = JointLaw("concave", 2.0, 1e10, 4e9)
 
 
 def scene(*walls, law=ROUGH, axis=(1.0, 0.0, 0.0)):
-    return Scenario(
-        "house", (0.0, 0.0, -9.81), law, {"stone": Material(DENSITY)}, walls=walls, control=TiltControl(axis=axis)
-    )
+    return of_stone(law, TiltControl(axis=axis), materials={"stone": Material(DENSITY)}, walls=walls)
 
 
 def house(block=BLOCK, courses=4, blocks=(6, 5), base=0.2, order="senw", **south):

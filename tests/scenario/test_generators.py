@@ -11,8 +11,9 @@ from dembrick.errors import ScenarioError
 from dembrick.scenario import memory, toml
 from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.generators import Arch, Dome, Opening, Return, Stack, Wall
-from dembrick.scenario.model import JointLaw, JointOverride, Load, Material, Scenario, YieldControl
+from dembrick.scenario.model import JointLaw, JointOverride, Load, Material, YieldControl
 from helpers.scenario_text import header
+from helpers.stone_scenes import of_stone
 
 LAW = JointLaw("concave", 0.65, 1e10, 4e9)
 STONE = (0.4, 0.2, 0.175)
@@ -49,7 +50,7 @@ kind = "yield"
 
 
 def scene(**parts):
-    return Scenario("test", (0.0, 0.0, -9.81), LAW, {"tuff": Material(DENSITY)}, control=YieldControl(), **parts)
+    return of_stone(LAW, YieldControl(), materials={"tuff": Material(DENSITY)}, **parts)
 
 
 def laid(*walls, **parts):

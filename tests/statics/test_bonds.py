@@ -13,10 +13,11 @@ import pytest
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DisplacementControl, PushoverControl, StaticsControl
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Block, Output, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
 from helpers.one_joint import A, B, N, scene, single
 from helpers.places import tool_module
+from helpers.stone_scenes import law, of_stone
 
 _FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_bonds.py"
 _SPEC = importlib.util.spec_from_file_location("drawn_bonds", _FILE)
@@ -211,14 +212,13 @@ def test_torsion_breaks_distributed_points_from_the_corners_on():
     assert 0.2 * V == pytest.approx(breaks(*own), rel=1e-3)
 
 
-def wall(height, control, density=2000.0) -> Scenario:
+def wall(height, control) -> Scenario:
     """A block 0.2 m thick on a floor, whose joint crushes at 200 kPa."""
-    law = JointLaw("convex", 0.9, 1e11, 4e10, compressive_strength=2e5)
     blocks = (
         Block("floor", "stone", (2.0, 2.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
         Block("wall", "stone", (0.2, 0.5, height), (0.0, 0.0, 0.5 * height)),
     )
-    return Scenario("wall", (0.0, 0.0, -9.81), law, {"stone": Material(density)}, blocks, control)
+    return of_stone(law("convex", 0.9, 1e11, compressive_strength=2e5), control, blocks)
 
 
 def test_a_wall_stands_on_a_toe_that_crushes():
@@ -320,9 +320,8 @@ def slipping_stack(formulation="corrected-shear"):
         size = (east - west, north - south, high - low)
         middle = (0.5 * (west + east), 0.5 * (south + north), 0.5 * (low + high))
         blocks.append(Block(f"stone {i}", "stone", size, middle))
-    law = JointLaw(formulation, 0.689, 1e11, 4e10, cohesion=15008.0, residual_cohesion=15008.0)
     push = PushoverControl((-0.85045, -0.52323, -0.05439))
-    return Scenario("stack", (0.0, 0.0, -9.81), law, {"stone": Material(2000.0)}, tuple(blocks), push)
+    return of_stone(law(formulation, 0.689, 1e11, cohesion=15008.0, residual_cohesion=15008.0), push, blocks)
 
 
 @pytest.mark.parametrize("formulation", ["corrected-shear", "concave"])

@@ -20,12 +20,11 @@ from dembrick.scenario.model import (
     DisplacementControl,
     JointLaw,
     Load,
-    Material,
-    Scenario,
     Solver,
 )
 from dembrick.simulation.statics import guards
 from dembrick.simulation.statics.handover import starting_state
+from helpers.stone_scenes import of_stone
 
 SETS = ("2a", "2b", "4a", "4b")
 TRAVEL = 2.5e-5
@@ -227,17 +226,14 @@ def test_frames_show_the_motion():
 def on_a_floor(floor, travel, cohesion=500.0):
     """A block of 0.3 m x 0.2 m pushed along its length over a floor of those edges (m)."""
     law = JointLaw("concave", 0.3, 1e9, 4e8, cohesion=cohesion, residual_cohesion=cohesion)
-    return Scenario(
-        title="over an edge",
-        gravity=(0.0, 0.0, -9.81),
-        joint=law,
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    return of_stone(
+        law,
+        DisplacementControl(max(1e-3, 0.5 * travel), travel),
+        (
             Block("floor", "stone", (*floor, 0.1), (0.0, 0.0, -0.05), fixed=True),
             Block("block", "stone", (0.3, 0.2, 0.04), (0.0, 0.0, 0.02)),
         ),
         actuators=(Actuator("jack", "block", (-0.15, 0.0, 0.02), (1.0, 0.0, 0.0)),),
-        control=DisplacementControl(max(1e-3, 0.5 * travel), travel),
     )
 
 

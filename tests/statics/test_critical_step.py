@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
+from dembrick.scenario.model import Block, Material, YieldControl
 from dembrick.simulation.statics import critical_step, joint_families
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import assembled_stiffness, block_stiffness, to_joint
+from helpers.stone_scenes import law, of_stone
 
 
 def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> build.Assembly:
@@ -25,16 +26,7 @@ def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> bu
             x = length * (i + 0.5 + 0.5 * (row % 2))
             material = f"stone{(row + i) % len(densities)}"
             stones.append(Block(f"s{row}_{i}", material, (length, width, height), (x, 0.0, (row + 0.5) * height)))
-    return build.assemble(
-        Scenario(
-            title="wall",
-            gravity=(0.0, 0.0, -9.81),
-            joint=JointLaw(formulation, 0.64, 1e10, 4e9),
-            materials=materials,
-            blocks=tuple(stones),
-            control=YieldControl(),
-        )
-    )
+    return build.assemble(of_stone(law(formulation), YieldControl(), stones, materials=materials))
 
 
 def true_frequency(built) -> float:

@@ -12,7 +12,8 @@ import pytest
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DisplacementControl, PushoverControl, TiltControl, YieldControl
-from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
+from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material
+from helpers.stone_scenes import of_stone
 
 _FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_limits.py"
 _SPEC = importlib.util.spec_from_file_location("drawn_limits", _FILE)
@@ -150,13 +151,11 @@ def test_a_joint_one_of_whose_points_slides_at_rest_is_bracketed(formulation, ex
     """
     floor = Block("lower", "stone", SMALL, (0.057754321500000004, 0.04773492100000001, -0.047164555), fixed=True)
     upper = Block("upper", "stone", SMALL, (0.057754321500000004, 0.04773492100000001, 0.047164555))
-    scenario = Scenario(
-        "spent corner",
-        (0.0, 0.0, -9.81),
+    scenario = of_stone(
         JointLaw(formulation, 0.14965923831723826, 1.32e10, 8.26e9),
-        {"stone": Material(1500.0)},
-        (floor, upper),
         YieldControl(),
+        (floor, upper),
+        materials={"stone": Material(1500.0)},
         loads=(
             Load("upper", (0.0, 0.0, -104.43012468731472), (-0.03448848105140696, 0.079678092297347, 0.047164555)),
             Load(

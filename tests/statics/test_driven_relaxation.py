@@ -21,8 +21,9 @@ from dembrick.simulation.statics.elastic_factor import elastic_factor, rounded_i
 from dembrick.simulation.statics.paths import driven_relaxation, path_following
 from dembrick.simulation.statics.paths.bounds import pushed_bounds
 from dembrick.simulation.statics.state import initial_state
-from helpers.pushed_assemblies import law, stack, wall
+from helpers.pushed_assemblies import stack, wall
 from helpers.quasi_static import leaf, scene
+from helpers.stone_scenes import law
 
 DOME = "control.quasi_static=true", "output.channels=['energy']"
 

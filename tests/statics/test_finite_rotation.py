@@ -13,6 +13,7 @@ from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldCo
 from dembrick.simulation.statics import critical_step, joint_families
 from dembrick.simulation.statics.state import blocks_at_rest, initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness, to_joint
+from helpers.stone_scenes import law, of_stone
 
 
 def test_free_fall_and_steady_torque():
@@ -94,13 +95,10 @@ def test_bound_of_a_stack_against_its_true_frequency():
     """Three blocks on each other: the bound from the blocks alone is not below the assembly's greatest frequency."""
     block = {"material": "stone", "box": (0.3, 0.2, 0.1)}
     built = build.assemble(
-        Scenario(
-            title="stack",
-            gravity=(0.0, 0.0, -9.81),
-            joint=JointLaw("concave", 0.64, 1e10, 4e9),
-            materials={"stone": Material(2000.0)},
-            blocks=tuple(Block(f"b{i}", position=(0.0, 0.0, 0.1 * i), fixed=i == 0, **block) for i in range(4)),
-            control=YieldControl(),
+        of_stone(
+            law(),
+            YieldControl(),
+            (Block(f"b{i}", position=(0.0, 0.0, 0.1 * i), fixed=i == 0, **block) for i in range(4)),
         )
     )
     state = initial_state(built)

@@ -16,7 +16,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DisplacementControl
 from dembrick.scenario.generators import Arch
-from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario
+from dembrick.scenario.model import Actuator
 from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.statics import constant_rate
 from dembrick.simulation.statics.guards import (
@@ -30,6 +30,7 @@ from dembrick.simulation.statics.guards import (
 )
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.yield_point import YieldPoint
+from helpers.stone_scenes import law, of_stone
 
 
 @pytest.fixture(scope="module")
@@ -224,9 +225,8 @@ def test_blocks_that_fall_are_named_and_not_called_a_divergence(friction):
     foot = Block("foot", "stone", (0.6, 0.8, 0.3), (1.5, 0.0, -0.15))
     floor = Block("floor", "stone", (6.0, 2.0, 0.3), (2.5, 0.0, -0.45), fixed=True)
     actuator = Actuator("pull", "foot", (1.8, 0.0, -0.15), (1.0, 0.0, 0.0))
-    law, stone = JointLaw("concave", friction, 1e8, 4e7), {"stone": Material(2000.0)}
     blocks, control = (*stones, foot, floor), DisplacementControl(0.4, 1.2)
-    scene = Scenario("spread", (0.0, 0.0, -9.81), law, stone, blocks, control, actuators=(actuator,))
+    scene = of_stone(law("concave", friction, 1e8), control, blocks, actuators=(actuator,))
     said = "block 'arch.[0-9]' .*has come down by .* shorten control.travel"
     with pytest.raises((NotConvergedError, DivergedError), match=said):
         simulate(scene, record=False)

@@ -15,7 +15,8 @@ from scipy.optimize import minimize
 from dembrick.errors import DembrickError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Part
-from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
+from dembrick.scenario.model import Actuator, Block, Load, Scenario, YieldControl
+from helpers.stone_scenes import law, of_stone
 
 CELLS = 20  # along each side of a piece, with two by two Gauss points in each
 SHAPES = ("L", "T", "U", "feet", "ring")
@@ -75,15 +76,12 @@ def drawn(seed: int, shape: str, tolerance: float = 1e-3) -> tuple[Scenario, lis
     x0, y0, x1, y1 = pieces[0]
     on = (0.5 * (x0 + x1), 0.5 * (y0 + y1), height)
     floor = Block("floor", "stone", (4.0, 4.0, 0.2), (*middle.tolist(), -0.1), fixed=True)
-    scenario = Scenario(
-        f"{shape} number {seed}",
-        (0.0, 0.0, -9.81),
-        joint=JointLaw("distributed", float(rng.uniform(0.2, 0.8)), 1e11, 4e10),
-        materials={"stone": Material(2000.0)},
-        blocks=(floor, Block("upper", "stone", parts=parts)),
+    scenario = of_stone(
+        law("distributed", float(rng.uniform(0.2, 0.8)), 1e11),
+        YieldControl(tolerance),
+        (floor, Block("upper", "stone", parts=parts)),
         loads=(Load("upper", (0.0, 0.0, -float(rng.uniform(0.0, 100.0))), on),),
         actuators=tuple(jacks),
-        control=YieldControl(tolerance),
     )
     return scenario, pieces
 

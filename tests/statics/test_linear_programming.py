@@ -20,14 +20,14 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl
 from dembrick.scenario.generators import Arch, Stack, Wall
 from dembrick.scenario.generators.walls import Return
-from dembrick.scenario.model import JointLaw, Material, Scenario
+from dembrick.scenario.model import JointLaw, Scenario
+from helpers.stone_scenes import of_stone
 
 FACETS = 64  # of a cone; they stand around it, so that the programme allows 0.12 % more friction
 
 
 def scene(direction, friction=0.7, stiffness=(1e10, 4e9), **parts) -> Scenario:
-    law, stone = JointLaw("concave", friction, *stiffness), {"stone": Material(2000.0)}
-    return Scenario("pushed", (0.0, 0.0, -9.81), law, stone, control=PushoverControl(direction), **parts)
+    return of_stone(JointLaw("concave", friction, *stiffness), PushoverControl(direction), **parts)
 
 
 def wall(block, courses, blocks, heading=0.0, returns=()):

@@ -14,6 +14,7 @@ from dembrick.scenario.controls import DisplacementControl, StaticsControl
 from dembrick.scenario.model import Load
 from dembrick.views import export
 from helpers import pushed_assemblies as scenes
+from helpers.stone_scenes import law
 
 G = 9.81
 
@@ -44,7 +45,7 @@ def push_back(result, row=-1) -> np.ndarray:
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_reactions_balance_weight_and_push(formulation):
     """An arch on two supports, pushed to its limit: forces and moments add up to nothing."""
-    result = simulate(scenes.arch(scenes.law(formulation, 0.7), (1.0, 0.0, 0.0)))
+    result = simulate(scenes.arch(law(formulation, 0.7), (1.0, 0.0, 0.0)))
     assert result.rows["reaction"].shape == (len(result.rows["load"]), 2, 6)
     expected, scale = pull(result), np.abs(pull(result)).max()
     np.testing.assert_allclose(push_back(result), -expected, atol=1e-4 * scale)
@@ -62,7 +63,7 @@ def test_a_constant_rate_test_pushes_its_support():
         Block("floor", "stone", (0.6, 0.6, 0.2), (0.0, 0.0, -0.1), fixed=True),
         Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
     )
-    base = scenes.wall_with_actuator(scenes.law())
+    base = scenes.wall_with_actuator(law())
     jack = dataclasses.replace(base.actuators[0], block="block", point=(0.05, 0.0, 0.02))
     scenario = dataclasses.replace(
         base, blocks=blocks, walls=(), actuators=(jack,),
@@ -85,7 +86,7 @@ def test_a_dead_load_that_is_no_weight_is_carried_too():
         Block("aside", "stone", (0.2, 0.2, 0.2), (5.0, 0.0, 0.0), fixed=True),
         Block("block", "stone", (0.4, 0.4, 0.2), (0.0, 0.0, 0.1)),
     )
-    base = scenes.arch(scenes.law("convex"), (1.0, 0.0, 0.0))
+    base = scenes.arch(law("convex"), (1.0, 0.0, 0.0))
     scenario = dataclasses.replace(
         base, arches=(), blocks=blocks, loads=(Load("block", (100.0, 20.0, -300.0), (0.1, 0.0, 0.2)),),
         control=StaticsControl(), text=None,
@@ -101,7 +102,7 @@ def test_a_dead_load_that_is_no_weight_is_carried_too():
 def test_reactions_in_files(tmp_path):
     """A history has every row's, a CSV a column for each number, and the result those of the end."""
     path = tmp_path / "arch.h5"
-    result = simulate(scenes.arch(scenes.law("convex", 0.7), (1.0, 0.0, 0.0)), path)
+    result = simulate(scenes.arch(law("convex", 0.7), (1.0, 0.0, 0.0)), path)
     with history.read(path) as found:
         assert tuple(found.support_names) == ("arch.left", "arch.right")
         np.testing.assert_array_equal(found.reaction, result.rows["reaction"])

@@ -10,11 +10,12 @@ import pytest
 from dembrick.assembly import build
 from dembrick.kernels.statics.loop import RUNNING
 from dembrick.scenario.blocks import Prism
-from dembrick.scenario.model import Actuator, Block, DisplacementControl, JointLaw, Load, Material, Scenario
+from dembrick.scenario.model import Actuator, Block, DisplacementControl, Load
 from dembrick.simulation.statics import constant_rate, load_system, ties
 from dembrick.simulation.statics.guards import new_guard
 from dembrick.simulation.statics.state import State, initial_state
 from helpers.places import tool_module
+from helpers.stone_scenes import law, of_stone
 
 
 @pytest.mark.parametrize("physical", [True, False])
@@ -100,17 +101,14 @@ def pushed_polygon(seed: int):
     direction = rng.uniform(0.0, 2.0 * np.pi)
     point = corners.T @ rng.dirichlet(np.ones(count))
     formulation = ("concave", "corrected", "corrected-shear")[seed % 3]
-    scenario = Scenario(
-        title="prism",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw(formulation, float(rng.uniform(0.2, 1.0)), 1e10, 4e9),
-        materials={"stone": Material(2000.0)},
-        blocks=(
+    scenario = of_stone(
+        law(formulation, float(rng.uniform(0.2, 1.0))),
+        DisplacementControl(1e-4, 1e-6),
+        (
             Block("base", "stone", (0.6, 0.6, 0.1), (0.0, 0.0, -0.05), fixed=True),
             Block("upper", "stone", prism=Prism(tuple(map(tuple, corners)), 0.04), position=(0.0, 0.0, 0.02)),
         ),
         actuators=(Actuator("jack", "upper", (*point, 0.0), (np.cos(direction), np.sin(direction), 0.0)),),
-        control=DisplacementControl(1e-4, 1e-6),
     )
     return build.assemble(scenario)
 

@@ -11,9 +11,10 @@ from dembrick import theory
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
 from dembrick.geometry import polygons
-from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
+from dembrick.scenario.model import Actuator, Block, Load, Material, YieldControl
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.paths import path_following
+from helpers.stone_scenes import law, of_stone
 
 A, B, H, MU = 0.3, 0.2, 0.1, 0.64
 WEIGHT = 1500.0 * A * B * H * 9.81
@@ -23,15 +24,13 @@ def tower(count: int, formulation: str, pushed: int, e=0.075, top=400.0, frictio
     """Limit load of a tower of ``count`` blocks, pushed along y at the foot of block ``pushed`` (``up`` m above it)."""
     blocks = [Block("base", "stone", (A, B, H), (0.0, 0.0, -0.5 * H), fixed=True)]
     blocks += [Block(f"b{i}", "stone", (A, B, H), (0.0, 0.0, (i + 0.5) * H)) for i in range(count)]
-    scenario = Scenario(
-        title="tower",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw(formulation, friction, 1e10, 4e9),
+    scenario = of_stone(
+        law(formulation, friction),
+        YieldControl(tolerance),
+        blocks,
         materials={"stone": Material(1500.0)},
-        blocks=tuple(blocks),
         loads=(Load(f"b{count - 1}", (0.0, 0.0, -top)),),
         actuators=(Actuator("jack", f"b{pushed}", (e, 0.0, pushed * H + up), (0.0, 1.0, 0.0)),),
-        control=YieldControl(tolerance),
     )
     return limit_load.find_limit_load(build.assemble(scenario), tolerance).yield_point
 

@@ -21,15 +21,13 @@ from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Lo
 from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.time_functions import Sine
 from dembrick.scenario.toml import loads, text_of
+from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 
 
 def scene(blocks, friction=0.6, control=None, **parts) -> Scenario:
-    law = JointLaw("concave", friction, 1e11, 4e10)
-    return Scenario(
-        "statics", (0.0, 0.0, -G), law, {"stone": Material(2000.0)}, blocks, control or StaticsControl(), **parts
-    )
+    return of_stone(law("concave", friction, 1e11), control or StaticsControl(), blocks, **parts)
 
 
 def overhanging(share: float, control=None) -> Scenario:

@@ -5,28 +5,29 @@ import pytest
 
 from dembrick.assembly.build import assemble
 from dembrick.scenario.controls import StaticsControl
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Block, JointLaw, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.simulation.checkpoint_arrays import flattened
 from dembrick.simulation.statics import dead_load
 from dembrick.simulation.statics.elastic_factor import elastic_factor
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
+from helpers.stone_scenes import of_stone
 
 
 def leaning(formulation: str, ties=(), **law) -> Scenario:
     """Two blocks on a floor, the upper one too far out to stay."""
     points = {"points": (4, 4)} if formulation == "distributed" else {}
-    return Scenario(
-        "leaning", (0.0, 0.0, -9.81), JointLaw(formulation, 0.3, 1e10, 4e9, **points, **law),
-        {"stone": Material(2000.0)},
+    return of_stone(
+        JointLaw(formulation, 0.3, 1e10, 4e9, **points, **law),
+        StaticsControl(),
         (
             Block("floor", "stone", (2.0, 0.5, 0.2), (0.0, 0.0, -0.1), fixed=True),
             Block("lower", "stone", (0.6, 0.5, 0.2), (0.0, 0.0, 0.1)),
             Block("upper", "stone", (0.6, 0.5, 0.2), (0.4, 0.0, 0.3)),
         ),
-        StaticsControl(), ties=tuple(ties),
-    )  # fmt: skip
+        ties=tuple(ties),
+    )
 
 
 TIE = Tie((TieEnd("floor", (-0.8, 0.0, 0.0)), TieEnd("upper", (0.1, 0.0, 0.3))), 1e5, strength=200.0)

@@ -8,7 +8,7 @@ import pytest
 from dembrick.assembly.build import assemble
 from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.generators import Wall
-from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario, YieldControl
+from dembrick.scenario.model import JointLaw, JointOverride, Material, YieldControl
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import (
@@ -17,13 +17,13 @@ from dembrick.simulation.statics.stiffness import (
     couplings,
     to_joint,
 )
+from helpers.stone_scenes import law, of_stone
 
 KN, KS, A, B = 1.0e10, 4.0e9, 0.3, 0.2
 
 
 def scene(formulation="convex", **parts):
-    law = JointLaw(formulation, 0.64, KN, KS)
-    return Scenario("t", (0, 0, -9.81), law, {"tuff": Material(1500.0)}, control=YieldControl(), **parts)
+    return of_stone(law(formulation), YieldControl(), materials={"tuff": Material(1500.0)}, **parts)
 
 
 def lab(formulation):

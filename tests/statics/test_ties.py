@@ -16,6 +16,7 @@ from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, S
 from dembrick.scenario.ties import Tie, TieEnd
 from helpers.places import tool_module
 from helpers.scenario_text import BASE, refused
+from helpers.stone_scenes import law, of_stone
 
 drawn = tool_module("drawn_ties")
 MU, N = 0.64, 467.0
@@ -48,12 +49,9 @@ def across(stiffness=1e3, **more):
 
 def arch(ends=None, strength=None, control=None, **more):
     """A semicircle of 20 stones with t/R = 0.2, pushed along x, its stones k and 21 - k tied at their centroids."""
-    given = Scenario(
-        "tied arch",
-        (0.0, 0.0, -9.81),
-        JointLaw("concave", 0.7, 1e11, 4e10),
-        {"stone": Material(2000.0)},
-        control=control or PushoverControl((1.0, 0.0, 0.0)),
+    given = of_stone(
+        law("concave", 0.7, 1e11),
+        control or PushoverControl((1.0, 0.0, 0.0)),
         arches=(Arch("arch", "stone", 1.5, 0.3, 0.5, 20, 180.0),),
     )
     if ends is None:

@@ -11,11 +11,12 @@ from dembrick.cli import main
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import Block, Output, Scenario
 from dembrick.scenario.time_functions import Sine
 from dembrick.views import page, plot
 from dembrick.views.plot.joint_plane import _used, joint_stages
 from dembrick.views.plot.paths import joint_path
+from helpers.stone_scenes import law, of_stone
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 G = 9.81
@@ -30,8 +31,7 @@ def arch(tmp_path_factory):
 
 def blocks(*free: Block, control, friction=0.6, output=None) -> Scenario:
     floor = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
-    law, stone = JointLaw("concave", friction, 1e9, 4e8), {"stone": Material(2000.0)}
-    return Scenario("blocks", (0.0, 0.0, -G), law, stone, (floor, *free), control, output=output or Output())
+    return of_stone(law("concave", friction, 1e9), control, (floor, *free), output=output or Output())
 
 
 def test_the_page_tells_the_greatest_displacement_of_the_run(tmp_path):
