@@ -13,36 +13,22 @@ from dembrick.simulation.dynamics import loads, recorder, run
 from dembrick.simulation.dynamics.loads import LoadsAhead
 from dembrick.simulation.dynamics.recorder import Recorder, joined
 from dembrick.simulation.session import Session
+from helpers.scenario_text import block, header
 
-OVER_AN_EDGE = """
-title = "A block slides over the edge of its floor, another stays on its own"
-gravity = [0.0, 0.0, -9.81]
-[materials]
-stone = { density = 2000.0 }
-[joint]
-friction = 0.6
-normal_stiffness = 1e9
-shear_stiffness = 4e8
+OVER_AN_EDGE = (
+    header("{formulation}", title="A block slides over the edge of its floor, another stays on its own")
+    + block("below", (0.0, 0.0, 0.05), more="fixed = true")
+    + block("over", (0.0, 0.0, 0.15), more="velocity = [0.9, 0.0, 0.0]")
+    + block("beside", (0.0, 1.0, 0.05), more="fixed = true")
+    + block("still", (0.0, 1.0, 0.15))
+    + """
 [control]
 kind = "dynamic"
 duration = 0.08
 [output]
 rows = 200
 frames = 20
-""" + "".join(
-    f"""[[blocks]]
-name = "{name}"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, {y}, {z}]
-{more}
 """
-    for name, y, z, more in (
-        ("below", 0.0, 0.05, "fixed = true"),
-        ("over", 0.0, 0.15, "velocity = [0.9, 0.0, 0.0]"),
-        ("beside", 1.0, 0.05, "fixed = true"),
-        ("still", 1.0, 0.15, ""),
-    )
 )
 SHAKEN = ["control.duration=0.05", "output.rows=300", "output.frames=40"]
 
@@ -97,7 +83,7 @@ def test_rows_together_are_the_rows_one_by_one(monkeypatch, stem):
 @pytest.mark.parametrize("formulation", ["convex", "concave", "distributed"])
 def test_rows_are_of_the_joints_as_they_are_once_polygons_were_cut(monkeypatch, formulation):
     """Two blocks share a polygon until one slides over the edge of its floor, and then asks for one of its own."""
-    scenario = toml.loads(OVER_AN_EDGE.replace("[joint]", f'[joint]\nformulation = "{formulation}"'))
+    scenario = toml.loads(OVER_AN_EDGE.format(formulation=formulation))
     together, _, calls = observed(scenario)
     with monkeypatch.context() as changed:
         changed.setattr(recorder, "TOGETHER", 1)

@@ -9,6 +9,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry import convex_parts as cutting
 from dembrick.geometry.convex_parts import convex_parts
 from dembrick.scenario import toml
+from helpers.scenario_text import block, header
 
 SHAPES = {  # outline, number of parts
     "L": ([(0, 0), (2, 0), (2, 1), (1, 1), (1, 3), (0, 3)], 2),
@@ -104,22 +105,9 @@ def test_a_block_out_of_a_mesh_is_that_of_its_parts(tmp_path):
     points, faces = extruded([(0, 0), (0.3, 0), (0.3, 0.1), (0.1, 0.1), (0.1, 0.2), (0, 0.2)], 0.1)
     lines = [f"v {x} {y} {z}" for x, y, z in points] + [f"f {' '.join(str(i + 1) for i in face)}" for face in faces]
     (tmp_path / "l.obj").write_text("\n".join(lines))
-    floor = """
-title = "an L"
-gravity = [0, 0, -9.81]
-joint = {formulation = "concave", friction = 0.5, normal_stiffness = 1e10, shear_stiffness = 4e9}
-materials.stone.density = 2000.0
-control = {kind = "pushover", direction = [0, 1, 0]}
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [2, 2, 0.2]
-position = [0, 0, -0.1]
-fixed = true
-[[blocks]]
-name = "foot"
-material = "stone"
-"""
+    floor = header(friction=0.5, normal_stiffness=1e10) + '[control]\nkind = "pushover"\ndirection = [0, 1, 0]\n'
+    floor += block("floor", (0, 0, -0.1), (2, 2, 0.2), "fixed = true")
+    floor += '[[blocks]]\nname = "foot"\nmaterial = "stone"\n'
     mesh = floor + f'mesh = {{file = "{tmp_path / "l.obj"}", unit = "m"}}\n'
     boxes = (
         floor

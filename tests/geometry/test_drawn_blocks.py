@@ -11,6 +11,7 @@ from dembrick.assembly.build import assemble
 from dembrick.geometry import cad_file
 from dembrick.scenario import toml
 from helpers import cad_files
+from helpers.scenario_text import header
 
 RING = [(0.0, 0.0), (1.2, 0.0), (1.2, 0.6), (0.9, 0.6), (0.9, 0.3), (0.3, 0.3), (0.3, 0.6), (0.0, 0.6)]  # a U, m
 AREA = 1.2 * 0.6 - 0.6 * 0.3
@@ -62,16 +63,9 @@ def written(path, *blocks):
 
 
 FLOOR = ("floor", cad_files.corners(*BOX), cad_files.QUADS, True)
-SCENE = """
-title = "a U on a floor"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.9
-normal_stiffness = 1.0e10
-shear_stiffness = 4.0e9
-[materials.stone]
-density = 2000.0
+SCENE = (
+    header(friction=0.9, normal_stiffness=1e10)
+    + """
 [[models]]
 name = "m"
 file = "a.json"
@@ -82,6 +76,7 @@ material = "stone"
 kind = "pushover"
 direction = [-1.0, 0.0, 0.0]
 """
+)
 
 
 def test_the_prism_looks_outward():

@@ -14,6 +14,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry import cad_file
 from helpers.cad_files import GATE, compas, gltf
 from helpers.places import TESTS
+from helpers.scenario_text import header
 
 MUTATE = """
 import json, random, sys
@@ -195,17 +196,10 @@ def test_a_buffer_beside_the_file_is_read(tmp_path):
     assert len(cad_file.read(edited(tmp_path / "scene.gltf", outside), 1.0)) == len(GATE)
 
 
-SCENE = """
-title = "cad"
-gravity = [0.0, 0.0, -9.81]
-supports = ["m.{support}"]
-[joint]
-formulation = "concave"
-friction = 0.5
-normal_stiffness = 1e10
-shear_stiffness = 4e9
-[materials.stone]
-density = 2000.0
+SCENE = (
+    'supports = ["m.{support}"]'
+    + header(friction=0.5, normal_stiffness=1e10)
+    + """
 [[models]]
 name = "m"
 file = "{file}"
@@ -215,6 +209,7 @@ gap_tolerance = 0.001
 [control]
 kind = "statics"
 """
+)
 
 
 def test_the_command_line_refuses_with_exit_2_and_one_line(tmp_path, capfd):

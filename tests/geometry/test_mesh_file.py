@@ -8,7 +8,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.mesh_file import checked, convex_solids
 from dembrick.geometry.shapes import box
 from dembrick.scenario import toml
-from helpers.scenario_text import block, header
+from helpers.scenario_text import block, header, jack
 
 meshio = pytest.importorskip("meshio")
 
@@ -19,17 +19,13 @@ TETRAHEDRA = [(0, 1, 2, 4), (1, 3, 2, 7), (1, 7, 4, 5), (2, 4, 7, 6), (1, 2, 4, 
 
 SCENE = header(title="mesh", normal_stiffness=1e10)
 SCENE += block("floor", (0.0, 0.0, -0.05), (1.0, 1.0, 0.1), "fixed = true")
+SCENE += jack("stone", (0.2, 0.1, 0.05))
 SCENE += """
 [[blocks]]
 name = "stone"
 material = "stone"
 mesh = { file = "stone.stl", scale = 0.001 }
 position = [0.1, 0.0, 0.0]
-[[actuators]]
-name = "jack"
-block = "stone"
-point = [0.2, 0.1, 0.05]
-direction = [1.0, 0.0, 0.0]
 [control]
 kind = "yield"
 """

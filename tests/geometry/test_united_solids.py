@@ -8,6 +8,7 @@ from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.scenario import toml
 from helpers import cad_files
+from helpers.scenario_text import header
 
 # an L that stands on its foot, drawn as two boxes, and a floor (m)
 BOXES = {
@@ -15,17 +16,10 @@ BOXES = {
     "foot": ((0.0, -0.2, 0.0), (0.8, 0.2, 0.2)),
     "arm": ((0.0, -0.2, 0.2), (0.2, 0.2, 1.0)),
 }
-SCENE = """
-title = "an L on a floor"
-gravity = [0.0, 0.0, -9.81]
-supports = ["cad.floor"]
-[joint]
-formulation = "concave"
-friction = 0.9
-normal_stiffness = 1.0e10
-shear_stiffness = 4.0e9
-[materials.stone]
-density = 2000.0
+SCENE = (
+    'supports = ["cad.floor"]'
+    + header(friction=0.9, normal_stiffness=1e10)
+    + """
 [[models]]
 name = "cad"
 file = "l.obj"
@@ -36,6 +30,7 @@ united = {united}
 kind = "pushover"
 direction = [-1.0, 0.0, 0.0]
 """
+)
 
 
 def scene(folder, united='[["foot", "arm"]]'):

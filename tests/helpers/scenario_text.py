@@ -4,6 +4,7 @@ import pytest
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario import toml
+from helpers.stone_scenes import GRAVITY
 
 BASE = """\
 title   = "One force at 0.25 a"
@@ -47,11 +48,13 @@ tolerance = 1.0e-3
 """
 
 
-def header(formulation="concave", friction=0.6, normal_stiffness=1e9, *, title="test", density=2000.0, keys=""):
+def header(
+    formulation="concave", friction=0.6, normal_stiffness=1e9, *, title="test", gravity=GRAVITY, density=2000.0, keys=""
+):
     """Title, gravity, one joint law (ks = 0.4 kn, further ``keys``) and one material, ``stone``; Pa/m, kg/m3."""
     return f"""
 title = "{title}"
-gravity = [0.0, 0.0, -9.81]
+gravity = {list(gravity)}
 [joint]
 formulation = "{formulation}"
 friction = {friction}
@@ -71,6 +74,18 @@ name = "{name}"
 material = "stone"
 box = {list(box)}
 position = {list(position)}
+{more}
+"""
+
+
+def jack(block, point, direction=(1.0, 0.0, 0.0), more=""):
+    """An actuator, ``jack``; ``more`` are further lines of its table."""
+    return f"""
+[[actuators]]
+name = "jack"
+block = "{block}"
+point = {list(point)}
+direction = {list(direction)}
 {more}
 """
 

@@ -14,6 +14,7 @@ from dembrick.cli import main
 from dembrick.scenario import text_files
 from dembrick.views.plot import style
 from helpers.places import TESTS
+from helpers.scenario_text import block, header
 
 FULL = "/dev/full"  # refuses every byte
 RUN = [sys.executable, "-m", "dembrick"]
@@ -136,33 +137,18 @@ def test_every_error_is_one_json_object(arguments, code, tmp_path, monkeypatch, 
     assert said["status"] == "failed" and said["error"] in err
 
 
-SHAKEN = """
-title = "shaken"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.5
-normal_stiffness = 1e8
-shear_stiffness = 4e7
-[materials.stone]
-density = 2000.0
-[[blocks]]
-name = "base"
-material = "stone"
-box = [1.0, 1.0, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.3, 0.3, 0.3]
-position = [0.0, 0.0, 0.15]
+SHAKEN = (
+    header(friction=0.5, normal_stiffness=1e8, title="shaken")
+    + block("base", (0.0, 0.0, -0.05), (1.0, 1.0, 0.1), "fixed = true")
+    + block("block", (0.0, 0.0, 0.15), (0.3, 0.3, 0.3))
+    + """
 [control]
 kind = "base-motion"
 direction = [1.0, 0.0, 0.0]
 file = "quake.csv"
 duration = 0.2
 """
+)
 
 
 def test_an_input_error_leaves_no_history_in_the_way(tmp_path, capsys):

@@ -12,18 +12,12 @@ from dembrick.runs import limit
 from dembrick.views.motion.frames import ejected, frame_number, peak_time
 from dembrick.views.motion.table import joint_table
 from dembrick.views.page import content
+from helpers.scenario_text import header
 from helpers.two_blocks import BLOCKS
 
-CORNER = """
-title   = "House corner: door and window, bonded returns"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation      = "concave"
-friction         = 0.65
-normal_stiffness = 1.0e10
-shear_stiffness  = 4.0e9
-[materials.stone]
-density = 2300.0
+CORNER = (
+    header(friction=0.65, normal_stiffness=1e10, density=2300.0)
+    + """
 [[walls]]
 name     = "south"
 material = "stone"
@@ -40,6 +34,7 @@ base     = 0.2
 kind = "tilt"
 axis = [1.0, 0.0, 0.0]
 """
+)
 
 
 @pytest.fixture(scope="module")

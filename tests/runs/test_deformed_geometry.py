@@ -14,41 +14,21 @@ from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.runs.steps import steps
 from dembrick.scenario import toml
-from dembrick.simulation.dynamics.paths import driven_path, load_path
+from dembrick.simulation.dynamics.paths import driven_path
 from helpers.restart_cases import stop_in_stages
+from helpers.scenario_text import block, header, jack
+from helpers.stone_scenes import GRAVITY
 
 G, WEIGHT = 9.81, 16.0 * 9.81
-HEADER = """
-title = "deformed"
-gravity = {gravity}
-[joint]
-formulation = "{formulation}"
-friction = {friction}
-normal_stiffness = {kn}
-shear_stiffness = {ks}
-[materials]
-stone = {{ density = 2000.0 }}
-"""
-FLOOR = (
-    '[[blocks]]\nname = "floor"\nmaterial = "stone"\nbox = [2.0, 1.0, 0.2]\nposition = [0.0, 0.0, -0.1]\nfixed = true\n'
-)
-BLOCK = '[[blocks]]\nname = "block"\nmaterial = "stone"\nbox = [0.4, 0.2, 0.1]\nposition = [0.0, 0.0, 0.05]\n'
-JACK = (
-    '[[actuators]]\nname = "jack"\nblock = "block"\npoint = [0.0, 0.0, 0.0]\ndirection = [0.0, 1.0, 0.0]\n'
-    "stages = [2]\n"
-)
+FLOOR = block("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
+BLOCK = block("block", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
+JACK = jack("block", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), "stages = [2]")
 STATICS, YIELD = 'kind = "statics"\n', 'kind = "yield"\n'
 ALONG_Y = 'kind = "pushover"\ndirection = [0.0, 1.0, 0.0]\n'
 TRAVEL = 'kind = "displacement"\nrate = 1e-3\ntravel = 3e-4\n'
 
 
-@pytest.fixture(autouse=True)
-def few(monkeypatch):
-    """Fewer equilibria of settlements on the way."""
-    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
-    monkeypatch.setattr(load_path, "HALVINGS", 3)
-    monkeypatch.setattr(load_path, "WITHIN", 1.0)
-    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
+pytestmark = pytest.mark.usefixtures("few")
 
 
 def turns(degrees):
@@ -58,10 +38,9 @@ def turns(degrees):
     )
 
 
-def staged(*controls, blocks=FLOOR + BLOCK, more="", formulation="concave", friction=0.5, kn=1e10, gravity=None):
+def staged(*controls, blocks=FLOOR + BLOCK, more="", formulation="concave", friction=0.5, kn=1e10, gravity=GRAVITY):
     """A flat block on a floor, and what is done to them, one after the other."""
-    gravity = list(gravity or (0.0, 0.0, -G))
-    text = HEADER.format(gravity=gravity, formulation=formulation, friction=friction, kn=kn, ks=0.4 * kn) + blocks
+    text = header(formulation, friction, kn, gravity=gravity) + blocks
     text += "".join(f"[[stages]]\n{control}" for control in controls[:-1]) + f"[control]\n{controls[-1]}{more}"
     return toml.loads(text, "deformed.toml")
 
@@ -136,10 +115,10 @@ def arch_at(placed, built, friction, push):
                 continue
             for force in (normal, np.cross([0.0, 1.0, 0.0], normal)):
                 column = np.zeros(3 * len(free))
-                for block, sign in ((b, 1.0), (a, -1.0)):
-                    if block in row:
-                        moment = np.cross(on_b - position[block], force)[1]
-                        column[row[block] : row[block] + 3] += sign * np.array([force[0], force[2], moment])
+                for stone, sign in ((b, 1.0), (a, -1.0)):
+                    if stone in row:
+                        moment = np.cross(on_b - position[stone], force)[1]
+                        column[row[stone] : row[stone] + 3] += sign * np.array([force[0], force[2], moment])
                 columns.append(column)
     weight = built.mass[free] * G
     load = (weight[:, None] * [push[0], push[2], 0.0]).ravel()
@@ -208,10 +187,9 @@ def test_a_slender_block_on_a_soft_bed_leans_before_it_overturns():
 
 
 def test_a_travel_goes_on_behind_the_peak_of_a_block_that_leans(monkeypatch):
-    jack = '[[actuators]]\nname = "jack"\nblock = "block"\npoint = [0.0, 0.0, 0.5]\ndirection = [1.0, 0.0, 0.0]\n'
     control = 'kind = "displacement"\nrate = 1e-3\ntravel = 2e-2\nlarge_displacements = true\n'
     monkeypatch.setattr(driven_path, "EQUILIBRIA", 60)
-    result = simulate(leaning(control, BED, jack))
+    result = simulate(leaning(control, BED, jack("block", (0.0, 0.0, 0.5))))
     turned = 2.0 * np.arcsin(result.frames["orientation"][:, 1, 2])
     opened = turned > 2.0 * SLENDER / (BED * SIZE[0] ** 2 * SIZE[1])
     assert opened.sum() > 40 and turned[-1] > 0.03
@@ -237,33 +215,27 @@ def turned_about_its_toe(travel: float) -> float:
     return float((weight * (toe[0] - middle[0]) + arm[0] * pull[1] - arm[1] * pull[0]) / head[1])
 
 
-TIED = """
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.4, 0.4, 1.0]
-position = [0.0, 0.0, 0.5]
+TIED = (
+    block("block", (0.0, 0.0, 0.5), (0.4, 0.4, 1.0))
+    + jack("block", (-0.2, 0.0, 1.0))
+    + """
 [[ties]]
 between = [{ block = "block", point = [-0.2, 0.0, 0.6] }, { block = "floor", point = [-0.2, 0.0, 0.0] }]
 stiffness = 5000.0
 prestress = 300.0
-[[actuators]]
-name = "jack"
-block = "block"
-point = [-0.2, 0.0, 1.0]
-direction = [1.0, 0.0, 0.0]
 [control]
 kind = "displacement"
 rate = 0.01
 large_displacements = true
 """
+)
 
 
 @pytest.mark.parametrize("travel", [0.25, 0.1])
 def test_a_travel_ends_where_it_was_to_end(travel, monkeypatch):
     """Not up to a step beyond; the load there is that of a rigid block on its toe, and its own bracket holds it."""
     monkeypatch.setattr(driven_path, "EQUILIBRIA", 60)
-    given = HEADER.format(gravity=[0.0, 0.0, -G], formulation="concave", friction=0.9, kn=1e11, ks=4e10)
+    given = header(friction=0.9, normal_stiffness=1e11)
     found = simulate(toml.loads(f"{given}{FLOOR}{TIED}travel = {travel}\n"), record=False, progress=False)
     path, point = found.run.path, found.yield_point
     assert path[-1, 0] - path[0, 0] == pytest.approx(travel, rel=1e-9)
@@ -300,7 +272,7 @@ def test_an_inclined_tie_yields_by_no_more_than_rest_asks_for(anchored, attached
     tied = tied.replace("[-0.2, 0.0, 0.6]", f"[-0.2, 0.0, {attached}]").replace("5000.0", f"{stiffness}")
     tied = tied.replace("prestress = 300.0", f"prestress = {prestress}\nstrength = {strength}")
     control = '[control]\nkind = "yield"\nlarge_displacements = true\n'
-    given = HEADER.format(gravity=[0.0, 0.0, -G], formulation="concave", friction=0.9, kn=1e11, ks=4e10)
+    given = header(friction=0.9, normal_stiffness=1e11)
     point = simulate(toml.loads(f"{given}{FLOOR}{tied}{control}"), record=False, progress=False).yield_point
     assert point.V_lower <= most * (1.0 + 1e-5) and most <= point.V_upper * (1.0 + 1e-5)
     assert point.V_upper - point.V_lower < 2e-3 * point.V
@@ -391,25 +363,9 @@ def test_a_search_after_a_settlement_goes_on_where_it_was_stopped(last, tmp_path
 
 
 def test_a_block_that_may_not_turn_slides_without_a_hinge():
-    text = """
-title = "guided"
-gravity = [0, 0, -9.81]
-joint = {formulation = "concave", friction = 0.5, normal_stiffness = 1e8, shear_stiffness = 4e7}
-materials.stone.density = 2000.0
-control = {kind = "pushover", direction = [1, 0, 0], large_displacements = true}
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [2, 2, 0.2]
-position = [0, 0, -0.1]
-fixed = true
-[[blocks]]
-name = "stone"
-material = "stone"
-box = [0.2, 0.2, 0.8]
-position = [0, 0, 0.4]
-held = ["rx", "ry", "rz"]
-"""
+    text = header(friction=0.5, normal_stiffness=1e8) + FLOOR
+    text += block("stone", (0.0, 0.0, 0.4), (0.2, 0.2, 0.8), 'held = ["rx", "ry", "rz"]')
+    text += '[control]\nkind = "pushover"\ndirection = [1, 0, 0]\nlarge_displacements = true\n'
     found = simulate(toml.loads(text), record=False)
     assert found.collapse["load_factor"] == pytest.approx(0.5, rel=2e-3) and found.collapse["hinges"] == []
     lines = found.text().splitlines()

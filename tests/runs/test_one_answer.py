@@ -15,6 +15,7 @@ from dembrick.runs import path_dependence
 from dembrick.runs.path_dependence import within
 from dembrick.scenario import toml
 from dembrick.views import page, plot, summary
+from helpers.scenario_text import block, header, jack
 from helpers.two_blocks import BLOCKS
 
 RATE = BLOCKS.replace('"yield"', '"displacement"').replace("tolerance = 1.0e-3", "rate = 1e-5\ntravel = 6e-5")
@@ -165,18 +166,10 @@ def test_a_search_without_an_upper_end_takes_that_of_limit_analysis():
     assert said.kind == "at the end, at most 0.35 by limit analysis; the limit is at least 0"
 
 
-L = """
-title = "pushed high up, where it slides"
-gravity = [0.0, 0.0, -9.81]
-joint = {formulation = "convex", friction = 0.7, normal_stiffness = 1.0e10, shear_stiffness = 4.0e9}
-materials.stone.density = 2500.0
-control.kind = "yield"
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [2.0, 1.0, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
+L = (
+    header("convex", 0.7, 1e10, title="pushed high up, where it slides", density=2500.0)
+    + block("floor", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
+    + """
 [[blocks]]
 name = "L"
 material = "stone"
@@ -186,12 +179,11 @@ position = [0.3, 0.15, 0.1]
 [[blocks.parts]]
 box = [0.2, 0.3, 0.4]
 position = [0.1, 0.15, 0.4]
-[[actuators]]
-name = "jack"
-block = "L"
-point = [0.0, 0.15, 0.5]
-direction = [1.0, 0.0, 0.0]
+[control]
+kind = "yield"
 """
+    + jack("L", (0.0, 0.15, 0.5))
+)
 
 
 def test_joints_at_the_limit_are_those_of_the_limit(tmp_path, capsys):

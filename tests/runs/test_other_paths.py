@@ -13,75 +13,51 @@ from dembrick.runs import study as studies
 from dembrick.runs.path_dependence import path_lines, ranged, within
 from dembrick.scenario import toml
 from dembrick.views.key_numbers import key_numbers
+from helpers.scenario_text import block, header, jack
 from helpers.studies import read_csv, write_study
 
 SHIPPED = Path(__file__).resolve().parents[2] / "scenarios"
 DENSITY, G = 2000.0, 9.81
 
-HEAD = """
-title = "paths"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = {friction}
-normal_stiffness = 1.0e10
-shear_stiffness = {shear}
-[materials.stone]
-density = 2000.0
-"""
-JACK = """
-[[actuators]]
-name = "jack"
-block = "{block}"
-point = {point}
-direction = {direction}
-[control]
-kind = "yield"
-"""
-BLOCK = """
-[[blocks]]
-name = "{name}"
-material = "stone"
-box = {box}
-position = {position}
-"""
-FLOOR = BLOCK.format(name="floor", box=[6.0, 4.0, 0.2], position=[0.0, 0.0, -0.1]) + "fixed = true\n"
+FLOOR = block("floor", (0.0, 0.0, -0.1), (6.0, 4.0, 0.2), "fixed = true")
+YIELD = '[control]\nkind = "yield"\n'
 
 
-def curb(squeeze: float = 0.0, shear: float = 4e9, friction: float = 0.6):
+def curb(squeeze: float = 0.0, shear: float = 4e9):
     """A block of .4 x 1.0 m beside a curb of .1 m, pushed away from it at its top; first pressed against the curb."""
-    text = HEAD.format(friction=friction, shear=shear) + FLOOR
-    text += BLOCK.format(name="curb", box=[0.2, 0.4, 0.1], position=[-0.3, 0.0, 0.05]) + "fixed = true\n"
-    text += BLOCK.format(name="block", box=[0.4, 0.4, 1.0], position=[0.0, 0.0, 0.5])
+    text = header(normal_stiffness=1e10) + FLOOR
+    text += block("curb", (-0.3, 0.0, 0.05), (0.2, 0.4, 0.1), "fixed = true")
+    text += block("block", (0.0, 0.0, 0.5), (0.4, 0.4, 1.0))
     if squeeze:
         text += f'[[loads]]\nblock = "block"\nforce = [{-squeeze}, 0.0, 0.0]\npoint = [0.2, 0.0, 0.05]\nstages = [1]\n'
         text += '[[stages]]\nkind = "statics"\n' * 2
-    return toml.loads(text + JACK.format(block="block", point=[-0.2, 0.0, 1.0], direction=[1.0, 0.0, 0.0]))
+    text += jack("block", (-0.2, 0.0, 1.0)) + YIELD
+    return toml.loads(text, overrides=[f"joint.shear_stiffness={shear}"])
 
 
 def slabs(squeeze: float = 0.0):
     """A bar on two slabs side by side between two walls, pushed along; first the slabs are pressed to the walls."""
-    text = HEAD.format(friction=0.6, shear=4e9) + FLOOR
+    text = header(normal_stiffness=1e10) + FLOOR
     for name, y in (("wl", -0.6), ("wr", 0.6)):
-        text += BLOCK.format(name=name, box=[4.0, 0.2, 0.4], position=[0.0, y, 0.2]) + "fixed = true\n"
+        text += block(name, (0.0, y, 0.2), (4.0, 0.2, 0.4), "fixed = true")
     for name, y in (("sa", -0.25), ("sb", 0.25)):
-        text += BLOCK.format(name=name, box=[1.2, 0.5, 0.4], position=[0.0, y, 0.2])
+        text += block(name, (0.0, y, 0.2), (1.2, 0.5, 0.4))
         text += f'[[joints]]\nbetween = ["floor", "{name}"]\nformulation = "concave"\nfriction = 0.05\n'
         text += "normal_stiffness = 1.0e10\nshear_stiffness = 4.0e9\n"
         if squeeze:
             text += f'[[loads]]\nblock = "{name}"\nforce = [0.0, {np.sign(y) * squeeze}, 0.0]\nstages = [1]\n'
-    text += BLOCK.format(name="b", box=[0.4, 1.0, 1.0], position=[0.0, 0.0, 0.9])
+    text += block("b", (0.0, 0.0, 0.9), (0.4, 1.0, 1.0))
     if squeeze:
         text += '[[stages]]\nkind = "statics"\n' * 2
-    return toml.loads(text + JACK.format(block="b", point=[-0.2, 0.0, 1.4], direction=[1.0, 0.0, 0.0]))
+    return toml.loads(text + jack("b", (-0.2, 0.0, 1.4)) + YIELD)
 
 
 def tower(friction: float = 0.6, blocks: int = 3, extra: str = "", height: float = 0.95):
     """Blocks of .4 x .4 x .4 m on one another, the top one pushed."""
-    text = HEAD.format(friction=friction, shear=4e9).replace("[materials", extra + "\n[materials") + FLOOR
+    text = header(friction=friction, normal_stiffness=1e10, keys=extra) + FLOOR
     for i in range(blocks):
-        text += BLOCK.format(name=f"b{i}", box=[0.4, 0.4, 0.4], position=[0.0, 0.0, 0.2 + 0.4 * i])
-    return toml.loads(text + JACK.format(block=f"b{blocks - 1}", point=[-0.2, 0.0, height], direction=[1.0, 0.0, 0.0]))
+        text += block(f"b{i}", (0.0, 0.0, 0.2 + 0.4 * i), (0.4, 0.4, 0.4))
+    return toml.loads(text + jack(f"b{blocks - 1}", (-0.2, 0.0, height)) + YIELD)
 
 
 def told(scenario, **asked) -> dict:

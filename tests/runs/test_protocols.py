@@ -11,6 +11,7 @@ from dembrick.scenario import model, toml
 from dembrick.scenario.controls import DisplacementControl
 from dembrick.scenario.protocols import protocol_of, turning_points
 from helpers.restart_cases import check_same, stop_at_look
+from helpers.scenario_text import block, header, jack
 
 U = 2e-5
 
@@ -89,29 +90,9 @@ def test_only_loops_that_close_have_an_area(points, count, closed):
 
 def test_a_block_that_rocks_dissipates_next_to_nothing():
     """No more than 1e-4 N u + 4 V^2 / (2 k_s A): points that open lose what their shear springs held."""
-    text = """
-title = "rocking"
-gravity = [0, 0, -9.81]
-joint = {formulation = "concave", friction = 0.9, normal_stiffness = 1e10, shear_stiffness = 4e9}
-materials.stone.density = 2000.0
-control = {kind = "displacement", rate = 1e-4, protocol = [2e-5, -2e-5, 2e-5]}
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [1, 1, 0.2]
-position = [0, 0, -0.1]
-fixed = true
-[[blocks]]
-name = "stone"
-material = "stone"
-box = [0.2, 0.2, 0.6]
-position = [0, 0, 0.3]
-[[actuators]]
-name = "jack"
-block = "stone"
-point = [-0.1, 0, 0.6]
-direction = [1, 0, 0]
-"""
+    text = header(friction=0.9, normal_stiffness=1e10) + block("floor", (0, 0, -0.1), (1, 1, 0.2), "fixed = true")
+    text += block("stone", (0, 0, 0.3), (0.2, 0.2, 0.6)) + jack("stone", (-0.1, 0, 0.6))
+    text += '[control]\nkind = "displacement"\nrate = 1e-4\nprotocol = [2e-5, -2e-5, 2e-5]\n'
     found = dembrick.simulate(toml.loads(text))
     (cycle,) = found.cycles
     W = 2000.0 * 9.81 * 0.2 * 0.2 * 0.6

@@ -13,7 +13,6 @@ import dembrick
 from dembrick.cli import main
 from dembrick.errors import HistoryError, OutputError, ScenarioError
 from dembrick.simulation import interrupts
-from dembrick.simulation.dynamics.paths import driven_path, load_path
 from dembrick.simulation.interrupts import Interrupted
 from helpers.restart_cases import content
 from helpers.scenario_text import block, header
@@ -121,14 +120,6 @@ def test_a_longer_run_goes_on_behind_its_end(slide):
     with dembrick.read_history(new) as found:
         assert found.time[-1] == pytest.approx(0.5)
         assert found.displacement[-1] == pytest.approx(1.0 / (2.0 * MU * G), rel=2e-4)
-
-
-@pytest.fixture
-def few(monkeypatch):
-    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
-    monkeypatch.setattr(load_path, "HALVINGS", 3)
-    monkeypatch.setattr(load_path, "WITHIN", 1.0)
-    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
 
 
 W = 16.0 * G

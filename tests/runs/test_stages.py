@@ -12,10 +12,9 @@ from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
-from dembrick.simulation.dynamics.paths import load_path
 from dembrick.simulation.statics import stepper
 from helpers.restart_cases import stop_in_stages, told_of_checkpoints
-from helpers.scenario_text import BASE, refused
+from helpers.scenario_text import BASE, header, refused
 from helpers.scenario_text import block as block_text
 
 MU, N, A, B = 0.64, 467.0, 0.3, 0.2
@@ -27,6 +26,7 @@ COUPLE = "".join(  # V is its moment
     "weight = 5.0\n"
     for name, x in (("one", 0.1), ("two", -0.1))
 )
+pytestmark = pytest.mark.usefixtures("few")
 STATICS = 'kind = "statics"\n'
 YIELD = 'kind = "yield"\ntolerance = 1e-5\n'
 
@@ -273,38 +273,17 @@ def test_refinement_and_real_time_in_stages():
 # --- after a settlement
 
 G = 9.81
-SUPPORTS = """
-title = "settled"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "{formulation}"
-friction = 0.5
-normal_stiffness = 1e10
-shear_stiffness = 4e9
-[materials]
-stone = {{ density = 2000.0 }}
-"""
 
 
 def turned(formulation, *stages, degrees=10.0, more="[output]\nrows = 400\nframes = 20\n"):
     """A flat block on a floor that turns about its middle by so many degrees, and what comes then."""
-    text = SUPPORTS.format(formulation=formulation) + block_text(
-        "floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true"
-    )
+    text = header(formulation, 0.5, 1e10) + block_text("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
     text += block_text("block", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
     floor = 'kind = "settlement"\nsupports = ["floor"]\n'
     floor += f"rotation = {{ axis = [0.0, 1.0, 0.0], angle = {degrees}, point = [0.0, 0.0, 0.0] }}\n"
     every = [floor, *stages]
     text += "".join(f"[[stages]]\n{stage}" for stage in every[:-1]) + f"[control]\n{every[-1]}{more}"
     return toml.loads(text, "turned.toml")
-
-
-@pytest.fixture(autouse=True)
-def few(monkeypatch):
-    """Fewer equilibria of settlements on the way."""
-    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
-    monkeypatch.setattr(load_path, "HALVINGS", 3)
-    monkeypatch.setattr(load_path, "WITHIN", 1.0)
 
 
 def pulse(degrees, amplitude=6.0, duration=0.8):
@@ -336,7 +315,7 @@ def test_a_block_on_a_floor_that_has_turned_takes_a_pulse(formulation):
 def test_one_settlement_after_another(formulation):
     """A beam on three equal springs: the middle one goes down by s, and then up by s / 2; then the left one down."""
     weight, k, s = 3000.0, 1e8, 1e-5
-    text = SUPPORTS.format(formulation=formulation).replace("1e10", f"{k / 0.1!r}").replace("4e9", f"{k / 0.1!r}")
+    text = header(formulation, 0.5, k / 0.1)
     text += block_text("beam", (0.0, 0.0, 0.1), (2.4, 0.5, weight / (2000.0 * G * 1.2) / 1.0))
     text = text.replace("position = [0.0, 0.0, 0.1]", f"position = [0.0, 0.0, {0.5 * weight / (2000.0 * G * 1.2)!r}]")
     for name, x in (("left", -1.0), ("middle", 0.0), ("right", 1.0)):
@@ -356,7 +335,7 @@ def test_one_settlement_after_another(formulation):
 
 def test_an_arch_whose_springing_has_spread_stands_in_time():
     """Its hinges have turned so far that new contacts carry a part: nothing moves, no force or energy changes."""
-    text = SUPPORTS.replace("0.5", "0.7").format(formulation="concave")
+    text = header(friction=0.7, normal_stiffness=1e10)
     text += '[[arches]]\nname = "arch"\nmaterial = "stone"\nradius = 1.5\nthickness = 0.5\ndepth = 0.5\nvoussoirs = 6\n'
     text += '[[stages]]\nkind = "settlement"\nsupports = ["arch.right"]\ndisplacement = [0.4, 0.0, 0.0]\n'
     result = simulate(toml.loads(text + '[control]\nkind = "dynamic"\nduration = 0.02\n', "arch.toml"))

@@ -11,9 +11,8 @@ from dembrick.errors import ScenarioError
 from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
-from dembrick.simulation.dynamics.paths import load_path
 from helpers.restart_cases import stop_in_stages, told_of_checkpoints
-from helpers.scenario_text import BASE, refused
+from helpers.scenario_text import BASE, header, refused
 from helpers.scenario_text import block as block_text
 
 MU, N, A, B = 0.64, 467.0, 0.3, 0.2
@@ -103,32 +102,12 @@ def test_a_yielded_tie_keeps_its_length_beside_one_that_comes():
     assert yielded == pytest.approx(50.0 - 1e6 * back, rel=1e-2)  # a step of the test is 0.24 um
 
 
-@pytest.fixture
-def few(monkeypatch):
-    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
-    monkeypatch.setattr(load_path, "HALVINGS", 3)
-    monkeypatch.setattr(load_path, "WITHIN", 1.0)
-
-
 SPREAD = 0.05  # m
-TURNED = """
-title = "a block on a floor that sinks"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "{formulation}"
-friction = 0.5
-normal_stiffness = 1e10
-shear_stiffness = 4e9
-[materials]
-stone = {{ density = 2000.0 }}
-"""
 
 
 def settled(*stages, formulation="concave", parts="", degrees=None, more=""):
     """A block on a floor that moves away from a wall along x by 5 cm, or turns by so many degrees, and what comes."""
-    text = TURNED.format(formulation=formulation) + block_text(
-        "floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true"
-    )
+    text = header(formulation, 0.5, 1e10) + block_text("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
     text += block_text("block", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
     text += block_text("wall", (-1.5, 0.0, 0.5), (0.2, 1.0, 1.0), "fixed = true") + parts
     moves = f"displacement = [{SPREAD!r}, 0.0, 0.0]\n"

@@ -11,40 +11,22 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.validation import cases, compare
 from dembrick.scenario import toml
 from dembrick.views.plot import read_measured
+from helpers.scenario_text import block, header, jack
 
 CASE = cases.Case("wall", "Wall", "a laboratory", "block", "density", "set2a", "N = 1 kN", "force", (10.0, 12.0, 11.0))
-SLENDER = """
-title = "A block under a jack at the top of its toe side"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.7
-normal_stiffness = 1.0e10
-shear_stiffness = 4.0e9
-[materials.stone]
-density = 2000.0
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [2.0, 1.0, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.5, 0.2, 1.0]
-position = [0.0, 0.0, 0.5]
-[[actuators]]
-name = "jack"
-block = "block"
-point = [0.25, 0.0, 1.0]
-direction = [1.0, 0.0, 0.0]
+SLENDER = (
+    header(friction=0.7, normal_stiffness=1e10, title="A block under a jack at the top of its toe side")
+    + block("floor", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
+    + block("block", (0.0, 0.0, 0.5), (0.5, 0.2, 1.0))
+    + jack("block", (0.25, 0.0, 1.0))
+    + """
 [control]
 kind = "displacement"
 rate = 1.0e-3
 travel = 0.02
 large_displacements = true
 """
+)
 
 
 def compared(S=11.5, u_num=0.5, **changes):

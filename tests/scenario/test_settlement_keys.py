@@ -10,17 +10,11 @@ from dembrick.runs.drivers import driver_of
 from dembrick.scenario import toml
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.time_functions import SupportPath, Turn
+from helpers.scenario_text import header
 
-ARCH = """
-title = "arch"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.7
-normal_stiffness = 1.0e10
-shear_stiffness = 4.0e9
-[materials.stone]
-density = 2000.0
+ARCH = (
+    header(friction=0.7, normal_stiffness=1e10)
+    + """
 [[arches]]
 name = "arch"
 material = "stone"
@@ -31,6 +25,7 @@ voussoirs = 4
 [control]
 kind = "settlement"
 """
+)
 SPREAD = 'supports = ["arch.right"]\ndisplacement = [0.1, 0.0, 0.0]\n'
 
 

@@ -9,17 +9,11 @@ import dembrick
 from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.scenario import toml
+from helpers.scenario_text import header
 
-SCENE = """
-title = "an arch under a fill"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.7
-normal_stiffness = 1.0e10
-shear_stiffness = 4.0e9
-[materials.stone]
-density = 2000.0
+SCENE = (
+    header(friction=0.7, normal_stiffness=1e10)
+    + """
 [[arches]]
 name = "arch"
 material = "stone"
@@ -33,6 +27,7 @@ heading = {heading}
 kind = "pushover"
 direction = [1.0, 0.0, 0.0]
 """
+)
 FILL = '[[fills]]\nblock = "arch"\nsurface = {surface}\nweight = 18000.0\n{state}\n'
 
 

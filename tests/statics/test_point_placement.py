@@ -16,6 +16,7 @@ from dembrick.scenario import toml
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.limit_load import place_points
 from dembrick.theory import limit_load_at_height, rectangle_formulation
+from helpers.scenario_text import block, header, jack
 
 RECTANGLE = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
 TRIANGLE = np.array([[-0.4, -0.2], [0.5, -0.1], [-0.1, 0.3]])
@@ -99,32 +100,11 @@ def test_other_formulations_are_left_alone(formulation):
 @pytest.mark.parametrize(("friction", "cohesion"), [(0.6, 2e4), (0.6, 1e3), (0.0, 2e4)])
 def test_points_of_a_bonded_joint_meet_the_bonded_continuum(friction, cohesion):
     """As a lattice of 120 by 90 points does. Once it was compared with the dry one, 90 % off and more."""
-    side, stiffness = (0.4, 0.3, 0.1), "normal_stiffness = 1e10, shear_stiffness = 4e9"
-    strength = f"friction = {friction}, cohesion = {cohesion}, residual_cohesion = {cohesion}"
-    scenario = f"""
-    title = "bonded"
-    gravity = [0.0, 0.0, -9.81]
-    joint = {{ formulation = "distributed", {stiffness}, {strength} }}
-    materials.stone.density = 2000.0
-    control.kind = "yield"
-    [[blocks]]
-    name = "floor"
-    material = "stone"
-    box = [1.0, 1.0, 0.2]
-    position = [0.0, 0.0, -0.1]
-    fixed = true
-    [[blocks]]
-    name = "block"
-    material = "stone"
-    box = {list(side)}
-    position = [0.0, 0.0, 0.05]
-    [[actuators]]
-    name = "jack"
-    block = "block"
-    point = [0.05, 0.15, 0.004]
-    direction = [1.0, 0.0, 0.0]
-    """
-    found = simulate(toml.loads(scenario), record=False, progress=False)
+    side = (0.4, 0.3, 0.1)
+    text = header("distributed", friction, 1e10, keys=f"cohesion = {cohesion}\nresidual_cohesion = {cohesion}")
+    text += block("floor", (0.0, 0.0, -0.1), (1.0, 1.0, 0.2), "fixed = true") + block("block", (0.0, 0.0, 0.05), side)
+    text += jack("block", (0.05, 0.15, 0.004)) + '[control]\nkind = "yield"\n'
+    found = simulate(toml.loads(text), record=False, progress=False)
     many = rectangle_formulation("distributed", *side[:2], friction, cohesion, cells=(120, 90))
     weight = 2000.0 * 9.81 * side[0] * side[1] * side[2]
     V = limit_load_at_height(many, weight, (1.0, 0.0, -0.15), overturning=(0.004, 0.0)).V

@@ -10,31 +10,9 @@ from dembrick.errors import ScenarioError
 from dembrick.history import read
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
+from helpers.scenario_text import block, header
 
-SCENE = """
-title = "a stack of courses under pressure"
-gravity = [0.0, 0.0, -9.81]
-supports = ["base"]
-[joint]
-formulation = "concave"
-friction = {friction}
-normal_stiffness = 1.0e10
-shear_stiffness = 4.0e9
-[materials.stone]
-density = 2000.0
-[[blocks]]
-name = "base"
-material = "stone"
-box = [4.0, 1.0, 0.2]
-position = [0.0, 0.0, -0.1]
-{blocks}
-[[pressures]]
-block = "dam"
-direction = [-1.0, 0.0, 0.0]
-{pressure}
-[control]
-{control}
-"""
+BASE = block("base", (0.0, 0.0, -0.1), (4.0, 1.0, 0.2), "fixed = true")
 DRIVEN = "actuator = true"
 WATER = "surface = 1.2\nweight = 9810.0"
 FILL = "surface = 2.0\nweight = 6000.0"
@@ -45,10 +23,7 @@ def courses(widths, height, back=None):
     entries = []
     for i, width in enumerate(widths):
         x = 0.0 if back is None else back + 0.5 * width
-        entries.append(
-            f'[[blocks]]\nname = "dam.{i + 1}"\nmaterial = "stone"\nbox = [{width}, 1.0, {height}]\n'
-            f"position = [{x}, 0.0, {height * (i + 0.5)}]\n"
-        )
+        entries.append(block(f"dam.{i + 1}", (x, 0.0, height * (i + 0.5)), (width, 1.0, height)))
     return "".join(entries)
 
 
@@ -57,7 +32,10 @@ STEPPED = courses([1.0, 0.8, 0.6, 0.4], 0.5, back=0.0)
 
 
 def scene(blocks, pressure, friction=0.64, control='kind = "yield"'):
-    return toml.loads(SCENE.format(blocks=blocks, pressure=pressure, friction=friction, control=control))
+    pressure = f'[[pressures]]\nblock = "dam"\ndirection = [-1.0, 0.0, 0.0]\n{pressure}\n'
+    return toml.loads(
+        header(friction=friction, normal_stiffness=1e10) + BASE + blocks + pressure + f"[control]\n{control}"
+    )
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from dembrick.views.motion.joints import JointMotion
 from dembrick.views.motion.magnification import round_down
 from dembrick.views.motion.table import joint_table, reaction_table
 from dembrick.views.render import annotations, scene, screen
-from helpers.scenario_text import header
+from helpers.scenario_text import block, header
 
 pyvista = pytest.importorskip("pyvista")
 
@@ -261,18 +261,9 @@ def test_a_fall_is_told_from_an_equilibrium(tmp_path, drawing):
     """A block on a floor that turns until it overturns: the last frames say that they are of no equilibrium."""
     text = (
         header(title="turn")
+        + block("floor", (0.0, 0.0, -0.1), (1.0, 1.0, 0.2), "fixed = true")
+        + block("block", (0.0, 0.0, 0.25), (0.2, 0.4, 0.5))
         + """
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [1.0, 1.0, 0.2]
-position = [0.0, 0.0, -0.1]
-fixed = true
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.2, 0.4, 0.5]
-position = [0.0, 0.0, 0.25]
 [control]
 kind = "settlement"
 supports = ["floor"]

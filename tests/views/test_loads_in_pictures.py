@@ -16,7 +16,7 @@ from dembrick.views.motion.blocks import Poses, moving_blocks
 from dembrick.views.motion.loads import arrow_place, dead_loads, driven_loads
 from dembrick.views.render.loads import DrawnLoads
 from dembrick.views.render.look import VIEWS
-from helpers.scenario_text import block, header
+from helpers.scenario_text import block, header, jack
 
 G = 9.81
 PLACE = (0.1, 0.2, 0.3)  # half edges
@@ -37,15 +37,7 @@ direction = [1.0, 0.0, 0.0]
 surface = 0.6
 weight = 981.0
 """
-PUSHED = """
-[[actuators]]
-name = "jack"
-block = "stone"
-point = [-0.1, 0.0, 0.4]
-direction = [1.0, 0.0, 0.0]
-[control]
-kind = "yield"
-"""
+PUSHED = jack("stone", (-0.1, 0.0, 0.4)) + '[control]\nkind = "yield"\n'
 
 
 def built(text):
