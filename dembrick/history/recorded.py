@@ -10,11 +10,16 @@ from dembrick.history.reader import read
 from dembrick.simulation.channels import JOINT_CHANNELS
 
 
-class Rows(Mapping):
-    """Rows as a `Result` has them in memory: series by name, ``joint`` (T, j, 7), ``energy`` by name."""
-
+class _Recorded(Mapping):
     def __init__(self, path: str):
         self._path = path
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+
+class Rows(_Recorded):
+    """Rows as a `Result` has them in memory: series by name, ``joint`` (T, j, 7), ``energy`` by name."""
 
     def __getitem__(self, name: str):
         with read(self._path) as file:
@@ -27,16 +32,10 @@ class Rows(Mapping):
             names = [name for name in file.series_names("history") if "/" not in name]
             return iter(names + ["joint"] * file.has_joints + ["energy"] * bool(file.energy_names))
 
-    def __len__(self) -> int:
-        return len(list(iter(self)))
 
-
-class Frames(Mapping):
+class Frames(_Recorded):
     """All frames, a channel at a time: ``time`` (F,), ``displacement`` (F, n, 3) and so on; ``new_contacts`` is a
     mapping with the ``count`` (F,) of each frame and the rest of all (C, ...)."""
-
-    def __init__(self, path: str):
-        self._path = path
 
     def __getitem__(self, name: str):
         with read(self._path) as file:
@@ -51,6 +50,3 @@ class Frames(Mapping):
         with read(self._path) as file:
             names = [name for name in file.series_names("frames") if name != "position" and "/" not in name]
             return iter(names + ["new_contacts"] * file.has_new_contacts)
-
-    def __len__(self) -> int:
-        return len(list(iter(self)))

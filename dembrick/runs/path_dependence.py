@@ -82,7 +82,7 @@ def other_paths(run: Replay, assembly: Assembly, control: Control, asked: bool =
     point, determinate = run.yield_point, statically_determinate(assembly)
     if point.V is None:
         return OtherPaths(True, determinate)
-    alone = determinate or _mechanism_allows_no_more(run, assembly)
+    alone = determinate or _mechanism_allows_no_more(run)
     bound = reason = None
     if asked or (not alone and has_paths(assembly) and _affordable(run, assembly)):
         try:
@@ -127,7 +127,7 @@ def reach_of(point: YieldPoint) -> float:
     return max(present(point.V), point.V_upper or -math.inf) + REACHED * abs(present(point.V))
 
 
-def _mechanism_allows_no_more(run: Replay, assembly: Assembly) -> bool:
+def _mechanism_allows_no_more(run: Replay) -> bool:
     """Whether the mechanism at the limit proves that no path bears more; not after a peak, and not where blocks snap
     on and on."""
     point = run.yield_point

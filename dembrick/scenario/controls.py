@@ -85,9 +85,6 @@ class YieldControl(Control):
     def regime(self) -> Regime:
         return LOAD_PATH if self.large_displacements else LIMIT_LOAD
 
-    def __post_init__(self):
-        check_keys(self)
-
 
 @dataclass(frozen=True, slots=True)
 class DisplacementControl(Control):
@@ -154,9 +151,6 @@ class StaticsControl(Control):
     @property
     def regime(self) -> Regime:
         return DEFORMED_REST if self.large_displacements else DEAD_LOAD
-
-    def __post_init__(self):
-        check_keys(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,9 +290,6 @@ class DynamicControl(Control):
     @property
     def limit(self) -> Limit:
         return Limit(self.duration, "duration", "shorten it")
-
-    def __post_init__(self):
-        check_keys(self)
 
 
 def _searched(control: TiltControl | PushoverControl) -> Regime:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.declared import positive, truth, within
+from dembrick.scenario.declared import check_keys, positive, truth, within
 from dembrick.scenario.time_functions import SupportPath
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
@@ -116,6 +116,18 @@ class Control:
     needs_supports: ClassVar[bool] = True  # a block must be fixed
     shakes: ClassVar[bool] = False  # the supports follow a history
 
+    # keys that not every kind has
+    tolerance: float | None = None  # relative error of what it finds; None if it has none to choose
+    rate: float | None = None  # how fast it goes, in the units of its kind; None without time
+    duration: float = 0.0  # how long it lasts (s); zero if that follows from the blocks
+    travel: float | None = None  # how far actuators move, one way (m); None if they do not
+    damping: float | None = None  # of a contact, as a part of critical; None if it follows from a restitution
+    restitution: float | None = None  # speed after over speed before an impact; None if contacts are damped otherwise
+    large_displacements: bool = False  # the deformed geometry was asked for
+
+    def __post_init__(self):
+        check_keys(self)
+
     @property
     def regime(self) -> Regime:
         """How it is carried out."""
@@ -166,47 +178,10 @@ class Control:
         """Names of the files that it reads."""
         return ()
 
-    # keys that not every kind has
-
-    @property
-    def tolerance(self) -> float | None:
-        """Relative error of what it finds; None if it has none to choose."""
-        return None
-
-    @property
-    def rate(self) -> float | None:
-        """How fast it goes, in the units of its kind; None without time."""
-        return None
-
-    @property
-    def duration(self) -> float:
-        """How long it lasts (s); zero if that follows from the blocks."""
-        return 0.0
-
     @property
     def furthest(self) -> float | None:
         """Displacement of a block (m) that ends the run; None if none does."""
         return None
-
-    @property
-    def travel(self) -> float | None:
-        """How far actuators move, one way (m); None if they do not."""
-        return None
-
-    @property
-    def damping(self) -> float | None:
-        """Dashpot of a contact as a part of critical damping; None if it follows from a restitution."""
-        return None
-
-    @property
-    def restitution(self) -> float | None:
-        """Speed after over speed before an impact; None if contacts are damped otherwise."""
-        return None
-
-    @property
-    def large_displacements(self) -> bool:
-        """Whether the deformed geometry was asked for."""
-        return False
 
     def angle(self, load_factor: float) -> float | None:
         """The angle (deg) of a load factor, of a table that tilts."""

@@ -20,11 +20,6 @@ class Spectrum(NamedTuple):
     damping: float
 
     @property
-    def pseudo_velocity(self) -> np.ndarray:
-        """omega times the displacement (m/s)."""
-        return 2.0 * np.pi / self.period * self.displacement
-
-    @property
     def pseudo_acceleration(self) -> np.ndarray:
         """omega^2 times the displacement (m/s2): force over mass in the spring."""
         return (2.0 * np.pi / self.period) ** 2 * self.displacement

@@ -34,7 +34,6 @@ def test_resonance_grows_by_half_a_cycle_each_time():
     t = np.linspace(0.0, cycles * T, 6001)
     found = theory.response_spectrum(t, a * np.sin(w * t), [T], 0.0)
     assert found.displacement[0] == pytest.approx(cycles * np.pi * a / w**2, rel=5e-3)
-    assert found.pseudo_velocity[0] == pytest.approx(cycles * np.pi * a / w, rel=5e-3)
 
 
 def test_stiff_oscillators_follow_and_soft_ones_stay():

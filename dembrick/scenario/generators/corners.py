@@ -108,8 +108,8 @@ def _join(every: Sequence[Wall], i: int, j: int, ends: Ends) -> None:
         )
     _check_lap(first, second)
     _check_lap(second, first)
-    at_first, along = _end_of(first, second, near)
-    at_second, across_by = _end_of(second, first, near)
+    at_first, along = _end_of(first, second)
+    at_second, across_by = _end_of(second, first)
     if abs(along) > near or abs(across_by) > near:
         raise ScenarioError(_misplaced(first, second, along, across_by))
     for number, end, other, parity in ((i, at_first, second, 1), (j, at_second, first, 0)):
@@ -137,7 +137,7 @@ def _check_lap(wall: Wall, other: Wall) -> None:
         )
 
 
-def _end_of(wall: Wall, other: Wall, near: float) -> tuple[int, float]:
+def _end_of(wall: Wall, other: Wall) -> tuple[int, float]:
     """At which end of ``wall`` (0 left, 1 right) ``other`` crosses it, and how far (m, along the wall) that is off."""
     start, stop, _, _ = _plan(other, wall)
     left, right = start, stop - wall.length
