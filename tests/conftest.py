@@ -1,13 +1,11 @@
 """What several test modules ask for by name."""
 
 import os
-import signal
 from pathlib import Path
 
 import pytest
 
 import dembrick
-from dembrick.simulation import interrupts
 from dembrick.simulation.statics import stepper
 
 pytest.register_assert_rewrite("helpers")
@@ -61,18 +59,10 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture
 def stop_after(monkeypatch):
-    """Chunks of one step, and a way to have a signal come after so many of them; without waiting for the disk."""
+    """Chunks of one step, without waiting for the disk; and what has a signal come after so many of them."""
+    from helpers.restart_cases import signal_at_look
+
     monkeypatch.setattr(os, "fsync", lambda _: None)
     monkeypatch.setattr(stepper, "FIRST_WORK", 1)
     monkeypatch.setattr(stepper, "CHUNK_SECONDS", 0.0)
-
-    def arm(chunks, signum=signal.SIGINT):
-        left = [chunks]
-
-        def requested():
-            left[0] -= 1
-            return signum if left[0] == 0 else 0
-
-        monkeypatch.setattr(interrupts, "requested", requested)
-
-    return arm
+    return signal_at_look

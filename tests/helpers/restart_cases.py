@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -12,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
+from dembrick.history import read
 from dembrick.runs import stages
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
@@ -52,12 +54,45 @@ def check_same(first, second):
             assert np.array_equal(value, other[name]) if isinstance(value, np.ndarray) else value == other[name], name
 
 
+@contextmanager
+def signal_at_look(number, signum=signal.SIGINT, match=None):
+    """A signal comes the ``number``-th time that a run looks for one, and interrupts it with a message that matches."""
+    looks = itertools.count(1)
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(Interrupted, match=match) as stopped:
+        patch.setattr(interrupts, "requested", lambda: signum if next(looks) == number else 0)
+        yield stopped
+
+
 def stop_at_look(given, path, number):
     """Simulate until a signal comes: the ``number``-th time that the run looks for one."""
-    looks = itertools.count(1)
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(Interrupted):
-        patch.setattr(interrupts, "requested", lambda: 2 if next(looks) == number else 0)
+    with signal_at_look(number):
         simulate(given, path)
+
+
+@contextmanager
+def counted_looks():
+    """A list that grows each time that a run looks for a signal; none comes."""
+    looks = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(interrupts, "requested", lambda: looks.append(0) or 0)
+        yield looks
+
+
+def rewritten(checkpoint, **changes):
+    """The checkpoint with some arrays replaced, or made of what they were (None: left out), all checksums right."""
+    with np.load(checkpoint) as found:
+        arrays = dict(found)
+    arrays |= {name: change(arrays[name]) if callable(change) else change for name, change in changes.items()}
+    with open(checkpoint, "wb") as file:
+        np.savez(file, **{name: value for name, value in arrays.items() if value is not None})
+
+
+def rows_of(path):
+    """How many rows a history has; -1 where none is there yet."""
+    if not path.exists():
+        return -1
+    with read(path) as file:
+        return file.n_row
 
 
 @contextmanager

@@ -13,8 +13,7 @@ from dembrick.errors import HistoryError, WriteError
 from dembrick.history import Checkpoint, Checkpoints, read
 from dembrick.kernels.statics.lone_joint import SEARCH
 from dembrick.runs.simulate import restart, simulate
-from dembrick.simulation.interrupts import Interrupted
-from helpers.restart_cases import case, check_same, content
+from helpers.restart_cases import case, check_same, content, rewritten
 
 
 @pytest.fixture
@@ -22,10 +21,8 @@ def stopped(tmp_path, stop_after):
     """A run that was stopped after three equilibria, with its two checkpoints, and the whole run beside it."""
     given = case("set4a", "concave")
     simulate(given, tmp_path / "whole.h5")
-    stop_after(4)
-    with pytest.raises(Interrupted):
+    with stop_after(4):
         simulate(given, tmp_path / "run.h5")
-    stop_after(0)
     return tmp_path / "run.h5"
 
 
@@ -78,15 +75,6 @@ def test_a_flipped_bit_is_noticed(stopped):
     assert first == 1 and noticed > 45  # the rest falls on dates and names of the archive, which nobody reads
 
 
-def rewritten(path, **changes):
-    """The checkpoint with some arrays replaced (None: left out), all checksums right."""
-    with np.load(path) as found:
-        arrays = dict(found)
-    arrays |= changes
-    with open(path, "wb") as file:
-        np.savez(file, **{name: value for name, value in arrays.items() if value is not None})
-
-
 def about(path, **changes):
     found = {**Checkpoint(path).about, **changes}
     return np.frombuffer(json.dumps(found).encode(), np.uint8)
@@ -94,10 +82,12 @@ def about(path, **changes):
 
 def searched(path, name, number):
     """The checkpoint with another number of its search, see `SEARCH`."""
-    with np.load(path) as found:
-        search = found["lone.search"].copy()
-    search[SEARCH.names.index(name)] = number
-    rewritten(path, **{"lone.search": search})
+
+    def changed(search):
+        search[SEARCH.names.index(name)] = number
+        return search
+
+    rewritten(path, **{"lone.search": changed})
 
 
 STRANGE = {
@@ -200,7 +190,6 @@ def test_a_disk_that_fills_up_leaves_something_to_go_on_with(tmp_path, stop_afte
     given = case("set4a", "concave")
     simulate(given, tmp_path / "whole.h5")
     path = tmp_path / "run.h5"
-    stop_after(0)
     from dembrick.history import layout
 
     put, calls = layout.put, []
@@ -225,7 +214,6 @@ def test_a_disk_that_fills_up_leaves_something_to_go_on_with(tmp_path, stop_afte
 def test_a_checkpoint_that_cannot_be_written_ends_the_run_and_keeps_the_one_before(tmp_path, stop_after, monkeypatch):
     given = case("set4a", "concave")
     simulate(given, tmp_path / "whole.h5")
-    stop_after(0)
     savez, calls = np.savez, []
 
     def full(file, **arrays):

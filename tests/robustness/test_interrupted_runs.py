@@ -21,7 +21,7 @@ from dembrick.scenario import toml
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
 from helpers.places import SCENARIOS
-from helpers.restart_cases import SLOW, case, check_same, dembrick, wait_for
+from helpers.restart_cases import SLOW, case, check_same, dembrick, rows_of, wait_for
 
 LONG = """
 [output]
@@ -137,13 +137,6 @@ def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monk
         simulate(given, path, refine=True)
     with read(path) as file:
         assert file.status == "collapse" and file.results["collapse"]["error_estimate"] is None
-
-
-def rows_of(path):
-    if not path.exists():
-        return -1
-    with read(path) as file:
-        return file.n_row
 
 
 def test_killed_and_restarted_again_and_again(tmp_path, long_run):

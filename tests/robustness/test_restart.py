@@ -14,9 +14,8 @@ from dembrick.history import Checkpoints, read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import model, toml
 from dembrick.simulation.dynamics import run
-from dembrick.simulation.interrupts import Interrupted
 from helpers.places import SCENARIOS
-from helpers.restart_cases import case, check_same, content
+from helpers.restart_cases import case, check_same, content, rewritten
 from helpers.scenario_text import block, header
 
 
@@ -30,18 +29,15 @@ def test_stop_and_restart_is_one_run(tmp_path, stop_after, name, formulation):
     words, first = ("step 5", "step 9"), 5
     if whole.counts_equilibria:
         words, first = ("equilibrium 1", "equilibrium [34]"), 2
-    stop_after(first)
-    with pytest.raises(Interrupted, match=rf"after {words[0]}\b.*dembrick restart {path}") as stopped:
+    with stop_after(first, match=rf"after {words[0]}\b.*dembrick restart {path}") as stopped:
         simulate(given, path)
     assert stopped.value.exit_code == 130
     with read(path) as file:
         assert file.status == "interrupted" and file.n_row >= 1
-    stop_after(4, signal.SIGTERM)
-    with pytest.raises(Interrupted, match=rf"after {words[1]}\b") as stopped:
+    with stop_after(4, signal.SIGTERM, rf"after {words[1]}\b") as stopped:
         restart(path)
     assert stopped.value.exit_code == 143
     assert len(Checkpoints(path).existing()) == 2
-    stop_after(0)
     result = restart(path)
     assert result.yield_point == whole.yield_point and result.energy == whole.energy
     check_same(tmp_path / "whole.h5", path)
@@ -62,10 +58,8 @@ def test_pressures_that_follow_the_bending_go_on_too(tmp_path, stop_after, press
     given = case("set4a_mid", "convex", checkpoint=1e9, rows=60, frames=30)
     given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, pressure=pressure))
     whole = simulate(given, tmp_path / "whole.h5")
-    stop_after(5)
-    with pytest.raises(Interrupted):
+    with stop_after(5):
         simulate(given, tmp_path / "parts.h5")
-    stop_after(0)
     assert restart(tmp_path / "parts.h5").yield_point == whole.yield_point
     check_same(tmp_path / "parts.h5", tmp_path / "whole.h5")
 
@@ -96,10 +90,8 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
     n_row = len(whole.rows["time"])
     for row in (1, n_row // 2, n_row - 3):
         path = tmp_path / f"{row}.h5"
-        stop_after(row)
-        with pytest.raises(Interrupted, match="dembrick restart"):
+        with stop_after(row, match="dembrick restart"):
             simulate(given, path)
-        stop_after(0)
         assert restart(path).collapse == whole.collapse
         check_same(tmp_path / "whole.h5", path)
 
@@ -110,17 +102,14 @@ def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeyp
     monkeypatch.setattr(run, "AT_ONCE", 60)  # 20 steps of two blocks and a joint
     given = toml.load(SCENARIOS / "rocking_block.toml", ["control.duration=0.4", f"joint.formulation={formulation}"])
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
-    stop_after(0)
     whole = simulate(given, tmp_path / "whole.h5")
     every = whole.run.motion.steps // 20
     assert every > 60 and len(whole.rows["time"]) in (21, 22)
     for looks in (1, 2, 17):
         path = tmp_path / f"{looks}.h5"
-        stop_after(looks)
-        with pytest.raises(Interrupted) as stopped:
+        with stop_after(looks) as stopped:
             simulate(given, path)
         assert int(str(stopped.value).split()[3]) % every  # not at a row
-        stop_after(0)
         restart(path)
         check_same(tmp_path / "whole.h5", path)
 
@@ -139,19 +128,16 @@ def test_polygons_that_were_cut_go_on(tmp_path, stop_after):
     """Ten plates share a polygon until each has one of its own; stopped before that and after."""
     given = toml.loads(SLIDING + "".join(plate(i, 0.1 * i + 0.01) for i in range(10)))
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
-    stop_after(0)
     whole = simulate(given, tmp_path / "whole.h5")
     faces = whole.run.motion.state.faces
     assert sorted(faces.outline) == list(range(1, 11)) and len(faces.count) == 17
     for row, some_share in ((2, True), (12, False)):
         path = tmp_path / f"{row}.h5"
-        stop_after(row)
-        with pytest.raises(Interrupted):
+        with stop_after(row):
             simulate(given, path)
         for one in Checkpoints(path).existing():
             with np.load(one) as kept:
                 assert (kept["faces.outline"] == 0).any() == some_share
-        stop_after(0)
         restart(path)
         check_same(tmp_path / "whole.h5", path)
 
@@ -161,16 +147,10 @@ def test_a_polygon_that_is_not_there_is_refused(tmp_path, stop_after, array):
     given = toml.loads(SLIDING + plate(0, 0.5))
     given = dataclasses.replace(given, output=model.Output(rows=20, frames=10, checkpoint=1e9))
     path = tmp_path / "run.h5"
-    stop_after(5)
-    with pytest.raises(Interrupted):
+    with stop_after(5):
         simulate(given, path)
     for one in Checkpoints(path).existing():
-        with np.load(one) as found:
-            arrays = dict(found)
-        arrays[array] = arrays[array] + np.array(1000, arrays[array].dtype)
-        with open(one, "wb") as file:
-            np.savez(file, **arrays)
-    stop_after(0)
+        rewritten(one, **{array: lambda numbers: numbers + np.array(1000, numbers.dtype)})
     with pytest.raises(HistoryError, match=f"{array} leads out of its polygons"):
         restart(path)
 

@@ -12,8 +12,7 @@ from dembrick.history import Checkpoint, Checkpoints, read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import model, toml
 from dembrick.simulation.dynamics import dead_load
-from dembrick.simulation.interrupts import Interrupted
-from helpers.restart_cases import SLOW, check_same, dembrick, wait_for
+from helpers.restart_cases import SLOW, check_same, dembrick, rewritten, wait_for
 from helpers.scenario_text import header
 
 PILE = """
@@ -67,13 +66,11 @@ def test_a_dead_load_equilibrium_goes_on_where_it_was_stopped(tmp_path, stop_aft
     assert chunks > 6
     for chunk in (1, chunks // 2, chunks - 1):
         path = tmp_path / f"{chunk}.h5"
-        stop_after(chunk)
         place = f"step {16 * chunk} of the dead-load equilibrium"
-        with pytest.raises(Interrupted, match=f"after {place}; go on with: dembrick restart"):
+        with stop_after(chunk, match=f"after {place}; go on with: dembrick restart"):
             simulate(scene, path)
         with read(path) as found:
             assert found.n_row == 0 and found.status == "interrupted"
-        stop_after(0)
         said = []
         result = restart(path, report=said.append)
         assert said[0] == f"going on from {place}"  # a fast rate is remarked after that
@@ -113,14 +110,9 @@ def test_a_run_that_is_killed_in_its_dead_load_equilibrium(tmp_path):
 def test_a_checkpoint_of_no_step_is_refused(tmp_path, stop_after, monkeypatch, loop):
     monkeypatch.setattr(dead_load, "CHUNK", 16)
     path = tmp_path / "run.h5"
-    stop_after(2)
-    with pytest.raises(Interrupted):
+    with stop_after(2):
         simulate(dataclasses.replace(given("concave", "shaken"), output=model.Output(checkpoint=1e9)), path)
-    stop_after(0)
     for one in Checkpoints(path).existing():
-        with np.load(one) as found:
-            arrays = dict(found) | {"loop": np.array(loop)}
-        with open(one, "wb") as file:
-            np.savez(file, **arrays)
+        rewritten(one, loop=np.array(loop))
     with pytest.raises(HistoryError, match="this checkpoint is of no step of this run"):
         restart(path)

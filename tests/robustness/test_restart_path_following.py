@@ -16,11 +16,10 @@ from dembrick.scenario import model, shipped, toml
 from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block
-from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
-from dembrick.simulation.statics import dead_load, limit_load, stepper
+from dembrick.simulation.statics import dead_load, limit_load
 from dembrick.simulation.statics.paths import path_following, path_state
-from helpers.restart_cases import SLOW, check_same, dembrick, wait_for
+from helpers.restart_cases import SLOW, check_same, counted_looks, dembrick, rewritten, rows_of, wait_for
 from helpers.stone_scenes import law, of_stone
 
 
@@ -64,25 +63,11 @@ SCENES = {
 
 
 @pytest.fixture
-def signal_after(monkeypatch):
-    """A signal that comes when the run has looked for one so many times; returns how often it looked. Short chunks."""
-    monkeypatch.setattr(os, "fsync", lambda _: None)
-    monkeypatch.setattr(stepper, "FIRST_WORK", 1)
-    monkeypatch.setattr(stepper, "CHUNK_SECONDS", 0.0)
+def signal_after(stop_after, monkeypatch):
+    """The same, also between the steps of a dead-load equilibrium."""
     monkeypatch.setattr(dead_load, "FEW", 1)
     monkeypatch.setattr(dead_load, "CHUNK_SECONDS", 0.0)
-
-    def arm(looks, signum=signal.SIGTERM):
-        looked = [0]
-
-        def requested():
-            looked[0] += 1
-            return signum if looked[0] == looks else 0
-
-        monkeypatch.setattr(interrupts, "requested", requested)
-        return looked
-
-    return arm
+    return stop_after
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -92,26 +77,24 @@ def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, monke
         monkeypatch.setattr(path_following, "WASTED", -1e12)
         monkeypatch.setattr(path_following, "LEAST_WASTED", -1)
     given, rng = SCENES[name](), random.Random(name)
-    looked = signal_after(0)
-    simulate(given, tmp_path / "whole.h5")
-    most = looked[0]
+    with counted_looks() as looked:
+        simulate(given, tmp_path / "whole.h5")
+    most = len(looked)
     assert most > 5
     wheres = set()
     for number, looks in enumerate((1, 3, most, *(rng.randrange(1, most) for _ in range(4)))):
         path = tmp_path / f"{looks}.h5"
-        signal_after(looks)
-        with pytest.raises(Interrupted, match=f"^interrupted after .*; go on with: dembrick restart {path}") as stopped:
+        told = f"^interrupted after .*; go on with: dembrick restart {path}"
+        with signal_after(looks, signal.SIGTERM, told) as stopped:
             simulate(given, path)
         wheres.add(str(stopped.value).split()[2])
         with read(path) as file:
             assert file.status == "interrupted"
         assert Checkpoints(path).existing()
         if number % 2:
-            signal_after(2, signal.SIGINT)
-            with pytest.raises(Interrupted) as stopped:
+            with signal_after(2) as stopped:
                 restart(path)
             assert stopped.value.exit_code == 130
-        signal_after(0)
         restart(path)
         check_same(tmp_path / "whole.h5", path)
         path.unlink()
@@ -125,19 +108,17 @@ def test_the_way_of_blocks_that_are_let_go_is_in_the_checkpoint(tmp_path, signal
 
     def spied(follower):
         if follower.way.drift.steps == 3:
-            drifting.append(looked[0])
+            drifting.append(len(looked))
         return drifted(follower)
 
     monkeypatch.setattr(path_following.PathFollower, "_drifted", spied)
-    looked = signal_after(0)
-    simulate(given, tmp_path / "whole.h5")
+    with counted_looks() as looked:
+        simulate(given, tmp_path / "whole.h5")
     path, messages = tmp_path / "run.h5", []
-    signal_after(drifting[0] + 1)
-    with pytest.raises(Interrupted, match="after equilibrium"):
+    with signal_after(drifting[0] + 1, match="after equilibrium"):
         simulate(given, path)
     newest, _ = Checkpoints(path).newest(read(path).run)
     assert newest.array("way.drift", np.zeros(3))[2] == 3.0
-    signal_after(0)
     restart(path, report=messages.append)
     assert any(line.startswith("going on from equilibrium ") for line in messages)
     check_same(tmp_path / "whole.h5", path)
@@ -173,37 +154,32 @@ def test_a_dead_load_equilibrium_goes_on_in_the_middle(tmp_path, signal_after):
     """A joint that opens under its dead load takes many steps, and is stopped there."""
     load = model.Load("upper", (0.0, 0.0, -200.0), (0.0, 0.09, 0.2))
     given = scene(TILT, "convex", loads=(load,), **{**tower(), "actuators": ()})
-    looked = signal_after(0)
-    simulate(given, tmp_path / "whole.h5")
+    with counted_looks() as looked:
+        simulate(given, tmp_path / "whole.h5")
     for looks in (2, 6):
         path = tmp_path / f"{looks}.h5"
-        signal_after(looks)
-        with pytest.raises(Interrupted, match=f"after step {looks} of the dead-load equilibrium"):
+        with signal_after(looks, match=f"after step {looks} of the dead-load equilibrium"):
             simulate(given, path)
         newest, _ = Checkpoints(path).newest(read(path).run)
         assert newest.array("dead_load", np.zeros(2)).tolist() == [0.0, looks]
-        again = signal_after(0)
         messages = []
-        restart(path, report=messages.append)
+        with counted_looks() as again:
+            restart(path, report=messages.append)
         assert f"going on from step {looks} of the dead-load equilibrium" in messages
-        assert again[0] == looked[0] - looks
+        assert len(again) == len(looked) - looks
         check_same(tmp_path / "whole.h5", path)
 
 
 def test_a_signal_while_it_comes_to_rest_again_leaves_the_later_checkpoint(tmp_path, signal_after):
     given = SCENES["wall pushed over"]()
-    signal_after(0)
     simulate(given, tmp_path / "whole.h5")
     path = tmp_path / "run.h5"
-    signal_after(12)
-    with pytest.raises(Interrupted, match="after equilibrium"):
+    with signal_after(12, match="after equilibrium"):
         simulate(given, path)
     kept = [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()]
-    signal_after(1)
-    with pytest.raises(Interrupted, match="of the dead-load equilibrium"):
+    with signal_after(1, match="of the dead-load equilibrium"):
         restart(path)
     assert [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()] == kept
-    signal_after(0)
     restart(path)
     check_same(tmp_path / "whole.h5", path)
 
@@ -219,17 +195,11 @@ STRANGE = {
 @pytest.mark.parametrize("name", STRANGE)
 def test_a_checkpoint_that_does_not_fit_is_refused(tmp_path, signal_after, name):
     given, path = SCENES["wall pushed over"](), tmp_path / "run.h5"
-    signal_after(12)
-    with pytest.raises(Interrupted):
+    with signal_after(12):
         simulate(given, path)
-    signal_after(0)
     field, change = STRANGE[name]
     for one in Checkpoints(path).existing():
-        with np.load(one) as found:
-            arrays = dict(found)
-        arrays[field] = change(arrays[field])
-        with open(one, "wb") as file:
-            np.savez(file, **arrays)
+        rewritten(one, **{field: change})
     with pytest.raises(HistoryError, match="run|scenario"):
         restart(path)
 
@@ -266,13 +236,6 @@ def test_a_search_that_is_stopped_or_killed_goes_on(tmp_path, long_search, signu
     restart(path)
     check_same(long_search / "whole.h5", path)
     assert os.listdir(tmp_path) == ["run.h5"]
-
-
-def rows_of(path):
-    if not path.exists():
-        return -1
-    with read(path) as file:
-        return file.n_row
 
 
 # --- the points of a distributed joint, placed before its limit load is searched

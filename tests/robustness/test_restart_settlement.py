@@ -9,10 +9,8 @@ from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import Block, JointLaw, Output, Scenario
 from dembrick.scenario.time_functions import Turn
-from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics.paths import equilibria, load_path
-from dembrick.simulation.interrupts import Interrupted
-from helpers.restart_cases import check_same
+from helpers.restart_cases import check_same, counted_looks, rewritten
 from helpers.stone_scenes import of_stone
 
 
@@ -32,18 +30,15 @@ def turned_floor() -> Scenario:
     return of_stone(law, control, (floor, block), output=output)
 
 
-def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch):
+def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after):
     """Stopped while the supports move and while blocks come down: it goes on from the last equilibrium."""
-    looks = []
-    monkeypatch.setattr(interrupts, "requested", lambda: looks.append(0) or 0)
-    whole = simulate(turned_floor(), tmp_path / "whole.h5")
+    with counted_looks() as looks:
+        whole = simulate(turned_floor(), tmp_path / "whole.h5")
     assert whole.status == "collapse" and whole.collapse["settlement"] > 0.0
     for stop in (len(looks) // 4, len(looks) // 2, len(looks) - 3):
         path = tmp_path / f"{stop}.h5"
-        stop_after(stop)
-        with pytest.raises(Interrupted, match="after equilibrium [0-9]+; go on with: dembrick restart"):
+        with stop_after(stop, match="after equilibrium [0-9]+; go on with: dembrick restart"):
             simulate(turned_floor(), path)
-        stop_after(0)
         with read(path) as found:
             assert found.status == "interrupted" and found.n_row > 0
         result = restart(path)
@@ -64,14 +59,9 @@ def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeyp
 )
 def test_a_checkpoint_of_no_equilibrium_is_refused(tmp_path, stop_after, numbers):
     path = tmp_path / "run.h5"
-    stop_after(40)
-    with pytest.raises(Interrupted):
+    with stop_after(40):
         simulate(turned_floor(), path)
-    stop_after(0)
     for one in Checkpoints(path).existing():
-        with np.load(one) as found:
-            arrays = dict(found) | {equilibria.SNAPSHOT: np.array(numbers)}
-        with open(one, "wb") as file:
-            np.savez(file, **arrays)
+        rewritten(one, **{equilibria.SNAPSHOT: np.array(numbers)})
     with pytest.raises(HistoryError, match="this checkpoint is of no step of this run"):
         restart(path)
