@@ -5,7 +5,6 @@ import os
 import numpy as np
 import pytest
 
-from dembrick import history
 from helpers import history_cases as cases
 
 N_FRAME = 7
@@ -16,19 +15,14 @@ THREE = ["out.vtkhdf", "out_joints.vtkhdf", "out_contacts.vtkhdf"]
 def make(folder, assembly=None, n_frame=N_FRAME, n_row=61, channels=EVERYTHING):
     """A finished history whose frames fall on every tenth row."""
     assembly = assembly or cases.mixed_assembly()
-    path = folder / "run.h5"
     n_block, n_joint, n_jack = len(assembly.names), len(assembly.joints), len(assembly.actuators.names)
     n_point = sum(len(p.area) for p in assembly.contact_points if p is not None)
-    written = history.HistoryWriter(path, cases.SCENARIO, assembly, {}, channels=channels, control=cases.CONSTANT_RATE)
-    with written as writer:
-        writer.append(cases.record(0, n_row, n_joint, n_jack))
-        if n_frame:
-            needs = {"velocity": "velocity", "spin": "velocity", "contact_force": "contacts"}
-            moving = cases.motion(0, n_frame, n_block, n_point).items()
-            moving = {name: values for name, values in moving if needs[name] in channels}
-            writer.append_frames(*cases.frames(0, n_frame, n_block), **moving)
-        writer.finish("completed", {})
-    return history.read(path)
+    needs = {"velocity": "velocity", "spin": "velocity", "contact_force": "contacts"}
+    moving = cases.motion(0, n_frame, n_block, n_point).items()
+    moving = {name: values for name, values in moving if needs[name] in channels}
+    rows, poses = cases.record(0, n_row, n_joint, n_jack), cases.frames(0, n_frame, n_block) if n_frame else None
+    asked = {"channels": channels, "control": cases.CONSTANT_RATE}
+    return cases.written(folder / "run.h5", rows, poses, assembly, moving=moving, **asked)
 
 
 def vtk_steps(path):
@@ -64,17 +58,13 @@ def vtk_steps(path):
     return times, steps
 
 
-def real_time(folder, n_frame=N_FRAME):
+def real_time(folder):
     """A finished history whose frames have new contacts: none, one, two or three each."""
     assembly = cases.assembly()
-    with history.HistoryWriter(
-        folder / "run.h5", cases.SCENARIO, assembly, {}, channels=EVERYTHING, control=cases.MOTION
-    ) as writer:
-        writer.append(cases.moving_record(0, n_frame))
-        met, arms = cases.new_contacts(0, n_frame), np.tile(assembly.joints[0].polygon, (n_frame, 1, 1))
-        arms[2:, 1] += [-0.02, 0.03]
-        moving = cases.motion(0, n_frame) | {"joint_shift": np.zeros((n_frame, 1, 2)), "contact_arm": arms}
-        moving |= {"contact_area": np.tile(assembly.contact_points.area[:4], (n_frame, 1))}
-        writer.append_frames(*cases.frames(0, n_frame), **moving, new_contacts=met)
-        writer.finish("completed", {})
-    return history.read(folder / "run.h5")
+    arms = np.tile(assembly.joints[0].polygon, (N_FRAME, 1, 1))
+    arms[2:, 1] += [-0.02, 0.03]
+    moving = cases.motion(0, N_FRAME) | {"joint_shift": np.zeros((N_FRAME, 1, 2)), "contact_arm": arms}
+    moving |= {"contact_area": np.tile(assembly.contact_points.area[:4], (N_FRAME, 1))}
+    moving |= {"new_contacts": cases.new_contacts(0, N_FRAME)}
+    rows, poses, asked = cases.moving_record(0, N_FRAME), cases.frames(0, N_FRAME), {"channels": EVERYTHING}
+    return cases.written(folder / "run.h5", rows, poses, assembly, moving=moving, control=cases.MOTION, **asked)

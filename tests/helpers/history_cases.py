@@ -170,6 +170,17 @@ def open_writer(path, blocks=None, **options):
     return history.HistoryWriter(path, SCENARIO, blocks or assembly(), {"time_step": 1e-5}, **options)
 
 
+def written(path, rows, poses=None, blocks=None, *, status="completed", results=None, moving=None, **options):
+    """A finished history, open to be read: of these rows, and of frames with these ``poses`` and what is ``moving``."""
+    with history.HistoryWriter(path, SCENARIO, blocks or assembly(), {}, **options) as writer:
+        if rows is not None:
+            writer.append(rows)
+        if poses is not None:
+            writer.append_frames(*poses, **(moving or {}))
+        writer.finish(status, results or {})
+    return history.read(path)
+
+
 def moving_record(start, stop, n_joint=1, n_actuator=1):
     """Rows start to stop of a run in real time, which count new contacts and know more energies."""
     rows = record(start, stop, n_joint, n_actuator, energies(real_time=True))
@@ -193,6 +204,12 @@ def finished(path, in_real_time=False, **options):
         out.append_frames(*frames(0, 4), **motion(0, 4), **shifted, new_contacts=new_contacts(0, 4))
         out.finish("yield", RESULTS)
     return path
+
+
+def without_new_contacts(path):
+    """A finished history of a run in real time whose frames lack what its new contacts carry."""
+    moving = {"joint_shift": np.zeros((4, 1, 2))}
+    return written(path, moving_record(0, 5), frames(0, 4), moving=moving, control=MOTION)
 
 
 def check_rows(found, stop, n_joint=1, n_actuator=1):

@@ -3,7 +3,6 @@
 import pytest
 
 import dembrick
-from dembrick import history
 from dembrick.errors import MissingDependency
 from dembrick.scenario import shipped
 from dembrick.views import page
@@ -22,13 +21,9 @@ def drawing():
 
 @pytest.fixture
 def run(tmp_path):
-    with history.HistoryWriter(
-        tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}, control=cases.CONSTANT_RATE
-    ) as writer:
-        writer.append(cases.record(0, 5))
-        writer.append_frames(*cases.frames(0, 4))
-        writer.finish("yield", {"title": "two blocks", "yield_point": {"torsion_centre": [-0.05, 0.0]}})
-    with history.read(tmp_path / "run.h5") as found:
+    told = {"title": "two blocks", "yield_point": {"torsion_centre": [-0.05, 0.0]}}
+    told = {"status": "yield", "results": told, "control": cases.CONSTANT_RATE}
+    with cases.written(tmp_path / "run.h5", cases.record(0, 5), cases.frames(0, 4), **told) as found:
         yield found
 
 

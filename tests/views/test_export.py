@@ -32,14 +32,8 @@ def test_files_are_named_from_where_they_were_asked_for(tmp_path, monkeypatch, e
 
 
 def test_an_export_says_that_new_contacts_were_not_recorded(tmp_path):
-    with history.HistoryWriter(
-        tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}, control=cases.MOTION
-    ) as writer:
-        writer.append(cases.moving_record(0, 4))
-        writer.append_frames(*cases.frames(0, 4), joint_shift=np.zeros((4, 1, 2)))
-        writer.finish("completed", {})
     remarks = []
-    export.to_vtkhdf(history.read(tmp_path / "run.h5"), tmp_path / "out.vtkhdf", remarks.append)
+    export.to_vtkhdf(cases.without_new_contacts(tmp_path / "run.h5"), tmp_path / "out.vtkhdf", remarks.append)
     assert sum("new contacts" in remark and '"contacts" in output.channels' in remark for remark in remarks) == 1
 
 

@@ -6,7 +6,6 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from dembrick import history
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.views import export
@@ -140,11 +139,8 @@ def test_a_joint_that_is_open_has_no_torsion_centre(tmp_path):
     shift, turn = np.zeros((6, 2, 3)), np.zeros((6, 2, 4))
     shift[3:, 1, 2] = 1e-3
     turn[:, 0, 0], turn[:, 1, 0], turn[:, 1, 3] = 1.0, np.cos(half), np.sin(half)
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
-        writer.append(cases.record(0, 6))
-        writer.append_frames(1e-4 * np.arange(6), shift, turn)
-        writer.finish("completed", {})
-    written = export.to_vtkhdf(history.read(tmp_path / "run.h5"), tmp_path / "out.vtkhdf", only=["joints"])
+    found = cases.written(tmp_path / "run.h5", cases.record(0, 6), (1e-4 * np.arange(6), shift, turn))
+    written = export.to_vtkhdf(found, tmp_path / "out.vtkhdf", only=["joints"])
     _, steps = vtk_steps(written[0])
     centres = [step["cells"]["torsion_centre_joint"][0] for step in steps]
     assert [int(step["cells"]["state"][0]) for step in steps] == [0, 0, 0, 2, 2, 2]

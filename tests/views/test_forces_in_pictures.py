@@ -43,11 +43,8 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
     """The second joint of three blocks, whose polygon rides on the third: ten times as far in the picture."""
     assembly = cases.mixed_assembly()
     assembly.orientation[2] = [1.0, 0.0, 0.0, 0.0]
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, assembly, {}) as writer:
-        writer.append(cases.record(0, 31, 2, 0))
-        writer.append_frames(*cases.frames(0, 4, 3))
-        writer.finish("completed", {})
-    with history.read(tmp_path / "run.h5") as three, drawn(three, forces=True, magnification=10.0) as found:
+    written = cases.written(tmp_path / "run.h5", cases.record(0, 31, 2, 0), cases.frames(0, 4, 3), assembly)
+    with written as three, drawn(three, forces=True, magnification=10.0) as found:
         N, V_1, V_2, _, M_1, M_2, _ = JointMotion(three).at([3]).resultants[0][1]
         at = np.array([M_2, -M_1, 0.0]) / N
         at *= min(1.0, np.hypot(0.15, 0.1) / np.linalg.norm(at))
@@ -86,13 +83,7 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
             np.testing.assert_allclose(arrows["length"][:frame] / size, arrows["length"][0] / size[0])
             assert len(arrows["length"]) == 3 and not arrows["length"][frame:].any() and arrows["length"][0] > 0.0
         assert "purple: those of new contacts" in shown._text.input
-    with history.HistoryWriter(
-        tmp_path / "less.h5", cases.SCENARIO, cases.assembly(), {}, control=cases.MOTION
-    ) as writer:
-        writer.append(cases.moving_record(0, 5))
-        writer.append_frames(*cases.frames(0, 4), joint_shift=np.zeros((4, 1, 2)))
-        writer.finish("completed", {})
-    with history.read(tmp_path / "less.h5") as found, drawn(found, forces=True) as shown:
+    with cases.without_new_contacts(tmp_path / "less.h5") as found, drawn(found, forces=True) as shown:
         assert "forces of new contacts were not recorded" in shown._text.input
 
 
@@ -101,11 +92,7 @@ def test_an_impact_leaves_the_other_forces_to_be_seen(tmp_path, drawing):
     rows = cases.record(0, 7)
     rows["joint"][..., 0, :] = [10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     rows["joint"][4, 0, 0] = 1000.0
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
-        writer.append(rows)
-        writer.append_frames(rows["time"], *cases.frames(0, 7)[1:])
-        writer.finish("completed", {})
-    with history.read(tmp_path / "run.h5") as found:
+    with cases.written(tmp_path / "run.h5", rows, (rows["time"], *cases.frames(0, 7)[1:])) as found:
         with drawn(found, frames=range(7), forces=True) as shown:
             longest, less = shown.arrows.length(10.0), shown.arrows.length(5.0)
             assert less == pytest.approx(longest / 2.0) and "the longest 10 N or more" in shown._text.input
@@ -133,15 +120,13 @@ def test_the_arrows_of_the_forces_fit_too(tmp_path, view, drawing):
     """As long as the blocks that can move are large, whatever the size of what they stand on."""
     assembly = cases.assembly()
     assembly.shapes = (box((3.0, 2.0, 0.1)), assembly.shapes[1])
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, assembly, {}) as writer:
-        rows = cases.record(0, 5)
-        rows["joint"][..., :3] = (1.0, 0.0, 0.0)
-        rows["joint"][-1, 0, :3] = (100.0, 0.0, 0.0)
-        rows["joint"][..., 4:6] = 0.0
-        writer.append(rows)
-        writer.append_frames(np.linspace(0.0, rows["time"][-1], 4), *cases.frames(0, 4)[1:])
-        writer.finish("completed", {})
-    with history.read(tmp_path / "run.h5") as wide, drawn(wide, forces=True, view=view, magnification=0.0) as found:
+    rows = cases.record(0, 5)
+    rows["joint"][..., :3] = (1.0, 0.0, 0.0)
+    rows["joint"][-1, 0, :3] = (100.0, 0.0, 0.0)
+    rows["joint"][..., 4:6] = 0.0
+    poses = (np.linspace(0.0, rows["time"][-1], 4), *cases.frames(0, 4)[1:])
+    written = cases.written(tmp_path / "run.h5", rows, poses, assembly)
+    with written as wide, drawn(wide, forces=True, view=view, magnification=0.0) as found:
         assert found.arrows.of_joints["length"][0] == pytest.approx(0.6 * 0.3)
         middle = np.array([0.0, 0.0, 0.09])
         y = in_picture(found._plotter, np.array([middle, -middle]))[1]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dembrick import history, theory
+from dembrick import theory
 from dembrick.kernels.joint.utilisation import FrictionPoints, best_kink, point_gauge
 from dembrick.views.motion.frames import nearest
 from dembrick.views.motion.joints import CHANNELS, STATES, JointMotion
@@ -372,11 +372,8 @@ def test_a_hinge_uses_all_of_its_joint(formulation, shrink):
 
 def test_one_joint_alone_is_as_among_all(tmp_path):
     """The second of two joints, and its contact points, which stand behind those of the first."""
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.mixed_assembly(), {}) as writer:
-        writer.append(cases.record(0, 31, 2, 0))
-        writer.append_frames(*cases.frames(0, 4, 3))
-        writer.finish("completed", {})
-    with history.read(tmp_path / "run.h5") as three:
+    poses, blocks = cases.frames(0, 4, 3), cases.mixed_assembly()
+    with cases.written(tmp_path / "run.h5", cases.record(0, 31, 2, 0), poses, blocks) as three:
         alone, among = JointMotion(three, 1), JointMotion(three)
         start = among.point_start[1]
         for name in ("resultants", "utilisation", "origin", "normal_forces"):

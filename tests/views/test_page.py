@@ -83,13 +83,9 @@ def test_many_frames_are_thinned_to_a_bounded_size(tmp_path, monkeypatch):
 
 
 def test_a_run_that_diverged_is_shown_up_to_there(tmp_path):
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
-        writer.append(cases.record(0, 9))
-        time, displacement, orientation = cases.frames(0, 5)
-        displacement[3:] = np.nan
-        writer.append_frames(time, displacement, orientation)
-        writer.finish("failed", {"error": "the run diverged", "yield_point": None})
-    with history.read(tmp_path / "run.h5") as run:
+    poses, results = cases.frames(0, 5), {"error": "the run diverged", "yield_point": None}
+    poses[1][3:] = np.nan
+    with cases.written(tmp_path / "run.h5", cases.record(0, 9), poses, status="failed", results=results) as run:
         text = page.document(run)
     assert len(data_of(text)["time"]) == 3 and "the run diverged" in text
 

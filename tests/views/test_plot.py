@@ -26,11 +26,8 @@ RESULTS = {"title": "Set 4a: one force", "formulation": "concave", "yield_point"
 
 @pytest.fixture
 def run(tmp_path):
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
-        writer.append(cases.record(0, 40))
-        writer.append_frames(*cases.frames(0, 4))
-        writer.finish("yield", RESULTS)
-    with history.read(tmp_path / "run.h5") as found:
+    rows, poses = cases.record(0, 40), cases.frames(0, 4)
+    with cases.written(tmp_path / "run.h5", rows, poses, status="yield", results=RESULTS) as found:
         yield found
 
 
@@ -127,11 +124,8 @@ def test_errors_name_the_remedy(run, tmp_path):
 
 
 def test_no_energies_is_said(tmp_path):
-    without = {"channels": ("joints",)}
-    with history.HistoryWriter(tmp_path / "bare.h5", cases.SCENARIO, cases.assembly(), {}, **without) as writer:
-        writer.append(cases.record(0, 3))
-        writer.finish("yield", {})
-    with history.read(tmp_path / "bare.h5") as bare, pytest.raises(HistoryError, match="no energies"):
+    written = cases.written(tmp_path / "bare.h5", cases.record(0, 3), channels=("joints",))
+    with written as bare, pytest.raises(HistoryError, match="no energies"):
         plot.energies(bare)
 
 
@@ -263,10 +257,7 @@ def test_figures_of_joints_say_what_they_show(pushed):
 
 
 def test_a_path_is_that_of_the_joint_asked_for(tmp_path):
-    with history.HistoryWriter(tmp_path / "two.h5", cases.SCENARIO, cases.mixed_assembly(), {}) as writer:
-        writer.append(cases.record(0, 5, 2, 0))
-        writer.finish("completed", {})
-    with history.read(tmp_path / "two.h5") as two:
+    with cases.written(tmp_path / "two.h5", cases.record(0, 5, 2, 0), blocks=cases.mixed_assembly()) as two:
         path = plot.joint_path(two, 1)
         shear = np.stack([two.joint("V_1")[:, 1], two.joint("V_2")[:, 1]], axis=1)
         np.testing.assert_allclose(path.V, shear @ path.direction, rtol=1e-12)
@@ -284,12 +275,8 @@ def test_stages_and_joints_that_are_not_there(run, tmp_path):
         plot.joint_plane(run, stages=0)
     with pytest.raises(ScenarioError, match="within 1 and 3"):
         plot.joint_plane(run, frames=[3, 2])
-    with history.HistoryWriter(
-        tmp_path / "bare.h5", cases.SCENARIO, cases.assembly(), {}, channels=("joints", "energy")
-    ) as writer:
-        writer.append(cases.record(0, 3))
-        writer.finish("yield", {})
-    with history.read(tmp_path / "bare.h5") as bare, pytest.raises(HistoryError, match="two frames"):
+    written = cases.written(tmp_path / "bare.h5", cases.record(0, 3), channels=("joints", "energy"))
+    with written as bare, pytest.raises(HistoryError, match="two frames"):
         plot.joint_plane(bare)
 
 

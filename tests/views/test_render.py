@@ -101,12 +101,8 @@ def test_a_trial_that_was_begun_ahead_is_the_one_that_counts(monkeypatch, probe,
 
 
 def test_a_history_without_frames_is_said(tmp_path):
-    with history.HistoryWriter(
-        tmp_path / "bare.h5", cases.SCENARIO, cases.assembly(), {}, channels=("joints",)
-    ) as writer:
-        writer.append(cases.record(0, 3))
-        writer.finish("yield", {})
-    with history.read(tmp_path / "bare.h5") as bare, pytest.raises(HistoryError, match="no frames"):
+    written = cases.written(tmp_path / "bare.h5", cases.record(0, 3), channels=("joints",))
+    with written as bare, pytest.raises(HistoryError, match="no frames"):
         render.picture(bare, tmp_path / "a.png")
 
 
@@ -198,12 +194,7 @@ def test_the_motion_fits_into_the_picture(run, view, drawing):
 
 
 def test_what_was_not_recorded_cannot_be_shown(tmp_path, drawing):
-    path, channels = tmp_path / "few.h5", ("frames",)
-    with history.HistoryWriter(path, cases.SCENARIO, cases.assembly(), {}, channels=channels) as writer:
-        writer.append(cases.record(0, 5))
-        writer.append_frames(*cases.frames(0, 4))
-        writer.finish("completed", {})
-    with history.read(path) as few:
+    with cases.written(tmp_path / "few.h5", cases.record(0, 5), cases.frames(0, 4), channels=("frames",)) as few:
         for look in ({"color": "utilisation"}, {"color": "slip"}, {"forces": True}):
             with pytest.raises(HistoryError, match="joints.*output.channels"):
                 render.picture(few, tmp_path / "a.png", **look)
