@@ -244,14 +244,14 @@ def test_points_whose_continuum_is_not_found_are_told_to_miss_the_edge(monkeypat
 # --- torsion ----------------------------------------------------------------------------------------------------------
 
 
-def twisted(block, pieces_height, formulation="convex"):
+def twisted(block):
     """A block pushed by a couple in the plane of its joint, with 1000 N of dead load more."""
     vertices = assemble(on_a_floor(block)).shapes[1]
     low = vertices.vertices + assemble(on_a_floor(block)).position[1]
     corners = low[np.abs(low[:, 2]) < 1e-12]
     first, second = corners[np.argmin(corners[:, 0])], corners[np.argmax(corners[:, 0])]
     jacks = (Actuator("j1", block.name, tuple(first), (0, -1, 0)), Actuator("j2", block.name, tuple(second), (0, 1, 0)))
-    found = on_a_floor(block, joint=law(formulation), loads=(Load(block.name, (0, 0, -1000.0)),), jacks=jacks)
+    found = on_a_floor(block, loads=(Load(block.name, (0, 0, -1000.0)),), jacks=jacks)
     return found, second[0] - first[0]
 
 
@@ -264,7 +264,7 @@ BLOCKS = {
 @pytest.mark.parametrize("shape", BLOCKS)
 def test_torsion_about_the_best_centre_by_independent_quadrature(shape):
     """The limit couple of the replay, of theory, and of a quadrature that knows neither; not c_T about O."""
-    scene, arm = twisted(BLOCKS[shape], 0.2)
+    scene, arm = twisted(BLOCKS[shape])
     assembly = assemble(scene)
     joint = assembly.joints[0]
     normal = -assembly.dead_force[1][2]
@@ -291,7 +291,7 @@ def test_the_far_field_of_an_l_is_that_of_its_pieces():
 
 
 def test_parts_in_a_file():
-    scene, _ = twisted(BLOCKS["an L"], 0.2)
+    scene, _ = twisted(BLOCKS["an L"])
     text = toml.dumps(scene)
     assert "parts = [{ box = [0.3, 0.1, 0.2], position = [0.15, 0.05, 0.1] }" in text
     assert toml.loads(text) == scene

@@ -135,6 +135,12 @@ def test_tilting_is_no_torsion():
     assert abs(faces.elastic[0, 2]) < 1e-5 * strength * faces.radius[0]
 
 
+def cut(moving: Motion, driving: Driving) -> int:
+    """Cut the polygons of blocks that were placed; how many there were to cut."""
+    joint_forces(moving, driving)
+    return moving.polygons.cut_stale()
+
+
 def torsion_strength(moving: Motion, driving: Driving) -> float:
     """Torque of a joint that is twisted well into slip, over mu N (m)."""
     for _ in range(200):
@@ -151,8 +157,7 @@ def test_a_small_turn_changes_no_strength(formulation):
     before = torsion_strength(moving, driving)
     moving, driving = resting(formulation)
     place(moving, (0.0, 0.0, 0.0), about((0, 0, 1), 1e-3))
-    joint_forces(moving, driving)
-    moving.polygons.cut_stale()
+    cut(moving, driving)
     after = torsion_strength(moving, driving)
     assert after == pytest.approx(before, rel=1.5e-3)
     assert before > 0.09
@@ -165,8 +170,7 @@ def test_sliding_off_the_edge(formulation):
     last = None
     for _ in range(300):
         place(moving, (5e-4, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-        joint_forces(moving, driving)
-        moving.polygons.cut_stale()
+        cut(moving, driving)
         joint_forces(moving, driving)
         normal = joint_resultants(moving.state)[0, 0]
         assert last is None or abs(normal - last) < 0.02 * 117.72 * (4 if formulation == "distributed" else 1)
@@ -223,8 +227,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
     for step in range(2):
         for i in range(out):
             place(moving, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2 * i + 1)
-        joint_forces(moving, driving)
-        assert moving.polygons.cut_stale() == out
+        assert cut(moving, driving) == out
         assert sorted(moving.state.faces.outline) == [0, 0, *range(1, out + 1)], step
     joint_forces(moving, driving)
     faces, found = moving.state.faces, joint_resultants(moving.state)
@@ -234,8 +237,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
         alone.state.links.put("viscous", moving.state.links.viscous[[i]])
         for _ in range(2 if i < out else 0):
             place(alone, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-            joint_forces(alone, driving_alone)
-            alone.polygons.cut_stale()
+            cut(alone, driving_alone)
         joint_forces(alone, driving_alone)
         own = alone.state.faces
         np.testing.assert_allclose(found[i], joint_resultants(alone.state)[0], rtol=1e-6, atol=1e-6)
@@ -269,8 +271,7 @@ def test_polygons_are_cut_as_plane_geometry_says(formulation):
         drawn = moving.polygons._joints[0].polygon
         for _ in range(3):
             place(moving, (*draw.uniform(-0.05, 0.05, 2), 0.0), about((0, 0, 1), draw.uniform(-0.4, 0.4)))
-            joint_forces(moving, driving)
-            assert moving.polygons.cut_stale() == 1
+            assert cut(moving, driving) == 1
         now, shift = moving.state.links.seen[0], moving.polygons.shift[0]
         tangents = now[[[3, 4], [6, 7]]]
         origin = now[:2] - shift @ tangents
@@ -304,8 +305,7 @@ def test_convex_polygons_are_clipped_as_plane_geometry_says():
         drawn = moving.polygons._joints[0].polygon
         for _ in range(2):
             place(moving, (*draw.uniform(-0.07, 0.07, 2), 0.0), about((0, 0, 1), draw.uniform(-0.4, 0.4)))
-            joint_forces(moving, driving)
-            assert moving.polygons.cut_stale() == 1
+            assert cut(moving, driving) == 1
         now, shift, faces = moving.state.links.seen[0], moving.polygons.shift[0], moving.state.faces
         tangents = now[[[3, 4], [6, 7]]]
         origin = now[:2] - shift @ tangents
@@ -384,15 +384,13 @@ def test_a_block_that_fell_past_an_edge_and_comes_back_below_is_not_thrown_out(f
     """Far below the face of the other, its joint would be closed by all that depth if it were still there."""
     moving, driving = resting(formulation)
     place(moving, (0.5, 0.0, -0.4), about((0, 1, 0), 0.8))
-    joint_forces(moving, driving)
-    moving.polygons.cut_stale()
+    cut(moving, driving)
     joint_forces(moving, driving)
     assert not moving.state.links.wrench.any()
     look_first(moving)
     assert moving.contact_detection.retired.all()
     place(moving, (-0.5, 0.0, 0.0), about((0, 1, 0), 0.0))
-    joint_forces(moving, driving)
-    moving.polygons.cut_stale()
+    cut(moving, driving)
     joint_forces(moving, driving)
     assert not moving.state.links.wrench.any()
 
@@ -403,8 +401,7 @@ def test_polygons_inside_the_face_are_left_alone():
     area, x = moving.state.corners.area.copy(), moving.state.corners.x.copy()
     for _ in range(10):
         place(moving, (0.05, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-        joint_forces(moving, driving)
-        moving.polygons.cut_stale()
+        cut(moving, driving)
     np.testing.assert_array_equal(moving.state.corners.area, area)
     np.testing.assert_array_equal(moving.state.corners.x, x)
     assert moving.polygons.whole[0] and moving.state.links.slack[0] > 0.3

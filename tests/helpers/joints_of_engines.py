@@ -58,7 +58,25 @@ def taken(energy):
     return np.array([energy.work[name][0] for name in ("sliding", "by_law", "damping", "crushing", "fracture")])
 
 
-class StaticPoints:
+class LoneJoint:
+    """What is seen of a ``joint`` and its ``energy``; ``memory`` is that of a convex one, of one elastic force."""
+
+    @property
+    def memory(self):
+        return self.joint.elastic[0]
+
+    @property
+    def slip(self):
+        return self.joint.slip
+
+    @property
+    def dissipated(self):
+        """By friction, by the law of friction, by dashpots with what springs let go, by crushing and by bonds that
+        broke (J)."""
+        return taken(self.energy)
+
+
+class StaticPoints(LoneJoint):
     """A joint of four points in the searches."""
 
     def __init__(self, mu=MU, law=None):
@@ -85,16 +103,6 @@ class StaticPoints:
     def bonds(self):
         """Of every point: whether the bond holds, crushed depth, rise."""
         return np.stack(self.joint.bonds[1:4], axis=1)
-
-    @property
-    def slip(self):
-        return self.joint.slip
-
-    @property
-    def dissipated(self):
-        """By friction, by the law of friction, by dashpots with what springs let go, by crushing and by bonds that
-        broke (J)."""
-        return taken(self.energy)
 
 
 class MovingPoints:
@@ -189,7 +197,7 @@ def area_force(work):
     return np.array([f[2], -f[0], -f[1], -work.twisting[0], -work.y_force[2, 0], work.x_force[2, 0]])
 
 
-class StaticArea:
+class StaticArea(LoneJoint):
     """A convex joint in the searches."""
 
     def __init__(self, mu=MU, pressure="full", law=None, outline=OUTLINE):
@@ -211,24 +219,12 @@ class StaticArea:
         return np.array(found[:6])
 
     @property
-    def memory(self):
-        return self.joint.elastic[0]
-
-    @property
-    def slip(self):
-        return self.joint.slip
-
-    @property
-    def dissipated(self):
-        return taken(self.energy)
-
-    @property
     def bonds(self):
         """Whether the bond holds, and the rise."""
         return np.stack(self.joint.bonds[:2])
 
 
-class MovingArea:
+class MovingArea(LoneJoint):
     """The same joint in a tile."""
 
     def __init__(self, mu=MU, pressure="full", law=None, outline=OUTLINE):
@@ -264,14 +260,6 @@ class MovingArea:
         energy = self.energy, Counted(self.energy.dashpots[0], self.energy.ledger[0])
         moving_areas.forces_of_tile(self.joint, *law, 0, self.tile, self.seen, self.work, *energy)
         return area_force(self.work)
-
-    @property
-    def memory(self):
-        return self.joint.elastic[0]
-
-    @property
-    def slip(self):
-        return self.joint.slip
 
     @property
     def dissipated(self):

@@ -14,6 +14,7 @@ from dembrick.errors import ScenarioError
 from dembrick.theory.limit_surface import Law
 
 GRAVITY = 9.81
+SMOOTHING = 3e-4  # of the speed of a block: points that are slower count as if they began to stick
 
 
 def _rk4(rate: Callable[[np.ndarray], np.ndarray], state: np.ndarray, step: float) -> np.ndarray:
@@ -29,87 +30,6 @@ def slope_acceleration(angle: float, friction: float, gravity: float = GRAVITY) 
     return max(0.0, gravity * (math.sin(angle) - friction * math.cos(angle)))
 
 
-def pulse_slip(acceleration: float, duration: float, friction: float, gravity: float = GRAVITY) -> float:
-    """Newmark: slip of a block on a base that takes a rectangular acceleration pulse."""
-    a_y = friction * gravity
-    if acceleration <= a_y:
-        return 0.0
-    if a_y == 0.0:
-        return math.inf
-    return acceleration * (acceleration - a_y) * duration**2 / (2.0 * a_y)
-
-
-def stopping(speed: float, friction: float, gravity: float = GRAVITY) -> tuple[float, float]:
-    """(distance, time) in which friction alone stops a sliding block."""
-    deceleration = friction * gravity
-    return (speed**2 / (2.0 * deceleration), speed / deceleration) if deceleration > 0.0 else (math.inf, math.inf)
-
-
-def harmonic_push(
-    times: np.ndarray,
-    mass: float,
-    friction: float,
-    amplitude: float,
-    frequency: float = 1.0,
-    start: float = 0.0,
-    gravity: float = GRAVITY,
-) -> np.ndarray:
-    """Position (k,) at ascending ``times`` (s) of a block pushed by amplitude * cos(frequency t), at rest at t = 0.
-
-    Slip and stick follow each other, each in closed form; only the instants of change are found by bisection.
-    """
-    times = np.asarray(times, float)
-    grip, omega = friction * gravity, frequency
-    drive = amplitude / mass
-    x = np.empty(len(times))
-    t_0, x_0, filled = 0.0, start, 0
-    period = 2.0 * math.pi / omega
-    if abs(drive) <= grip:
-        return np.full(len(times), float(start))
-    while filled < len(times):
-        push = drive * math.cos(omega * t_0)
-        # on the threshold a growing push starts the slip, a falling one does not
-        rising = abs(drive * math.cos(omega * t_0 + 1e-8)) > grip
-        if not rising:  # wait for the push to reach the grip again
-            phase = omega * t_0 % math.pi
-            wait = (math.pi - math.acos(grip / abs(drive)) - phase) % math.pi / omega
-            t_1 = t_0 + (wait or math.pi / omega)
-            while filled < len(times) and times[filled] <= t_1:
-                x[filled] = x_0
-                filled += 1
-            t_0 = t_1
-            continue
-        sense = math.copysign(1.0, push)
-
-        def velocity(t: float, t_0: float = t_0, sense: float = sense) -> float:
-            return drive / omega * (math.sin(omega * t) - math.sin(omega * t_0)) - sense * grip * (t - t_0)
-
-        def position(t: float, t_0: float = t_0, x_0: float = x_0, sense: float = sense) -> float:
-            swing = drive / omega**2 * (math.cos(omega * t_0) - math.cos(omega * t))
-            return x_0 + swing - drive / omega * math.sin(omega * t_0) * (t - t_0) - sense * grip * (t - t_0) ** 2 / 2.0
-
-        high = t_0 + 1e-3 * period
-        while velocity(high) * sense > 0.0:
-            high += 1e-3 * period
-        low = high - 1e-3 * period
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if velocity(middle) * sense > 0.0 else (low, middle)
-        while filled < len(times) and times[filled] <= high:
-            x[filled] = position(times[filled])
-            filled += 1
-        t_0, x_0 = high, position(high)
-    return x
-
-
-def spin_down(
-    a: float, b: float, friction: float, arm: float, spin: float, gravity: float = GRAVITY
-) -> tuple[float, float]:
-    """(deceleration, angle until rest) of a block a x b spinning flat; ``arm`` is c_T (convex) or c (concave)."""
-    deceleration = 12.0 * friction * gravity * arm / (a * a + b * b)
-    return deceleration, spin**2 / (2.0 * deceleration)
-
-
 def slide_to_rest(
     law: Law,
     mass: float,
@@ -117,7 +37,6 @@ def slide_to_rest(
     velocity: tuple[float, float],
     spin: float,
     *,
-    smoothing: float = 3e-4,
     tolerance: float = 1e-6,
 ) -> tuple[float, float, float]:
     """(x, y, theta) where a block comes to rest that starts at 0 sliding and spinning flat, its pressure unchanged.
@@ -125,7 +44,7 @@ def slide_to_rest(
     ``law`` is in the block's axes about its centroid, ``inertia`` about the vertical. Friction depends on the direction
     of the twist alone, so the motion is integrated over ds = dt / |twist|, in which it fades exponentially; the step of
     the RK4 pairs follows ``tolerance``, relative to the start and per step. A block on points may for a while turn
-    about one that sticks: there the friction of points slower than ``smoothing`` |twist| is rounded off, which shifts
+    about one that sticks: there the friction of points slower than `SMOOTHING` |twist| is rounded off, which shifts
     the rest by about that part of the distance slid meanwhile.
     """
     R = law.radius
@@ -136,7 +55,7 @@ def slide_to_rest(
         cos, sin = math.cos(theta), math.sin(theta)
         size = math.sqrt(v_x * v_x + v_y * v_y + (R * w) ** 2)
         slip = np.array([[cos * v_x + sin * v_y, cos * v_y - sin * v_x, w]])
-        f_1, f_2, m = law.derivatives(slip, smoothing * size)[1][0].tolist()
+        f_1, f_2, m = law.derivatives(slip, SMOOTHING * size)[1][0].tolist()
         force = np.array([cos * f_1 - sin * f_2, sin * f_1 + cos * f_2])
         return size / rate_scale * np.array([v_x, v_y, w, -force[0] / mass, -force[1] / mass, -m / inertia])
 
@@ -161,12 +80,12 @@ def slide_to_rest(
     return x, y, theta
 
 
-def rocking_frequency(thickness: float, height: float, gravity: float = GRAVITY) -> float:
+def rocking_frequency(thickness: float, height: float) -> float:
     """p = sqrt(3 g / 4 R) of a rectangular block, R its half diagonal."""
-    return math.sqrt(0.75 * gravity / (0.5 * math.hypot(thickness, height)))
+    return math.sqrt(0.75 * GRAVITY / (0.5 * math.hypot(thickness, height)))
 
 
-def rocking_period(thickness: float, height: float, ratio: float, gravity: float = GRAVITY) -> float:
+def rocking_period(thickness: float, height: float, ratio: float) -> float:
     """Lossless nonlinear period of a rocking block: four times from release at ratio * alpha to the first impact.
 
     Energy gives theta'^2 = 2 p^2 (cos(alpha - theta) - cos(alpha - theta_0)); with theta = theta_0 (1 - u^2) the
@@ -180,7 +99,7 @@ def rocking_period(thickness: float, height: float, ratio: float, gravity: float
     u, weight = (u + 1.0) / 2.0, weight / 2.0
     half = theta_0 * u * u / 2.0  # cos(alpha - theta) - cos(alpha - theta_0) as a product, without cancellation
     gain = 2.0 * np.sin(alpha - theta_0 + half) * np.sin(half)
-    p = rocking_frequency(thickness, height, gravity)
+    p = rocking_frequency(thickness, height)
     return float(4.0 * np.sum(weight * 2.0 * theta_0 * u / np.sqrt(2.0 * gain)) / p)
 
 
@@ -189,21 +108,13 @@ def housner_restitution(thickness: float, height: float) -> float:
     return 1.0 - 1.5 * math.sin(math.atan2(thickness, height)) ** 2
 
 
-def wall_tilt_limit(thickness: float, height: float, friction: float) -> tuple[float, str]:
-    """(angle, "overturning" or "sliding") at which a rigid single-leaf wall gives way when tilted out of plane."""
-    overturns, slides = math.atan2(thickness, height), math.atan(friction)
-    return (overturns, "overturning") if overturns <= slides else (slides, "sliding")
-
-
-def toppling_tilt(
-    thickness: float, height: float, rate: float, lever: float, displacement: float, gravity: float = GRAVITY
-) -> float:
+def toppling_tilt(thickness: float, height: float, rate: float, lever: float, displacement: float) -> float:
     """Tilt angle at which a rigid wall, tilted at ``rate`` (rad/s), has moved a point ``lever`` from its toe.
 
     On its toe, theta'' = (3 g / 4 R) sin(psi + theta - alpha), at rest at psi = alpha. The displacement is the arc
     lever * theta.
     """
-    alpha, p_2 = math.atan2(thickness, height), rocking_frequency(thickness, height, gravity) ** 2
+    alpha, p_2 = math.atan2(thickness, height), rocking_frequency(thickness, height) ** 2
     goal = displacement / lever
 
     def motion(state: np.ndarray) -> np.ndarray:
