@@ -103,12 +103,12 @@ def test_a_block_on_its_face_swings_as_the_time_step_expects(ratio):
     assert bounds[0] == 0.0  # a block that cannot move
 
 
-def ball(points=200, radius=0.1):
-    """Points spread evenly on a sphere, by the golden angle."""
-    k = np.arange(points) + 0.5
-    z, turn = 1.0 - 2.0 * k / points, math.pi * (1.0 + math.sqrt(5.0)) * k
+def ball():
+    """200 points spread evenly on a sphere of 0.1 m, by the golden angle."""
+    k = np.arange(200) + 0.5
+    z, turn = 1.0 - 2.0 * k / 200, math.pi * (1.0 + math.sqrt(5.0)) * k
     wide = np.sqrt(1.0 - z * z)
-    return tuple(map(tuple, (radius * np.column_stack([wide * np.cos(turn), wide * np.sin(turn), z])).tolist()))
+    return tuple(map(tuple, (0.1 * np.column_stack([wide * np.cos(turn), wide * np.sin(turn), z])).tolist()))
 
 
 def squeezed(step_factor=0.9, duration=0.4):

@@ -15,17 +15,17 @@ from helpers.stone_scenes import law, of_stone
 AT_REST = 1e-9  # m
 
 
-def scene(blocks, stiffness=1e10, control=None, friction=0.6):
+def scene(blocks, stiffness=1e10, control=None):
     return of_stone(
-        law("concave", friction, stiffness),
+        law("concave", 0.6, stiffness),
         control or DynamicControl(0.05),
         (Block("floor", "stone", (8.0, 3.0, 0.2), (0.0, 0.0, -0.1), fixed=True), *blocks),
     )
 
 
-def pile(count, height, x=0.0):
+def pile(count, height):
     return [
-        Block(f"pile.{i + 1}", "stone", (0.5, 0.5, height), (x, 0.0, (i + 0.5) * height)) for i in range(count)
+        Block(f"pile.{i + 1}", "stone", (0.5, 0.5, height), (0.0, 0.0, (i + 0.5) * height)) for i in range(count)
     ]  # fmt: skip
 
 

@@ -17,8 +17,8 @@ G = 9.81
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
 
 
-def scene(*blocks, control, gravity=(0.0, 0.0, -G), friction=0.5, formulation="concave", **more):
-    return of_stone(law(formulation, friction), control, blocks, gravity=gravity, **more)
+def scene(*blocks, control, gravity=(0.0, 0.0, -G), friction=0.5, **more):
+    return of_stone(law("concave", friction), control, blocks, gravity=gravity, **more)
 
 
 def test_a_falling_block_has_the_velocity_of_its_frame():

@@ -108,14 +108,14 @@ def test_a_block_circles_on_a_tie():
     assert result.energy.relative_residual < 1e-6
 
 
-def hung(control, stiffness=1e7, **more) -> Scenario:
+def hung(control, **more) -> Scenario:
     """A block on a support, and on a tie from above."""
     blocks = (
         Block("support", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
         Block("beam", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 1.05), fixed=True),
         Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
     )
-    bar = tie(("beam", (0.0, 0.0, 1.0)), ("block", (0.0, 0.0, 0.1)), stiffness, **more)
+    bar = tie(("beam", (0.0, 0.0, 1.0)), ("block", (0.0, 0.0, 0.1)), 1e7, **more)
     return of_stone(law("convex", 0.6, 1e9), control, blocks, ties=(bar,), output=Output(()))
 
 

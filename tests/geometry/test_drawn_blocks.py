@@ -19,10 +19,10 @@ DEPTH = 0.4
 BOX = ((-0.5, -0.2, -0.2), (1.7, 0.6, 0.0))  # what it stands on
 
 
-def prism(ring=RING, depth=DEPTH):
+def prism(ring=RING):
     """Corners (2 n, 3) and faces of a prism along y over a ``ring`` in x and z, looking outward."""
     n = len(ring)
-    points = np.array([(x, y, z) for y in (0.0, depth) for x, z in ring])
+    points = np.array([(x, y, z) for y in (0.0, DEPTH) for x, z in ring])
     sides = [(i, i + n, (i + 1) % n + n, (i + 1) % n) for i in range(n)]
     return points, [tuple(range(n)), tuple(range(2 * n - 1, n - 1, -1)), *sides]
 

@@ -52,7 +52,7 @@ checkpoint = 0.0
 )
 
 
-def folder_of(place, strength=1.0):
+def folder_of(place):
     """A scenario with a CAD scene and its buffer, a mesh in a folder below, a record in one beside, a load history."""
     here = place / "work"
     (here / "meshes").mkdir(parents=True)
@@ -61,7 +61,7 @@ def folder_of(place, strength=1.0):
     beside_buffer(here / "scene.gltf")
     (here / "meshes" / "cap stone.ply").write_text(STONE)
     time = np.arange(0.0, 0.4, 0.01)
-    quake, push = strength * np.sin(20.0 * time), np.cos(9.0 * time)
+    quake, push = np.sin(20.0 * time), np.cos(9.0 * time)
     (place / "records" / "quake.csv").write_text(table("acceleration [m/s2]", time, quake))
     (here / "push.csv").write_text(table("factor [1]", time, push))
     (here / "shaken.toml").write_text(SCENE.replace("supports = []", ""))

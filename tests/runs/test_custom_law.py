@@ -30,10 +30,10 @@ def lab(formulation="concave", **changes):
     return replace(scenario, **{"joint": joint, "control": control, **changes})
 
 
-def newmark(law, formulation="concave"):
+def newmark(law):
     """How far a block slides on a base that takes a pulse of `PULSE` for `T0` (m), and its run."""
     scenario = dembrick.load("newmark_pulse", ["control.duration=1.2"])
-    scenario = replace(scenario, joint=replace(scenario.joint, formulation=formulation))
+    scenario = replace(scenario, joint=replace(scenario.joint, formulation="concave"))
     result = dembrick.simulate(scenario, law=law)
     return result.greatest_displacement["block"], result
 

@@ -45,11 +45,11 @@ def staged(*controls, blocks=FLOOR + BLOCK, more="", formulation="concave", fric
     return toml.loads(text, "deformed.toml")
 
 
-def brackets(result, V, within=1e-3):
+def brackets(result, V):
     """V lies between what stands and what falls, which are as close as the tolerance says."""
     point = result.yield_point
     assert point.V_lower <= V <= point.V_upper
-    assert point.V_upper - point.V_lower <= 1.01 * within * point.V_upper
+    assert point.V_upper - point.V_lower <= 1.01 * 1e-3 * point.V_upper
     assert point.V == pytest.approx(0.5 * (point.V_lower + point.V_upper), rel=1e-12)
 
 
@@ -166,11 +166,11 @@ SIZE, BED = (0.3, 0.5, 1.0), 1e9  # m; Pa/m
 SLENDER = 2000.0 * G * math.prod(SIZE)  # N
 
 
-def leans_at(turned, bed=BED):
+def leans_at(turned):
     """V over N of the slender block at its turn th (rad): contact of length L carries N = k d L^2 th / 2 at e = b / 2 -
     L / 3 from the middle, where the block has sunk by 2 L th / 3, and moments about there balance."""
     b, d, h = SIZE
-    L = np.sqrt(2.0 * SLENDER / (bed * d * turned))
+    L = np.sqrt(2.0 * SLENDER / (BED * d * turned))
     e, sunk = 0.5 * b - L / 3.0, 2.0 * L * turned / 3.0
     return (e - 0.5 * h * np.tan(turned)) / (0.5 * h + e * np.tan(turned) - sunk)
 

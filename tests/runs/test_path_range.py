@@ -23,7 +23,7 @@ from dembrick.views.summary import known
 from helpers.stone_scenes import of_stone
 
 
-def slope(ratio: float, friction: float = 0.8, columns: int = 4) -> Scenario:
+def slope(ratio: float) -> Scenario:
     """Columns of growing height on the steps of a slope of 20 deg, each against the next; the table tilts on."""
     along, up = (np.array([np.cos(a), np.sin(a)]) for a in np.radians([20.0, 110.0]))
 
@@ -32,7 +32,7 @@ def slope(ratio: float, friction: float = 0.8, columns: int = 4) -> Scenario:
         corners = tuple((float(x), y, float(z)) for y in (-0.5, 0.5) for x, z in ring)
         return Block(name, "stone", vertices=corners, fixed=fixed)
 
-    heights = (1.0, 3.2, 3.6, 1.8)[:columns]
+    heights = (1.0, 3.2, 3.6, 1.8)
     blocks = []
     for i, height in enumerate(heights):
         corner = i * (along + 0.1 * up)
@@ -40,7 +40,7 @@ def slope(ratio: float, friction: float = 0.8, columns: int = 4) -> Scenario:
             block(f"column {i}", corner, 1.0, height),
             block(f"step {i}", corner - 0.5 * up, 1.0, 0.5, fixed=True),
         ]
-    law = JointLaw("concave", friction, 1e9, ratio * 1e9)
+    law = JointLaw("concave", 0.8, 1e9, ratio * 1e9)
     control = TiltControl((0.0, -1.0, 0.0))
     return of_stone(law, control, blocks, materials={"stone": Material(2500.0)})
 

@@ -41,8 +41,8 @@ def push(force, stages):
     return f'[[loads]]\nblock = "upper"\npoint = [0.0, 0.0, 0.0]\nforce = [0.0, {force!r}, 0.0]\nstages = {stages}\n'
 
 
-def scenario(*stages, parts="", formulation="concave", more="", jack=JACK):
-    text = JOINT.replace('"convex"', f'"{formulation}"') + parts + jack
+def scenario(*stages, parts="", formulation="concave", more=""):
+    text = JOINT.replace('"convex"', f'"{formulation}"') + parts + JACK
     text += "".join(f"[[stages]]\n{stage}" for stage in stages[:-1]) + f"[control]\n{stages[-1]}{more}"
     return toml.loads(text, "staged.toml")
 

@@ -26,13 +26,13 @@ def scene(*walls, law=ROUGH, axis=(1.0, 0.0, 0.0)):
     return of_stone(law, TiltControl(axis=axis), materials={"stone": Material(DENSITY)}, walls=walls)
 
 
-def house(block=BLOCK, courses=4, blocks=(6, 5), base=0.2, order="senw", **south):
+def house(block=BLOCK, blocks=(6, 5), order="senw", **south):
     """Four walls around a rectangle whose outer faces run from the origin, one block size, written in an order."""
     length, thickness, _ = block
     (wide, deep), half = (length * n for n in blocks), 0.5 * thickness
-    common = {"material": "stone", "block": block, "courses": courses}
+    common = {"material": "stone", "block": block, "courses": 4}
     walls = {
-        "s": Wall("south", blocks=blocks[0], position=(0.0, half, 0.0), base=base, **common | south),
+        "s": Wall("south", blocks=blocks[0], position=(0.0, half, 0.0), base=0.2, **common | south),
         "n": Wall("north", blocks=blocks[0], position=(0.0, deep - half, 0.0), **common),
         "e": Wall("east", blocks=blocks[1], position=(wide - half, 0.0, 0.0), heading=90.0, **common),
         "w": Wall("west", blocks=blocks[1], position=(half, 0.0, 0.0), heading=90.0, **common),

@@ -223,9 +223,9 @@ def test_frames_show_the_motion():
     assert math.hypot(x, y) < 1e-3 * z
 
 
-def on_a_floor(floor, travel, cohesion=500.0):
+def on_a_floor(floor, travel):
     """A block of 0.3 m x 0.2 m pushed along its length over a floor of those edges (m)."""
-    law = JointLaw("concave", 0.3, 1e9, 4e8, cohesion=cohesion, residual_cohesion=cohesion)
+    law = JointLaw("concave", 0.3, 1e9, 4e8, cohesion=500.0, residual_cohesion=500.0)
     return of_stone(
         law,
         DisplacementControl(max(1e-3, 0.5 * travel), travel),

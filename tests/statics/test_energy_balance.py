@@ -21,7 +21,7 @@ from dembrick.simulation.statics import constant_rate
 from helpers.joints_of_engines import motion_of
 
 
-def balance(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
+def balance(name: str, formulation: str, rate: float | None = None):
     """Energies (T,) by name of a replay, its audit and the replay."""
     scenario = lab.lab_scenario(name, formulation)
     built = build.assemble(scenario)
@@ -32,7 +32,7 @@ def balance(name: str, formulation: str, step_factor: float = 0.9, rate: float |
 
     control = scenario.control
     protocol = Protocol.one_way(control.travel, rate or control.rate)
-    run = constant_rate.push_at_constant_rate(built, protocol, step_factor, observe)
+    run = constant_rate.push_at_constant_rate(built, protocol, 0.9, observe)
     energies = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     return energies, energy_audit.Auditor().add(energies).result(run.energy), run
 

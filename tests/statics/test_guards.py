@@ -70,7 +70,7 @@ def test_the_energy_put_in_is_that_of_the_balance(built, monkeypatch):
     assert guard.load[:, 0].sum() + guard.sums[0] == run.steps
 
 
-def watched(built, speed, steps=LOOK):
+def watched(built, speed):
     """What the guard says of a block that moves at ``speed`` (m/s) under no load, looked at once."""
     state = initial_state(built)
     guard = new_guard(built, state)
@@ -79,7 +79,7 @@ def watched(built, speed, steps=LOOK):
     b = blocks.free[0]
     blocks.velocity[b] = speed
     inertia = constant_rate.physical_inertia(built)
-    sane = [kernel.watch(guard, step, 0.0, 0.0, blocks, None, inertia, 1e-4) for step in range(steps)]
+    sane = [kernel.watch(guard, step, 0.0, 0.0, blocks, None, inertia, 1e-4) for step in range(LOOK)]
     assert all(sane[:-1])
     return bool(sane[-1])
 
@@ -132,12 +132,12 @@ def test_what_a_guard_says(built, status, velocity, what):
 POINT = YieldPoint(90.0, 80.0, None, "open", 120.0, 0.0, 90.0, 0.0, 90.0, 0.0, 467.0, 1e-5, None, "sliding", ("a", "b"))
 
 
-def told(load, swing=0.0, least=1.0, stretch=64, point=POINT):
+def told(load, swing=0.0, stretch=64, point=POINT):
     """The guard's sums of a load given at the middle of each stretch, with a swing (rms) in each; and the verdict."""
     load = np.asarray(load, float)
     sums = np.stack([np.full(len(load), stretch), stretch * load, stretch * (load**2 + swing**2)], axis=1)
     guard = kernel.Guard(1.0, 63, stretch, 1.0, np.zeros(0, np.int64), *np.zeros((2, 2)), np.zeros(3), sums)
-    return steady(point, guard, least, 1e-5)
+    return steady(point, guard, 1.0, 1e-5)
 
 
 U = (np.arange(64) + 0.5) / 64

@@ -53,7 +53,7 @@ def grid(pieces) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(places), np.concatenate(areas)
 
 
-def drawn(seed: int, shape: str, tolerance: float = 1e-3) -> tuple[Scenario, list]:
+def drawn(seed: int, shape: str) -> tuple[Scenario, list]:
     """A block with a foot of that shape on a floor, weighed down, pushed by one or two actuators near the joint plane;
     and the pieces of its foot."""
     rng = np.random.default_rng([seed, SHAPES.index(shape)])
@@ -78,7 +78,7 @@ def drawn(seed: int, shape: str, tolerance: float = 1e-3) -> tuple[Scenario, lis
     floor = Block("floor", "stone", (4.0, 4.0, 0.2), (*middle.tolist(), -0.1), fixed=True)
     scenario = of_stone(
         law("distributed", float(rng.uniform(0.2, 0.8)), 1e11),
-        YieldControl(tolerance),
+        YieldControl(1e-3),
         (floor, Block("upper", "stone", parts=parts)),
         loads=(Load("upper", (0.0, 0.0, -float(rng.uniform(0.0, 100.0))), on),),
         actuators=tuple(jacks),

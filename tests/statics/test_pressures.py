@@ -173,9 +173,9 @@ def test_a_line_of_contact(pressure):
 # --- by replay
 
 
-def bent(pressure, eccentricity, load, tolerance=1e-5, **options):
+def bent(pressure, eccentricity, load, **options):
     """A convex joint under N at an eccentricity (e_x, e_y), pushed in its plane; (V of the replay, theory)."""
-    base = scene("convex", jacks=load, tolerance=tolerance, normal=1.0, **options)
+    base = scene("convex", jacks=load, tolerance=1e-5, normal=1.0, **options)
     point = (*eccentricity, base.blocks[1].box[2])
     return dataclasses.replace(
         base,

@@ -34,9 +34,9 @@ def pull(result) -> np.ndarray:
     return total
 
 
-def push_back(result, row=-1) -> np.ndarray:
+def push_back(result) -> np.ndarray:
     """The reactions of a row, moments taken to the origin."""
-    assembly, reaction = result.assembly, result.rows["reaction"][row]
+    assembly, reaction = result.assembly, result.rows["reaction"][-1]
     force = reaction[:, :3]
     moment = reaction[:, 3:] + np.cross(assembly.position[assembly.fixed], force)
     return np.concatenate([force, moment], axis=1).sum(axis=0)

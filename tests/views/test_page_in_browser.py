@@ -38,9 +38,9 @@ def marker(window, name):
     )
 
 
-def click(window, x, y, kind="mousePressed", button="left"):
+def click(window, x, y, kind="mousePressed"):
     for event in ("mouseMoved", "mousePressed", "mouseReleased") if kind == "mousePressed" else (kind,):
-        pressed = {} if event == "mouseMoved" else {"button": button, "clickCount": 1}
+        pressed = {} if event == "mouseMoved" else {"button": "left", "clickCount": 1}
         window.call("Input.dispatchMouseEvent", type=event, x=x, y=y, **pressed)
     window.settle()
 
