@@ -123,13 +123,6 @@ BAD = {
         "[solver]: step_factor = 1.0",
         "between 0 and 1",
     ),
-    "mistyped kind": (
-        '"yield"',
-        '"yeild"',
-        "kind = 'yeild'",
-        "'yield', 'displacement', ",
-        "did you mean 'yield'?",
-    ),
     "kind is a number": ('"yield"', "1", "kind = 1 is not a kind of control"),
     "pushover in real time without a rate": (
         '"yield"',

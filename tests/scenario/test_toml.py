@@ -40,17 +40,6 @@ def situation(s):
     return normal, torsion, shear, upper.box[:2], height
 
 
-def test_all_files_are_there_and_load():
-    sets = [
-        f"set{name}{mid}{curve}"
-        for name in ("2a", "2b", "4a", "4b")
-        for mid in ("", "_mid")
-        for curve in ("", "_curve")
-    ]
-    tables = [f"table1_{name}" for name in ("025", "05", "1", "15", "2")]
-    assert {*sets, *tables, "shear"} <= {file.stem for file in FILES}
-
-
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_file_says_the_same_after_a_round_trip(file):
     s = toml.load(file)

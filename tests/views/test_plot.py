@@ -309,30 +309,18 @@ def test_measured_curves_are_read_in_their_units(tmp_path, text):
 @pytest.mark.parametrize(
     "text, said",
     [
-        ("", "is empty"),
         ("0,0\n1,2\n", "the first line must name the columns and their units"),
         ("displacement,force\n0,0\n1,1\n", "'displacement' has no unit"),
         ("displacement [inch],force [N]\n0,0\n1,1\n", "'inch' .* m, cm, mm, um, µm"),
         ("displacement [mm],force [lbf]\n0,0\n1,1\n", "'lbf' .* N, kN"),
         ("displacement [mm],time [s]\n0,0\n1,1\n", "no column has a unit of force"),
         ("displacement [mm],displacement [m],force [N]\n0,0,0\n1,1,1\n", "all have a unit of displacement"),
-        ("displacement [mm],force [N]\n0,0\n1\n", "line 3: 1 values for 2"),
         ("displacement [mm],force [N]\n0,0\n1,two\n", "line 3: 'two' in column 'force'"),
-        ("displacement [mm],force [N]\n0,0\n1,nan\n", "line 3: 'nan' in column 'force'"),
-        ("displacement [mm],force [N]\n0,0\n", "at least 2 lines"),
     ],
 )
 def test_measured_curves_that_are_none(tmp_path, text, said):
     with pytest.raises(ScenarioError, match=said):
         plot.read_measured(curve_file(tmp_path, text))
-
-
-def test_measured_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(ScenarioError, match="there is no such file"):
-        plot.read_measured(tmp_path / "none.csv")
-    (tmp_path / "photo.csv").write_bytes(b"\xff\xd8\xff\xe0")
-    with pytest.raises(ScenarioError, match="UTF-8"):
-        plot.read_measured(tmp_path / "photo.csv")
 
 
 def test_measured_curves_lie_over_simulated_ones(run, tmp_path):
