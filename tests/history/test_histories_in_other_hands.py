@@ -37,7 +37,10 @@ def test_a_history_gives_the_tables_that_its_result_gives(run):
 @pytest.mark.parametrize("package", ["pandas", "xarray"])
 def test_a_table_without_its_library_says_what_to_install(run, monkeypatch, package):
     monkeypatch.setitem(sys.modules, package, None)
-    with dembrick.read_history(run[1]) as found, pytest.raises(dembrick.MissingDependency, match=package):
+    with (
+        dembrick.read_history(run[1]) as found,
+        pytest.raises(dembrick.MissingDependency, match=f"pip install {package}"),
+    ):
         getattr(found, f"to_{package}")()
 
 

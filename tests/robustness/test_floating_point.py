@@ -13,6 +13,7 @@ from dembrick.scenario import toml
 from dembrick.simulation.dynamics import state as dynamic_state
 from dembrick.simulation.floating_point import faults_raised, not_nan
 from dembrick.simulation.statics import joint_families
+from helpers.scenario_text import block, header, jack
 
 CONTROLS = {
     "yield": "kind = 'yield', tolerance = 1e-3",
@@ -31,21 +32,12 @@ CONTROLS = {
 
 def stack(control: str, formulation: str, blocks: int = 1):
     """Blocks of .3 x .2 x .2 m on a floor; the upper one is pushed where the control drives an actuator."""
-    stones = [
-        f"[[blocks]]\nname = 'stone{i}'\nmaterial = 'stone'\nbox = [0.3, 0.2, 0.2]\n"
-        f"position = [0, 0, {0.1 + 0.2 * i}]\n"
-        for i in range(blocks)
-    ]
-    jack = f"[[actuators]]\nname = 'jack'\nblock = 'stone{blocks - 1}'\npoint = [-0.15, 0.05, {0.2 * blocks - 0.1}]\n"
-    jack += "direction = [1, 0, 0]\n"
-    return toml.loads(
-        "title = 'a stack'\ngravity = [0, 0, -9.81]\nmaterials.stone.density = 2000.0\n"
-        f"control = {{{CONTROLS[control]}}}\n"
-        f"joint = {{formulation = '{formulation}', friction = 0.6, normal_stiffness = 1e10, shear_stiffness = 4e9}}\n"
-        "[[blocks]]\nname = 'floor'\nmaterial = 'stone'\nbox = [1, 1, 0.2]\nposition = [0, 0, -0.1]\nfixed = true\n"
-        + "".join(stones)
-        + (jack if control.split(",")[0] in ("yield", "displacement") else "")
-    )
+    text = f"control = {{{CONTROLS[control]}}}" + header(formulation, 0.6, 1e10)
+    text += block("floor", (0, 0, -0.1), (1, 1, 0.2), "fixed = true")
+    text += "".join(block(f"stone{i}", (0, 0, 0.1 + 0.2 * i), (0.3, 0.2, 0.2)) for i in range(blocks))
+    if control.split(",")[0] in ("yield", "displacement"):
+        text += jack(f"stone{blocks - 1}", (-0.15, 0.05, 0.2 * blocks - 0.1))
+    return toml.loads(text)
 
 
 @pytest.fixture(params=["concave", "convex"])

@@ -8,6 +8,8 @@ import pytest
 import dembrick
 from dembrick.errors import ScenarioError
 from dembrick.scenario import toml
+from helpers.scenario_text import block as floor
+from helpers.scenario_text import header
 
 TURNS = '["y", "rx", "ry", "rz"]'
 SLIDES = '["y", "rx", "ry", "rz"]'
@@ -18,14 +20,9 @@ DOUBLE_FIXED = (N * b + 0.5 * W * b) / h
 
 def blocks(control: str, *more: str, formulation="concave", friction=0.9, stiffness=1e11) -> str:
     """The text of a scenario with a floor and the tables ``more``."""
-    return "\n".join([
-        'title = "guided"', f"gravity = [0, 0, -{G}]", f"control = {{{control}}}",
-        f"joint = {{formulation = '{formulation}', friction = {friction}, normal_stiffness = {stiffness}, "
-        f"shear_stiffness = {0.4 * stiffness}}}",
-        "materials.stone.density = 2000.0", "materials.beam.density = 1000.0",
-        "[[blocks]]\nname = 'floor'\nmaterial = 'stone'\nbox = [4, 4, 0.2]\nposition = [0, 0, -0.1]\nfixed = true",
-        *more,
-    ])  # fmt: skip
+    text = f"control = {{{control}}}" + header(formulation, friction, stiffness)
+    text += "[materials.beam]\ndensity = 1000.0" + floor("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true")
+    return text + "\n".join(more)
 
 
 def block(name: str, box: list, z: float, *more: str) -> str:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import pickle
-import sys
 
 import numpy as np
 import pytest
 
 import dembrick
 from dembrick import history
-from dembrick.errors import HistoryError, MissingDependency
+from dembrick.errors import HistoryError
 from dembrick.runs import in_memory, lab
 from dembrick.scenario.controls import CONTROLS
 from dembrick.views.plot.subject import time_name
@@ -84,13 +83,6 @@ def test_a_dataset_names_dimensions_and_units(result):
     assert 0 < np.count_nonzero(bound) < len(bound)
     np.testing.assert_array_equal(data["upper"], np.where(bound, result.rows["upper"], np.inf))
     assert data["upper"].attrs["long_name"].endswith("inf stands for none")
-
-
-@pytest.mark.parametrize("library, method", [("pandas", "to_pandas"), ("xarray", "to_xarray")])
-def test_a_missing_library_is_named(result, monkeypatch, library, method):
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(MissingDependency, match=f"pip install {library}"):
-        getattr(result, method)()
 
 
 def test_without_a_record_there_is_no_table():

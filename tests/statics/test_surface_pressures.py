@@ -93,9 +93,7 @@ def test_a_tilt_in_the_geometry_of_the_start_refuses_pressures():
 
 def test_a_covered_face_feels_no_pressure():
     """Two blocks side by side: the joint between them is not loaded, only the bare end is."""
-    beside = courses([0.6], 1.2) + (
-        '[[blocks]]\nname = "dam.b"\nmaterial = "stone"\nbox = [0.6, 1.0, 0.5]\nposition = [0.6, 0.0, 0.25]\n'
-    )
+    beside = courses([0.6], 1.2) + block("dam.b", (0.6, 0.0, 0.25), (0.6, 1.0, 0.5))
     loads = assemble(scene(beside, "value = 5000.0", control=PUSH)).point_loads
     np.testing.assert_allclose(loads.force[:, 0].sum(), 5000.0 * 1.2, rtol=1e-12)
     upright = scene(beside, "value = 5000.0", control=PUSH)

@@ -224,14 +224,9 @@ def test_reactions_are_drawn_along_their_lines_of_action(tmp_path, drawing):
     these go the lines of the arrows, which are as long as the reactions are large."""
     text = header(title="beam", normal_stiffness=1e11)
     for name, x in (("left", -0.5), ("right", 0.3)):
-        text += (
-            f'[[blocks]]\nname = "{name}"\nmaterial = "stone"\nbox = [0.3, 0.2, 0.2]\nposition = [{x}, 0.0, -0.1]\n'
-            "fixed = true\n"
-        )
-    text += (
-        '[[blocks]]\nname = "beam"\nmaterial = "stone"\nbox = [1.2, 0.2, 0.2]\nposition = [0.0, 0.0, 0.1]\n'
-        '[control]\nkind = "settlement"\nsupports = ["right"]\ndisplacement = [0.1, 0.0, -0.02]\n'
-    )
+        text += block(name, (x, 0.0, -0.1), (0.3, 0.2, 0.2), "fixed = true")
+    text += block("beam", (0.0, 0.0, 0.1), (1.2, 0.2, 0.2))
+    text += '[control]\nkind = "settlement"\nsupports = ["right"]\ndisplacement = [0.1, 0.0, -0.02]\n'
     simulate(toml.loads(text), tmp_path / "beam.h5")
     with history.read(tmp_path / "beam.h5") as run:
         found = drawn(run, view="front", reactions=True, magnification=1.0)
