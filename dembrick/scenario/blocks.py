@@ -35,6 +35,15 @@ DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of the world, in which a block
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 MOST_VERTICES = 2000  # of a convex polyhedron
 
+# keys of blocks and of their parts
+BOX = declare("3 numbers > 0", "edge lengths of a box, centred on position", "m")
+PRISM = declare("table", "a convex polygon, extruded")
+VOUSSOIR = declare("table", "a stone of an arch")
+VERTICES = declare("at least 4 points", "the convex hull of these points", "m")
+MESH = declare("table", "a closed surface in a file")
+POSITION = declare("3 numbers", "world position of the origin of the shape", "m")
+ORIENTATION = declare("4 numbers (w, x, y, z)", "quaternion from body to world; scaled to length 1", "1")
+
 
 @dataclass(frozen=True, slots=True)
 class Prism:
@@ -103,22 +112,13 @@ class Part:
     """A convex part of a block: one shape (``box``, ``prism``, ``voussoir``, ``vertices`` or ``mesh``, as of a block),
     at a ``position`` (m) and with an ``orientation`` (quaternion) in the block's own coordinates."""
 
-    box: Vector | None = field(
-        default=None, metadata=declare("3 numbers > 0", "edge lengths of a box, centred on position", "m")
-    )
-    prism: Prism | None = field(default=None, metadata=declare("table", "a convex polygon, extruded"))
-    voussoir: Voussoir | None = field(default=None, metadata=declare("table", "a stone of an arch"))
-    vertices: tuple[Vector, ...] | None = field(
-        default=None, metadata=declare("at least 4 points", "the convex hull of these points", "m")
-    )
-    mesh: Mesh | None = field(default=None, metadata=declare("table", "a closed surface in a file"))
-    position: Vector = field(
-        default=(0.0, 0.0, 0.0), metadata=declare("3 numbers", "world position of the origin of the shape", "m")
-    )
-    orientation: Quaternion = field(
-        default=UPRIGHT,
-        metadata=declare("4 numbers (w, x, y, z)", "quaternion from body to world; scaled to length 1", "1"),
-    )
+    box: Vector | None = field(default=None, metadata=BOX)
+    prism: Prism | None = field(default=None, metadata=PRISM)
+    voussoir: Voussoir | None = field(default=None, metadata=VOUSSOIR)
+    vertices: tuple[Vector, ...] | None = field(default=None, metadata=VERTICES)
+    mesh: Mesh | None = field(default=None, metadata=MESH)
+    position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
+    orientation: Quaternion = field(default=UPRIGHT, metadata=ORIENTATION)
 
     def __post_init__(self):
         _check_solid(self, CONVEX_SOLIDS, "a part", "")
@@ -148,16 +148,9 @@ class Block:
         metadata=declare("text without control characters", "its name; what stands before a dot names a group")
     )
     material: str = field(metadata=declare("a material", "what it is made of"))
-    box: Vector | None = field(
-        default=None, metadata=declare("3 numbers > 0", "edge lengths of a box, centred on position", "m")
-    )
-    position: Vector | None = field(
-        default=None, metadata=declare("3 numbers", "world position of the origin of the shape", "m")
-    )
-    orientation: Quaternion = field(
-        default=UPRIGHT,
-        metadata=declare("4 numbers (w, x, y, z)", "quaternion from body to world; scaled to length 1", "1"),
-    )
+    box: Vector | None = field(default=None, metadata=BOX)
+    position: Vector | None = field(default=None, metadata=POSITION)
+    orientation: Quaternion = field(default=UPRIGHT, metadata=ORIENTATION)
     fixed: bool = field(default=False, metadata=declare("true, false", "a support that does not move"))
     velocity: Vector = field(
         default=(0.0, 0.0, 0.0),
@@ -170,12 +163,10 @@ class Block:
     group: str | None = field(
         default=None, metadata=declare("text", "a set of blocks that loads, supports and joint laws can name")
     )
-    prism: Prism | None = field(default=None, metadata=declare("table", "a convex polygon, extruded"))
-    voussoir: Voussoir | None = field(default=None, metadata=declare("table", "a stone of an arch"))
-    vertices: tuple[Vector, ...] | None = field(
-        default=None, metadata=declare("at least 4 points", "the convex hull of these points", "m")
-    )
-    mesh: Mesh | None = field(default=None, metadata=declare("table", "a closed surface in a file"))
+    prism: Prism | None = field(default=None, metadata=PRISM)
+    voussoir: Voussoir | None = field(default=None, metadata=VOUSSOIR)
+    vertices: tuple[Vector, ...] | None = field(default=None, metadata=VERTICES)
+    mesh: Mesh | None = field(default=None, metadata=MESH)
     parts: tuple[Part, ...] | None = field(
         default=None, metadata=declare("tables", "convex parts that make one rigid block")
     )
