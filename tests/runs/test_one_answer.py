@@ -16,9 +16,8 @@ from dembrick.runs.path_dependence import within
 from dembrick.scenario import toml
 from dembrick.views import page, plot, summary
 from helpers.scenario_text import block, header, jack
-from helpers.two_blocks import BLOCKS
+from helpers.two_blocks import BLOCKS, RATE
 
-RATE = BLOCKS.replace('"yield"', '"displacement"').replace("tolerance = 1.0e-3", "rate = 1e-5\ntravel = 6e-5")
 SLOPE = BLOCKS.partition("[[actuators]]")[0] + '[control]\nkind = "tilt"\naxis = [1.0, 0.0, 0.0]\n'
 RUNS = {
     "yield": BLOCKS,
