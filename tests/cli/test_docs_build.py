@@ -1,14 +1,9 @@
 """The builder of the documentation says why a cell of a tutorial failed."""
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tools"))
-
-import build_docs
-import reference_pages
-
 from dembrick.scenario import keys
+from helpers.places import tool_module
+
+build_docs, reference_pages = tool_module("build_docs"), tool_module("reference_pages")
 
 
 def test_the_reason_of_a_failed_cell_is_found(tmp_path):

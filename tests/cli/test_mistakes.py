@@ -1,7 +1,6 @@
 """Mistakes of users: the message says what to write; slips of units are warned of and not refused."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -15,8 +14,8 @@ from dembrick.runs.outcomes.result import printed, reaction_lines
 from dembrick.runs.study import plan
 from dembrick.scenario import toml
 from dembrick.scenario.units import unit_slips
+from helpers.places import SCENARIOS
 
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
 SET4A = (SCENARIOS / "set4a.toml").read_text()
 
 

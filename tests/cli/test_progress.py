@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numba
 import pytest
@@ -17,8 +16,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.simulation import session
 from dembrick.simulation.session import Progress
-
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
+from helpers.places import SCENARIOS
 
 
 class Clock:

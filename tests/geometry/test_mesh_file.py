@@ -8,13 +8,12 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.mesh_file import checked, convex_solids
 from dembrick.geometry.shapes import box
 from dembrick.scenario import toml
+from helpers.cad_files import QUADS, TRIANGLES
 from helpers.scenario_text import block, header, jack
 
 meshio = pytest.importorskip("meshio")
 
 CORNERS = np.array([[x, y, z] for z in (0.0, 0.1) for y in (0.0, 0.2) for x in (0.0, 0.3)])
-QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
-TRIANGLES = [(q[0], q[i], q[i + 1]) for q in QUADS for i in (1, 2)]
 TETRAHEDRA = [(0, 1, 2, 4), (1, 3, 2, 7), (1, 7, 4, 5), (2, 4, 7, 6), (1, 2, 4, 7)]
 
 SCENE = header(title="mesh", normal_stiffness=1e10)

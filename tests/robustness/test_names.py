@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import dembrick
+from helpers.places import ROOT
 
 PACKAGE = Path(dembrick.__file__).parent
-ROOT = Path(__file__).parents[2]  # of the checkout; the package may be installed elsewhere
 ROOMS = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"} - {"__init__", "__pycache__"}
 QUOTED = re.compile(r"(?<![`\w])`([A-Za-z_][\w./]*)(?:\(\))?`(?!`)")
 LIBRARIES = {"numpy", "h5py", "numba"}  # whose names are theirs

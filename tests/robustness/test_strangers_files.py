@@ -4,7 +4,6 @@ import io
 import json
 import os
 import sys
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -22,6 +21,7 @@ from dembrick.runs.study.draws import distribution
 from dembrick.scenario import toml
 from dembrick.views import plot
 from helpers import history_cases as cases
+from helpers.places import SCENARIOS
 
 # --- the kernel cache -------------------------------------------------------------------------------------------------
 
@@ -177,8 +177,7 @@ STUDY = """base = "base.toml"
     ],
 )
 def test_a_damaged_row_of_a_study_is_run_again(damage, tmp_path):
-    shipped = Path(__file__).parents[2] / "scenarios" / "set4a.toml"
-    (tmp_path / "base.toml").write_text(shipped.read_text())
+    (tmp_path / "base.toml").write_text((SCENARIOS / "set4a.toml").read_text())
     (tmp_path / "study.toml").write_text(STUDY)
     folder = tmp_path / "out"
     studies.sweep(tmp_path / "study.toml", folder)
@@ -208,14 +207,14 @@ def test_letters_that_an_output_does_not_know_are_no_error(monkeypatch, tmp_path
 
 @pytest.mark.parametrize("edge", [1e-20, 1e-160, 1e-200, 1e-310])
 def test_an_edge_of_next_to_nothing(edge):
-    text = (Path(__file__).parents[2] / "scenarios" / "set4a.toml").read_text()
+    text = (SCENARIOS / "set4a.toml").read_text()
     assert text.count("[0.3, 0.2, 0.1]") == 2
     with pytest.raises(ScenarioError, match=f"block 'lower': it is {edge:.3g} m thick; from 1e-09 m are taken"):
         assemble(toml.loads(text.replace("[0.3, 0.2, 0.1]", f"[0.3, 0.2, {edge!r}]")))
 
 
 def test_a_name_that_looks_like_a_formula_is_drawn(tmp_path):
-    text = (Path(__file__).parents[2] / "scenarios" / "set4a.toml").read_text()
+    text = (SCENARIOS / "set4a.toml").read_text()
     simulate(toml.loads(text.replace('title   = "', 'title   = "$\\\\frac{$ ')), tmp_path / "run.h5")
     with history.read(tmp_path / "run.h5") as found:
         assert found.title.startswith("$\\frac{$")

@@ -1,7 +1,6 @@
 """What a run is expected to take before it is made, against what it takes: a factor of two."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -13,9 +12,8 @@ from dembrick.scenario import toml
 from dembrick.simulation import expected_cost
 from dembrick.simulation.expected_cost import duration, motion_seconds, newton_seconds, newton_steps
 from helpers import pushed_assemblies
+from helpers.places import SCENARIOS
 from helpers.stone_scenes import law
-
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
 
 def planned(stem, *changes):

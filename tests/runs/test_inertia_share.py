@@ -1,7 +1,6 @@
 """Rates at which inertia shows in the load: a remark on standard error, which --quiet hides."""
 
 import math
-from pathlib import Path
 
 import pytest
 
@@ -10,8 +9,8 @@ from dembrick.cli import main
 from dembrick.runs.outcomes.error_estimate import effective_mass, inertia_remark, inertia_share
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
+from helpers.places import SCENARIOS
 
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
 CURVE = SCENARIOS / "set2b_curve.toml"
 CONCAVE = 'joint.formulation="concave"'
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +12,10 @@ from dembrick.runs import study as studies
 from dembrick.runs.path_dependence import path_lines, ranged, within
 from dembrick.scenario import toml
 from dembrick.views.key_numbers import key_numbers
+from helpers.places import SCENARIOS
 from helpers.scenario_text import block, header, jack
 from helpers.studies import read_csv, write_study
 
-SHIPPED = Path(__file__).resolve().parents[2] / "scenarios"
 DENSITY, G = 2000.0, 9.81
 
 FLOOR = block("floor", (0.0, 0.0, -0.1), (6.0, 4.0, 0.2), "fixed = true")
@@ -105,7 +104,7 @@ def test_a_limit_at_the_bound_may_be_missed_from_below():
 
 
 def test_wall_4_of_ferris_and_tin_loi_is_not_called_unique():
-    answer = told(toml.load(SHIPPED / "verification" / "ferris_tinloi_4.toml"))
+    answer = told(toml.load(SCENARIOS / "verification" / "ferris_tinloi_4.toml"))
     assert answer["collapse"]["load_factor"] == pytest.approx(0.263736, abs=1e-6)
     assert answer["associative"] == pytest.approx(0.33195, abs=1e-5)
     assert answer["path_dependent"] is True and answer["no_path_above"] is False

@@ -4,8 +4,6 @@ Joint 0.3 x 0.2 m, N = 467 N, friction 0.64, c = 10 kPa: c A = 600 N and c A + m
 """
 
 import dataclasses
-import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,10 +17,7 @@ from helpers.one_joint import A, B, N, scene, single
 from helpers.places import tool_module
 from helpers.stone_scenes import law, of_stone
 
-_FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_bonds.py"
-_SPEC = importlib.util.spec_from_file_location("drawn_bonds", _FILE)
-drawn = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(drawn)
+drawn = tool_module("drawn_bonds")
 drawn_walls = tool_module("drawn_walls")
 
 C = {"cohesion": 1e4}

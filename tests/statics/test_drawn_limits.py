@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +11,10 @@ from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DisplacementControl, PushoverControl, TiltControl, YieldControl
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material
+from helpers.places import tool_module
 from helpers.stone_scenes import of_stone
 
-_FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_limits.py"
-_SPEC = importlib.util.spec_from_file_location("drawn_limits", _FILE)
-drawn = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(drawn)
+drawn = tool_module("drawn_limits")
 
 SIZE = (0.2, 0.2, 0.4)
 SMALL = (0.197804757, 0.172815638, 0.09432911)

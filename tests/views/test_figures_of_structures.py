@@ -1,7 +1,6 @@
 """What figures and pages say of arches and shaken blocks: quantities that one joint or one actuator does not have."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +15,9 @@ from dembrick.scenario.time_functions import Sine
 from dembrick.views import page, plot
 from dembrick.views.plot.joint_plane import _used, joint_stages
 from dembrick.views.plot.paths import joint_path
+from helpers.places import SCENARIOS
 from helpers.stone_scenes import law, of_stone
 
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
 G = 9.81
 
 
