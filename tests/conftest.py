@@ -58,6 +58,13 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder, in which the test works."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def stop_after(monkeypatch):
     """Chunks of one step, without waiting for the disk; and what has a signal come after so many of them."""
     from helpers.restart_cases import signal_at_look

@@ -74,13 +74,12 @@ def test_gap_of_four_points():
     np.testing.assert_allclose(gap, 1.0 - 1.0 / np.sqrt(3.0), rtol=1e-9)
 
 
-def test_the_command_line_ends_with_three(tmp_path, monkeypatch, capsys):
-    (tmp_path / "pile.toml").write_text(
+def test_the_command_line_ends_with_three(folder, capsys):
+    (folder / "pile.toml").write_text(
         header("distributed", 0.7, 1e11)
         + '[[stacks]]\nname = "pile"\nmaterial = "stone"\nblocks = 4\nbox = [0.5, 0.3, 0.2]\nbase = 0.1\n[control]\n'
         'kind = "tilt"\ndisplacement = 0.02\naxis = [1, 0, 0]\nquasi_static = true\n'
     )
-    monkeypatch.chdir(tmp_path)
     assert cli.main(["run", "pile.toml"]) == 3
     said = capsys.readouterr().err
     assert "half width inside the edge" in said and "miss the continuum by -" in said and "joint.points" in said

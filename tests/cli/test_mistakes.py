@@ -74,8 +74,7 @@ def test_set_takes_a_path(path):
     [["check"], ["run"], ["limit"], ["sweep"], ["plot"], ["render", "--to", "a.png"], ["info"], ["schema", "--out"]],
     ids=lambda words: words[0],
 )
-def test_a_name_too_long_for_any_file(words, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_name_too_long_for_any_file(words, folder, capsys):
     assert main([*words, "9" * 400]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: 999")

@@ -15,11 +15,7 @@ BEGINS = {  # of files, by ending
 }  # fmt: skip
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """Every test works in an empty folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("folder")  # every test works in an empty one
 
 
 @pytest.fixture

@@ -14,8 +14,7 @@ from helpers.places import ROOT
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_python_block_runs_and_says_what_it_should(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_python_block_runs_and_says_what_it_should(folder, capsys):
     (block,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
     names: dict = {}
     exec(block, names)
@@ -46,19 +45,18 @@ def test_it_is_a_door_and_no_report():
     assert len(TEXT.encode()) <= 10_000
 
 
-def test_its_scenario_is_complete_and_its_commands_run(tmp_path, monkeypatch, capsys):
+def test_its_scenario_is_complete_and_its_commands_run(folder, capsys):
     """The scenario as it stands, and every command beside it, in their order."""
-    monkeypatch.chdir(tmp_path)
     (scenario,) = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)
-    (tmp_path / "wall.toml").write_text(scenario)
+    (folder / "wall.toml").write_text(scenario)
     commands = re.findall(r"^    dembrick (.*?)(?: {2,}#.*)?$", TEXT, re.MULTILINE)
     assert len(commands) == 7
     for command in commands:
         assert cli.main(command.split()) == 0, command
     printed = capsys.readouterr().out
     assert "collapse" in printed and "certified" in printed
-    assert {path.suffix for path in (tmp_path / "results").iterdir()} >= {".h5"}
-    assert (tmp_path / "curve.pdf").stat().st_size > 5000 and (tmp_path / "wall.png").stat().st_size > 5000
+    assert {path.suffix for path in (folder / "results").iterdir()} >= {".h5"}
+    assert (folder / "curve.pdf").stat().st_size > 5000 and (folder / "wall.png").stat().st_size > 5000
 
 
 def test_every_command_it_names_exists():

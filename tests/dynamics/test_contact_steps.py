@@ -142,14 +142,13 @@ def test_shorter_steps_are_the_remedy():
     assert result.displacement[1, 2] < -1e-3
 
 
-def test_what_was_simulated_is_on_disk(tmp_path, monkeypatch, capsys):
+def test_what_was_simulated_is_on_disk(folder, capsys):
     """Exit code 1, one sentence, and a history up to there."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "ball.toml").write_text(dumps(squeezed()))
+    (folder / "ball.toml").write_text(dumps(squeezed()))
     assert main(["run", "ball.toml", "--out", "ball.h5"]) == 1
     error = capsys.readouterr().err
     assert "lower solver.step_factor" in error and "Traceback" not in error
-    with history.read(tmp_path / "ball.h5") as file:
+    with history.read(folder / "ball.h5") as file:
         assert 10 < len(file.time) and 0.03 < file.time[-1] < 0.1
 
 

@@ -34,13 +34,12 @@ def write(path, time, value, quantity="acceleration"):
 
 
 @pytest.mark.parametrize("quantity", ["acceleration", "velocity", "displacement"])
-def test_a_file_shakes_as_the_curve_that_it_samples(quantity, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_file_shakes_as_the_curve_that_it_samples(quantity, folder):
     shape, time = (
         Sine({"acceleration": 4.0, "velocity": 0.6, "displacement": 0.1}[quantity], 1.0, 0.3),
         np.linspace(0, 1, 1001),
     )
-    file = write(tmp_path / "base.csv", time, shape.amplitude * np.sin(2.0 * math.pi * time + 0.3), quantity)
+    file = write(folder / "base.csv", time, shape.amplitude * np.sin(2.0 * math.pi * time + 0.3), quantity)
     common = {"duration": 0.8, "direction": (0.0, 1.0, 0.0), "quantity": quantity}
     by_curve = simulate(block_on_floor(BaseMotionControl(sine=shape, **common)))
     by_file = simulate(block_on_floor(BaseMotionControl(file=file, **common)))
@@ -90,20 +89,18 @@ def test_histories_that_are_refused(name, tmp_path):
         read_samples(tmp_path / "base.csv", 1.0, "acceleration")
 
 
-def test_a_history_finer_than_the_time_step_is_refused(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_history_finer_than_the_time_step_is_refused(folder):
     time = np.arange(0.0, 0.011, 1e-6)
-    file = write(tmp_path / "base.csv", time, np.zeros(len(time)))
+    file = write(folder / "base.csv", time, np.zeros(len(time)))
     with pytest.raises(ScenarioError, match=r"base.csv: its step of 1e-06 s is shorter than the time step"):
         simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file=file)))
     with pytest.raises(ScenarioError, match="there.csv: there is no such file"):
         simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file="there.csv")))
 
 
-def test_a_load_history_pushes(tmp_path, monkeypatch):
+def test_a_load_history_pushes(folder):
     """A force that a file doubles half way: F/m less friction, twice."""
-    monkeypatch.chdir(tmp_path)
-    file = write(tmp_path / "push.csv", [0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 1.0, 1.0], "factor")
+    file = write(folder / "push.csv", [0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 1.0, 1.0], "factor")
     push = Load("block", (12.0 * 4.0, 0.0, 0.0), history=file)
     result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
     time = result.run.motion.time
@@ -125,10 +122,9 @@ def test_a_record_that_has_ended_is_zero(tmp_path):
         np.testing.assert_array_equal(after, 0.0)
 
 
-def test_supports_do_not_stop_all_at_once_at_the_end_of_a_record(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_supports_do_not_stop_all_at_once_at_the_end_of_a_record(folder):
     time = np.linspace(0.0, 0.2, 201)
-    file = write(tmp_path / "ramp.csv", time, 3.0 * time, "velocity")
+    file = write(folder / "ramp.csv", time, 3.0 * time, "velocity")
     control = BaseMotionControl(0.4, (1.0, 0.0, 0.0), file=file, quantity="velocity")
     with pytest.raises(ScenarioError, match=r"the supports have 0.6 m/s at its end at 0.2 s, and would stop at once"):
         simulate(block_on_floor(control))
@@ -154,11 +150,10 @@ def test_a_baseline_lets_the_supports_end_where_they_began(tmp_path):
     np.testing.assert_allclose(again.value, corrected.value, atol=1e-10)
 
 
-def test_a_block_that_sticks_comes_back_with_its_baseline(tmp_path, monkeypatch):
+def test_a_block_that_sticks_comes_back_with_its_baseline(folder):
     """Seen from the supports it rests, so only their recorded acceleration tells: its integral is zero."""
-    monkeypatch.chdir(tmp_path)
     time = np.linspace(0.0, 0.5, 501)
-    file = write(tmp_path / "base.csv", time, 0.5 * np.sin(2.0 * np.pi * time) + 0.2)
+    file = write(folder / "base.csv", time, 0.5 * np.sin(2.0 * np.pi * time) + 0.2)
     for baseline, left in ((True, 0.0), (False, 0.5 / np.pi + 0.1)):
         control = BaseMotionControl(0.8, (1.0, 0.0, 0.0), file=file, baseline=baseline)
         rows = simulate(block_on_floor(control)).rows

@@ -114,8 +114,7 @@ def moved(tmp_path_factory):
     return alone
 
 
-def test_a_history_runs_again_where_nothing_else_is(moved, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_history_runs_again_where_nothing_else_is(moved, folder, capsys):
     assert main(["run", str(moved), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)["history"]
     same_numbers(moved, again)
@@ -123,8 +122,7 @@ def test_a_history_runs_again_where_nothing_else_is(moved, tmp_path, monkeypatch
     same_numbers(moved, "third.h5")
 
 
-def test_python_and_the_other_commands_take_a_history_as_a_scenario(moved, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_python_and_the_other_commands_take_a_history_as_a_scenario(moved, folder, capsys):
     scenario = dembrick.load(moved)
     assert [block.name for block in scenario.all_blocks] == ["cap", "cad.ground", "cad.post"]
     dembrick.simulate(moved, "again.h5", progress=False)
@@ -141,15 +139,14 @@ def test_python_and_the_other_commands_take_a_history_as_a_scenario(moved, tmp_p
     assert dembrick.simulate(changed, progress=False).displacement[-1].any()
 
 
-def test_a_record_that_set_names_is_looked_for_beside_the_history(moved, tmp_path, monkeypatch, capsys):
-    here = tmp_path / "run.h5"
+def test_a_record_that_set_names_is_looked_for_beside_the_history(moved, folder, capsys):
+    here = folder / "run.h5"
     shutil.copy(moved, here)
-    monkeypatch.chdir(tmp_path)
     assert main(["run", "run.h5", "--set", "control.file=still.csv", "--out", "still.h5"]) == 2
     assert "still.csv: there is no such file" in capsys.readouterr().err
-    (tmp_path / "still.csv").write_text(table("acceleration [m/s2]", np.arange(0.0, 0.4, 0.01), np.zeros(40)))
+    (folder / "still.csv").write_text(table("acceleration [m/s2]", np.arange(0.0, 0.4, 0.01), np.zeros(40)))
     assert main(["run", "run.h5", "--set", "control.file=still.csv", "--out", "still.h5"]) == 0
-    with dembrick.read_history(here) as shaken, dembrick.read_history(tmp_path / "still.h5") as still:
+    with dembrick.read_history(here) as shaken, dembrick.read_history(folder / "still.h5") as still:
         assert not np.array_equal(shaken.displacement, still.displacement)
 
 

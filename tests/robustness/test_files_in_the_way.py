@@ -21,10 +21,9 @@ SET4A = (ROOT / "scenarios" / "set4a.toml").read_text()
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.toml").write_text(SET4A)
-    return tmp_path
+def folder(folder):
+    (folder / "mine.toml").write_text(SET4A)
+    return folder
 
 
 @pytest.fixture

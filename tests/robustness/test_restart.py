@@ -155,12 +155,11 @@ def test_a_polygon_that_is_not_there_is_refused(tmp_path, stop_after, array):
         restart(path)
 
 
-def test_a_history_is_enough_to_run_again(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_history_is_enough_to_run_again(folder, capsys):
     given = case("set4a", "concave")
-    simulate(given, tmp_path / "first.h5")
+    simulate(given, folder / "first.h5")
     assert main(["run", "first.h5", "--quiet"]) == 0
-    assert os.listdir(tmp_path / "results") == ["first.h5"]
+    assert os.listdir(folder / "results") == ["first.h5"]
     first, again = content("first.h5"), content("results/first.h5")
     assert again["results"].pop("scenario") == "first.h5" and first["results"].pop("scenario") == given.path
     assert first["results"] == again["results"]

@@ -82,15 +82,14 @@ def test_an_escape_sequence_in_a_figure_does_not_reach_the_terminal(tmp_path, en
 
 
 @pytest.mark.parametrize("command", ["check", "run", "limit", "render --to a.png"])
-def test_a_pipe_that_nobody_writes_to_is_not_waited_for(command, tmp_path, monkeypatch, capsys):
+def test_a_pipe_that_nobody_writes_to_is_not_waited_for(command, folder, monkeypatch, capsys):
     monkeypatch.setattr(text_files, "PATIENCE", 0.1)
-    pipe = tmp_path / "pipe.toml"
+    pipe = folder / "pipe.toml"
     os.mkfifo(pipe)
     verb, *more = command.split()
-    monkeypatch.chdir(tmp_path)
     assert main([verb, str(pipe), *more]) == 2
     assert "nothing came through this pipe within 0.1 s" in capsys.readouterr().err
-    assert sorted(os.listdir(tmp_path)) == ["pipe.toml"]
+    assert sorted(os.listdir(folder)) == ["pipe.toml"]
 
 
 def test_a_scenario_may_come_through_a_pipe(tmp_path, capsys):
@@ -124,9 +123,8 @@ def test_a_scenario_may_come_through_a_pipe(tmp_path, capsys):
         (["run", "set4a", "--out", "absent/folder/a.h5"], 2),
     ],
 )
-def test_every_error_is_one_json_object(arguments, code, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bad.toml").write_text("title = 1\n")
+def test_every_error_is_one_json_object(arguments, code, folder, capsys):
+    (folder / "bad.toml").write_text("title = 1\n")
     try:
         found = main([*arguments, "--json"])
     except SystemExit as leaving:

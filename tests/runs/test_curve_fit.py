@@ -154,25 +154,24 @@ def test_data_that_cannot_be_fitted(curve, start):
             curve_fit.fit_curves([toml.load(kind)], [measured(curve, 5e-8, 3.4e-6, 1)], ["joint.friction"])
 
 
-def test_the_commands(curve, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_commands(curve, folder, capsys):
     _, u, V = measured(curve, 5e-8, 3.4e-6, 3)
     lines = [f"{1e6 * x:.8f},{1e-3 * y:.8f}" for x, y in zip(u, V, strict=True)]
-    (tmp_path / "lab.csv").write_text("\n".join(["displacement [um],force [kN]", *lines]))
-    (tmp_path / "test.toml").write_text(toml.dumps(toml.load("set4a_curve", [*SHORT, *START])))
+    (folder / "lab.csv").write_text("\n".join(["displacement [um],force [kN]", *lines]))
+    (folder / "test.toml").write_text(toml.dumps(toml.load("set4a_curve", [*SHORT, *START])))
     args = ["fit", "--lab", "lab.csv", "test.toml", "--vary", ",".join(TRUE), "--out", "fitted.toml", "--json"]
     assert cli.main(args) == 0
     told = json.loads(capsys.readouterr().out)
     assert set(told["fit"]) == set(TRUE) and set(told["misfit"]) == {"rms", "peak", "stiffness", "energy"}
     fitted = toml.load("fitted.toml")
     assert fitted.joint.friction == told["fit"]["joint.friction"]["value"]
-    dembrick.simulate(fitted, tmp_path / "fitted.h5")
+    dembrick.simulate(fitted, folder / "fitted.h5")
     assert cli.main(["plot", "fitted.h5", "--lab", "lab.csv", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["misfit"] == pytest.approx(told["misfit"], rel=1e-6)
     assert cli.main(["plot", "fitted.h5", "--lab", "lab.csv", "--force"]) == 0
     assert "misfit: rms" in capsys.readouterr().out
     assert cli.main([*args[:-3], "--formulation", "convex"]) == 2
     assert "--formulation belongs to yield points" in capsys.readouterr().err
-    (tmp_path / "lab.csv").write_text("\n".join(["displacement,force", *lines]))
+    (folder / "lab.csv").write_text("\n".join(["displacement,force", *lines]))
     assert cli.main(["fit", "--lab", "lab.csv", "test.toml", "--vary", "joint.friction"]) == 2
     assert "unit" in capsys.readouterr().err

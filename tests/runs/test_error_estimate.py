@@ -50,8 +50,7 @@ def test_every_kind_is_refined_or_refused():
     assert slower.control == stiffer[1].scenario.control and stiffer[0].scenario.joint.shear_stiffness == 8e9
 
 
-def test_what_is_printed(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_printed(folder, capsys):
     assert cli.main(["run", str(SCENARIOS / "newmark_pulse.toml"), "--refine"]) == 0
     said = capsys.readouterr().out
     (words,) = (line.split() for line in said.splitlines() if " +- " in line and line.startswith("residual"))

@@ -123,16 +123,15 @@ def test_shipped_names_stand_for_files(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("name", sorted(shipped.templates()))
-def test_a_template_is_a_scenario_to_start_from(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_template_is_a_scenario_to_start_from(name, folder, capsys):
     assert cli.main(["new", name]) == 0
-    assert shipped.description(tmp_path / f"{name}.toml")
-    first = (tmp_path / f"{name}.toml").read_text().splitlines()[0]
+    assert shipped.description(folder / f"{name}.toml")
+    first = (folder / f"{name}.toml").read_text().splitlines()[0]
     if name != "study":
-        assert (tmp_path / first.removeprefix("#:schema ")).is_file()
+        assert (folder / first.removeprefix("#:schema ")).is_file()
         assert cli.main(["check", f"{name}.toml", "--quiet"]) == 0
     capsys.readouterr()
-    (tmp_path / f"{name}.toml").write_text("mine")
+    (folder / f"{name}.toml").write_text("mine")
     assert cli.main(["new", name]) == 2
     assert "exists" in capsys.readouterr().err
 
@@ -147,15 +146,13 @@ def test_a_shipped_scenario_is_one_to_start_from_too(tmp_path, monkeypatch, caps
     assert "did you mean 'house'" in capsys.readouterr().err
 
 
-def test_a_template_study_runs(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_template_study_runs(folder, capsys):
     assert cli.main(["new", "study", "study.toml"]) == 0
     assert cli.main(["sweep", "study.toml", "--jobs", "1", "--quiet"]) == 0
-    assert len((tmp_path / "results" / "study" / "table.csv").read_text().splitlines()) == 21
+    assert len((folder / "results" / "study" / "table.csv").read_text().splitlines()) == 21
 
 
-def test_examples_are_listed_printed_and_copied(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_examples_are_listed_printed_and_copied(folder, capsys):
     assert cli.main(["examples", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["examples"]
     assert "set4a" in told and "studies/friction_scatter" in told
@@ -165,8 +162,8 @@ def test_examples_are_listed_printed_and_copied(tmp_path, monkeypatch, capsys):
     assert cli.main(["examples", "arch"]) == 0
     assert capsys.readouterr().out.splitlines()[1].startswith("# A semicircular arch")
     assert cli.main(["examples", "--copy", "mine"]) == 0
-    assert (tmp_path / "mine" / shipped.SCHEMA).exists()
-    assert (tmp_path / "mine" / "studies" / "friction_scatter.toml").exists()
+    assert (folder / "mine" / shipped.SCHEMA).exists()
+    assert (folder / "mine" / "studies" / "friction_scatter.toml").exists()
     assert cli.main(["examples", "--copy", "mine"]) == 2
     assert cli.main(["examples", "arhc"]) == 2
     assert "did you mean" in capsys.readouterr().err

@@ -134,13 +134,12 @@ def test_the_schema_refuses_what_is_wrong(key, value):
         valid(document, keys.json_schema())
 
 
-def test_the_command_prints_and_writes_the_schema(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_prints_and_writes_the_schema(folder, capsys):
     assert cli.main(["schema"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["properties"]["joint"]["properties"]["friction"]["description"].startswith("coefficient of Coulomb")
     assert cli.main(["schema", "--out", "s.json"]) == 0
-    assert json.loads((tmp_path / "s.json").read_text()) == printed
+    assert json.loads((folder / "s.json").read_text()) == printed
     assert cli.main(["schema", "--out", "s.json"]) == 2
 
 

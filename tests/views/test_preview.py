@@ -27,14 +27,13 @@ def test_the_history_before_a_run_has_the_blocks_at_rest(name):
 
 
 @pytest.mark.parametrize("command", ["render set4a --to start.png", "check set4a --picture start.png"])
-def test_a_shipped_scenario_is_drawn_and_no_picture_of_another_is_lost(tmp_path, monkeypatch, capsys, drawing, command):
-    monkeypatch.chdir(tmp_path)
+def test_a_shipped_scenario_is_drawn_and_no_picture_of_another_is_lost(folder, capsys, drawing, command):
     assert cli.main(command.split()) == 0
-    first = (tmp_path / "start.png").read_bytes()
+    first = (folder / "start.png").read_bytes()
     assert first.startswith(b"\x89PNG")
     other = command.replace("set4a", "set2a")
     assert cli.main(other.split()) == 2
-    assert "--force" in capsys.readouterr().err and (tmp_path / "start.png").read_bytes() == first
+    assert "--force" in capsys.readouterr().err and (folder / "start.png").read_bytes() == first
     assert cli.main([*other.split(), "--force"]) == 0
 
 
@@ -114,11 +113,10 @@ def test_a_scenario_that_is_wrong_is_not_drawn(tmp_path, capsys):
     assert "friction" in capsys.readouterr().err and not (tmp_path / "a.png").exists()
 
 
-def test_blocks_that_overlap_are_drawn_in_red(tmp_path, monkeypatch, capsys, drawing):
+def test_blocks_that_overlap_are_drawn_in_red(folder, capsys, drawing):
     """Nothing else is: the picture of the same blocks without an overlap has no red in it."""
     from PIL import Image
 
-    monkeypatch.chdir(tmp_path)
     stray = '{name="stray", material="stone", box=[0.4, 0.4, 0.4], position=[0.1, 0.1, %s]}'
     red = {}
     for name, height, code in (("clear", "1.2", 0), ("in", "1.05", 2)):
