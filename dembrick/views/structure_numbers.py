@@ -15,7 +15,7 @@ _WRENCH = 6  # numbers of a reaction
 
 
 def of_path(beside: Mapping, unit: str) -> Iterator[tuple[str, str, str]]:
-    """What other paths bear, from what stands beside a limit load in ``unit`` (``collapse`` or ``path``)."""
+    """Lines on what other paths bear, from what stands beside a limit load in ``unit`` (``collapse`` or ``path``)."""
     after, at = number(beside.get("mechanism_load_factor")), number(beside.get("load_factor"))
     if after is not None and at is not None and after < at:
         told = f"{'' if unit else 'load factor '}{known(after, 0.0, 5)} {unit}".rstrip()

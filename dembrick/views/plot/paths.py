@@ -39,7 +39,7 @@ class Section(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What a legend calls it."""
+        """Name in a legend."""
         shown = "convex, exact" if self.formulation == "convex" else self.formulation
         return f"limit surface, {shown}{self.bond and f', {self.bond}'}"
 
