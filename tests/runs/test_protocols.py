@@ -46,6 +46,54 @@ def test_friction_work_of_a_slider():
     assert len(found.cycles) == 2 and found.status == "completed"
 
 
+ONE = jack("stone", (0.0, 0.0, 0.05), (1.0, 0.0, 0.0))
+COUPLE = jack("stone", (0.2, 0.0, 0.05), (0.0, 1.0, 0.0))
+COUPLE += jack("stone", (-0.2, 0.0, 0.05), (0.0, 1.0, 0.0)).replace("jack", "other") + "weight = -1.0\n"
+POST = block("post", (1.0, 0.0, 0.3), (0.2, 0.2, 0.6), "fixed = true")
+TIE = """[[ties]]
+between = [{ block = "stone", point = [0.2, 0.0, 0.0] }, { block = "post", point = [0.9, 0.0, 0.0] }]
+stiffness = 1e7
+strength = 60.0
+tension_only = false
+"""
+STONE_N = 0.4 * 0.4 * 0.1 * 2000.0 * 9.81
+
+
+@pytest.mark.parametrize("large", [False, True])
+@pytest.mark.parametrize(
+    "jacks, lost",
+    [
+        (ONE, STONE_N),
+        (ONE + "weight = 2.0\n", STONE_N),
+        (COUPLE, 0.765196 * STONE_N),
+        (ONE + POST + TIE, STONE_N + 120.0),
+    ],
+)
+def test_what_a_cycle_loses_is_the_work_of_all_actuators(jacks, lost, large):
+    """A slider over 2 (umax - umin), less what is elastic; a couple turns at M_T0 = .3826 mu N a; a tie that yields
+    both ways takes its part. No loop is fuller than a rectangle, of 2 / pi."""
+    text = header(formulation="convex", friction=0.5, normal_stiffness=1e10)
+    text += block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true") + block("stone", (0, 0, 0.05), (0.4, 0.4, 0.1))
+    rate = 1e-4 if large else 1e-5
+    text += f'{jacks}[control]\nkind = "displacement"\nrate = {rate}\nprotocol = [0.0, 1e-4, -1e-4, 1e-4, -1e-4]\n'
+    (cycle,) = dembrick.simulate(toml.loads(text + f"large_displacements = {str(large).lower()}\n")).cycles
+    assert 0.90 < cycle["dissipated"] / (lost * 2e-4) < 1.0
+    assert 0.55 < cycle["damping"] < 2.0 / np.pi
+
+
+def test_a_test_that_turns_ends_with_what_it_carries_then():
+    """It slides back: minus mu N, whatever its peaks were; they have their own bars, which hold mu N."""
+    text = header(formulation="concave", friction=0.5, normal_stiffness=1e10)
+    text += block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true") + block("stone", (0, 0, 0.05), (0.4, 0.4, 0.1))
+    text += jack("stone", (-0.2, 0.0, 0.1), (1.0, 0.0, 0.0))
+    text += '[control]\nkind = "displacement"\nrate = 1e-4\nprotocol = [0.0, 2e-5, -2e-5, 2e-5, -2e-5]\n'
+    found = dembrick.simulate(toml.loads(text))
+    assert found.yield_point.V == pytest.approx(-0.5 * STONE_N, rel=2e-3) and found.yield_point.V_upper is None
+    (cycle,) = found.cycles
+    for sense, low, high in zip((-1.0, 1.0), cycle["V_lower"], cycle["V_upper"], strict=True):
+        assert low <= sense * 0.5 * STONE_N <= high
+
+
 @pytest.mark.parametrize("formulation", ["convex", "concave", "corrected", "corrected-shear", "distributed"])
 def test_peaks_are_the_limit_load_both_ways(formulation):
     scenario = to_and_fro((U, -U, U), formulation=formulation)

@@ -1,4 +1,4 @@
-"""Cycles of a test that goes to and fro: the greatest force of each half, what is dissipated, what stays.
+"""Cycles of a test that goes to and fro: the greatest force of each half, the energy that is lost, what stays.
 
 A cycle is a full loop, from a turning point to the next but one; the first begins at the first turning point after the
 start. A rest of a loop is none: a record that ends about half way back or earlier after its last turning point.
@@ -16,19 +16,24 @@ if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
 
+LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: what does not come back
 WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
 CLOSED = 1e-6  # of the range of displacements, by which a loop may miss its start
 DRIFTS, PLATEAU = 10, 1e-2  # part of a half cycle before its peak, in which the force of a plateau grows by less
 
 
-def cycles_of(scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequence[int]) -> list[dict] | None:
+def cycles_of(
+    scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequence[int], weight: float = 1.0
+) -> list[dict] | None:
     """The cycles of a run by its ``rows``, of which ``turns`` are those at the turning points; None if it does
-    not turn, or kept no record.
+    not turn, or kept no record. ``weight``: the sum of the weights of the actuators, without their signs, as their work
+    is that times V du.
 
     Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of them, ``dissipated`` (J):
-    the friction work, or where no energies are recorded the area of the loop until it is back at the displacement of
-    its start, None if it does not come back there; ``damping``: that over 2 pi V_a u_a, of half the ranges of force and
-    displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
+    the work of `LOSSES`, or where no energies are recorded that of the actuators over the loop until it is back at the
+    displacement of its start, None if it does not come back there; ``damping``: that over 2 pi F_a u_a, of half the
+    ranges of the force, ``weight`` times V, and of the displacement; ``residual`` (m): where V passes zero after the
+    second peak, None if it does not.
     """
     control = scenario.control
     if not control.cyclic or not len(rows.get("load", ())):
@@ -37,17 +42,17 @@ def cycles_of(scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequenc
     V, u = np.asarray(rows["load"], float), np.asarray(rows["displacement"], float)
     noise = np.asarray(rows["unbalanced"], float) * _greatest_force(rows, V)
     energies: Mapping = rows.get("energy") or {}  # type: ignore[assignment]
-    friction = energies.get("friction")
+    lost = sum(np.asarray(energies[name], float) for name in LOSSES) if energies else None
     found = []
     for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
         if last == len(u) - 1 and abs(u[last] - u[middle]) <= WAY_BACK * abs(u[first] - u[middle]):
             break
         loop = slice(first, last + 1)
         dissipated = (
-            _area(V[loop], u[loop], middle - first) if friction is None else float(friction[last] - friction[first])
+            _area(weight * V[loop], u[loop], middle - first) if lost is None else float(lost[last] - lost[first])
         )
         halves = [_peak(V, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
-        sizes = 0.25 * float(np.ptp(V[loop]) * np.ptp(u[loop]))
+        sizes = 0.25 * weight * float(np.ptp(V[loop]) * np.ptp(u[loop]))
         found.append(
             {
                 "peak": [float(V[at]) for at, _ in halves],
@@ -91,8 +96,8 @@ def _peak(V: np.ndarray, noise: np.ndarray, first: int, last: int, equilibria: b
 
 
 def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
-    """The work (J) of V along a loop with its turning point at ``middle``, until it is back at its first displacement,
-    between two rows; None if it does not come back."""
+    """The work (J) of a force V along a loop with its turning point at ``middle``, until it is back at its first
+    displacement, between two rows; None if it does not come back."""
     way = 1.0 if u[0] > u[middle] else -1.0
     back = middle + np.flatnonzero(way * (u[middle:] - u[0]) >= -CLOSED * np.ptp(u))
     if not len(back):

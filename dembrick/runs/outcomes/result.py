@@ -104,7 +104,9 @@ class RunResult:
     def cycles(self) -> list[dict] | None:
         """Peaks with their bars (N), dissipated energy (J), damping and residual displacement (m) of every cycle of a
         protocol, see `cycles.cycles_of`; None without one, or without a record."""
-        return cycles_of(self.scenario, self.rows, getattr(self.run, "turns", None) or ())
+        turns = getattr(self.run, "turns", None) or ()
+        weight = float(np.abs(self.assembly.actuators.weight).sum())
+        return cycles_of(self.scenario, self.rows, turns, weight)
 
     @property
     def cycle_lines(self) -> list[str]:

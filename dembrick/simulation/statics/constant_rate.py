@@ -138,10 +138,10 @@ def push_at_constant_rate(
 
 
 def _of_cycles(point: YieldPoint) -> YieldPoint:
-    """``point`` of a test that turns: a certified bracket is that of the first direction, else V is its greatest."""
+    """``point`` of a test that turns: a certified bracket is that of the first direction, else V is that at the end."""
     if point.bracket == "certified":
         return point
-    return replace(point, V=point.V_peak, V_lower=point.V_peak, V_upper=None, bracket="open")
+    return replace(point, V=point.actuator_load, V_lower=point.actuator_load, V_upper=None, bracket="open")
 
 
 def _steady(
