@@ -107,6 +107,8 @@ def _at_rest(law: CustomLaw, laws: Sequence[JointLaw], area: np.ndarray, at: np.
         memory=np.zeros((len(area), ANSWERS + len(law.memory))),
         at=at,
         answer=np.zeros((len(area), ANSWERS)),
+        since=np.zeros((len(area), 3)),
+        tried=np.zeros((len(area), ANSWERS + len(law.memory))),
     )
 
 

@@ -11,8 +11,6 @@ from dembrick.kernels.joint.ties import TIE, Ties
 if TYPE_CHECKING:
     from dembrick.assembly.ties import TieTable
 
-HOLDS = 1e-6  # of its strength: a tie that carries so much less rests below it
-
 
 def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> Ties:
     """The ties of a table as drawn, their blocks at a ``position`` (n, 3) m and a ``rotation`` (n, 3, 3)."""
@@ -34,12 +32,6 @@ def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> 
         force=table.prestress[:, None] * table.direction,
         arm=table.ends.arm.copy(),
     )
-
-
-def rest_below_strength(ties: Ties) -> np.ndarray:
-    """Which ties (t,) carry less than that at which they yield, in tension and in compression."""
-    tension, short = ties.now["tension"], 1.0 - HOLDS
-    return (tension < short * ties.strength) & ((ties.least == 0.0) | (tension > short * ties.least))
 
 
 def at_ends(ties: Ties, blocks: int) -> np.ndarray:

@@ -147,7 +147,7 @@ class MovingPoints:
 
     def rows_of(self, point):
         """`Custom` of two points, from number ``point`` on."""
-        names = ("move", "record", "memory", "answer")
+        names = ("move", "record", "memory", "answer", "since", "tried")
         return self.custom._replace(**{name: getattr(self.custom, name)[point * W : (point + 2) * W] for name in names})
 
     @property

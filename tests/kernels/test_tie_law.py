@@ -42,7 +42,7 @@ def test_both_engines_stretch_a_tie_alike(kind):
         ties.pull(state)
         yielded = ties.remember(state)
         last = float(moving.now[0].tension)
-        stretch(moving, 0, 0.0, 0.0, 0.2 + e)
+        stretch(moving, 0, False, 0.0, 0.0, 0.2 + e)
         assert moving.now[0].length == pytest.approx(0.2 + e, rel=1e-15)
         assert moving.now[0].tension == pytest.approx(state.ties.tension[0], rel=1e-9, abs=1e-9)
         assert moving.now[0].yielded == pytest.approx(state.ties.yielded[0], rel=1e-9, abs=1e-15)

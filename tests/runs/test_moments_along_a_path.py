@@ -47,11 +47,12 @@ STRENGTH = {"concave": MU * WEIGHT * 0.5 * math.hypot(A, B), "convex": torsion_s
 @pytest.mark.parametrize("held", ["", 'held = ["x", "y"]\n'])
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_couple_turns_a_block_at_its_torsion_strength(formulation, held):
-    """Beyond it the arms of the jacks shorten, so that it finds a new rest further on: by more than 1.25 deg, where a
-    corner has moved by a twentieth of its height, it has jumped. The centroid stays."""
+    """Beyond it the arms of the jacks shorten, V = M_T0 / cos th, so that it finds a new rest further on: by more than
+    1.3 deg, where a corner has moved by a twentieth of its height, it has jumped, from where it may have turned by as
+    much before. The centroid stays."""
     result = search(couple(), formulation, held)
     point = result.yield_point
-    assert point.V_lower * math.cos(math.radians(1.25)) <= STRENGTH[formulation] <= point.V_upper
+    assert point.V_lower * math.cos(math.radians(2.6)) <= STRENGTH[formulation] <= point.V_upper
     assert point.V_upper - point.V_lower < 3e-3 * point.V
     assert point.mechanism == "torsion" and result.collapse is None
     assert result.run.collapse["blocks"] == ["block"]

@@ -15,6 +15,7 @@ from dembrick.kernels.dynamics.area_tiles import (
 )
 from dembrick.kernels.dynamics.bonded_areas import bonded_face
 from dembrick.kernels.dynamics.energy_terms import STEPPING_AT, Counted
+from dembrick.kernels.dynamics.swings import dashpots_of
 from dembrick.kernels.dynamics.tiles import (
     ACTION,
     FOUR,
@@ -45,6 +46,7 @@ from dembrick.kernels.joint.area_law import (
     pressure_of_four,
     shear_springs,
     spring_pressure,
+    stretched,
     trial_force,
     wholly_closed,
 )
@@ -64,7 +66,7 @@ def press(tile, face, work, energy):
         second = three(face.second, lane)
         g0, gx, gy = three(work.depth, lane)
         n, nx, ny, touching = area_pressure_of_four(
-            x, y, area, second, tile.viscous[0, lane], (g0, gx, gy), three(work.growth, lane)
+            x, y, area, second, dashpots_of(tile, work, lane)[0], (g0, gx, gy), three(work.growth, lane)
         )
         put_three(work.pressed, lane, (n, nx, ny))
         if energy is not None:
@@ -97,8 +99,8 @@ def pressure_of(faces, pressed, a, tile, face, lane, work):
             return three(work.pressed, lane)
     polygon = polygon_of(faces, a, face, lane)
     pressure, depth = area_pressure(
-        polygon, tile.viscous[0, lane], three(work.depth, lane), three(work.growth, lane)
-    )  # fmt: skip
+        polygon, dashpots_of(tile, work, lane)[0], three(work.depth, lane), three(work.growth, lane)
+    )
     follow_bending(pressed, a, polygon, pressure, depth)
     return pressure
 
@@ -112,7 +114,7 @@ def find_still(faces, pressed, a, face, lane, work):
     put_three(work.still, lane, spring_pressure(polygon_of(faces, a, face, lane), *three(work.depth, lane)))
 
 
-@jit
+@entry  # inlined, the compiler would round its sums in another way in each of the two loops
 def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, counted):
     """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of. ``pressed`` is
     ``faces.pressed``, given apart so that its code goes where it is None; ``face``, ``sheared`` and ``counted``: its
@@ -129,10 +131,14 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, counted
     slip = s1, s2, work.turn[lane]
     before = three(sheared.elastic, lane)
     twist = faces.twist[a]
+    springs = shear_springs(limit.polygon, face.k_s[lane])
     force, elastic, slipped, start, slid, _ = area_friction(
-        limit, n, face.friction[lane], face.negligible[lane], shear_springs(limit.polygon, face.k_s[lane]),
-        1.0 + tile.viscous[1, lane], slip, before, three_of(twist),
+        limit, n, face.friction[lane], face.negligible[lane], springs, dashpots_of(tile, work, lane)[1], slip, before,
+        three_of(twist),
     )  # fmt: skip
+    if work.swings[lane] > 0.0 and n > 0.0:
+        elastic = stretched(springs, slip, before)
+        slid = 0.0
     put_three(sheared.elastic, lane, elastic)
     put_vector(twist, *start)
     faces.slip[a] += slid
@@ -166,7 +172,7 @@ def stick(tile, seen, face, sheared, work, energy):
     """
     rest = False
     for lane in range(W):
-        viscous = tile.viscous[0, lane]
+        viscous, damped = dashpots_of(tile, work, lane)
         g0, gx, gy = three(work.depth, lane)
         d0, dx, dy = three(work.growth, lane)
         h0 = g0 + viscous * d0
@@ -183,9 +189,7 @@ def stick(tile, seen, face, sheared, work, energy):
         s1, s2, cosine, sine = in_polygon_axes(seen, lane, p1, p2)
         b1, b2, bm = three(sheared.elastic, lane)
         springs = k_s * area, k_s * (second[0] + second[1])
-        trial, elastic, size = trial_force(
-            None, 0, face.radius[lane], springs, 1.0 + tile.viscous[1, lane], (s1, s2, turn), (b1, b2, bm)
-        )
+        trial, elastic, size = trial_force(None, 0, face.radius[lane], springs, damped, (s1, s2, turn), (b1, b2, bm))
         whole = either_wholly(reach, g0, gx, gy)
         stuck = wholly_closed(reach, g0, d0, h0, hx, hy) & whole & (n > 0.0) & (size <= face.friction[lane] * n)
         idle = whole & (g0 <= 0.0) & (g0 <= d0) & (b1 == 0.0) & (b2 == 0.0) & (bm == 0.0)

@@ -81,13 +81,13 @@ def clear_tied(ties, bodies):
 
 
 @jit
-def pull_ties(ties, bodies):
-    """Add the forces of all ties to the loads on their blocks."""
+def pull_ties(ties, bodies, swings):
+    """Add the forces of all ties to the loads on their blocks; ``swings``: see `stretch`."""
     for t in range(ties.stiffness.size):
         a = ties.block[t, 0]
         b = ties.block[t, 1]
         x = bodies.position
-        answer(ties, t, bodies.orientation, (x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]))
+        answer(ties, t, bodies.orientation, (x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]), swings)
         for side in range(2):
             load = bodies.applied[ties.block[t, side]]
             add_wrench(load, 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, ties.arm[t, side])

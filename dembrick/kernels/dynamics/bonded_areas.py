@@ -10,8 +10,9 @@ from dembrick.kernels.dynamics.area_tiles import (
 from dembrick.kernels.dynamics.energy_terms import (
     dashpot_work,
 )
+from dembrick.kernels.dynamics.swings import bonded_dashpots, dashpots_of
 from dembrick.kernels.dynamics.tiles import put_three, three, two
-from dembrick.kernels.joint.area_law import Memory, area_springs, bonded_area, springs_hold
+from dembrick.kernels.joint.area_law import Memory, area_springs, bonded_area, shear_springs, springs_hold, stretched
 from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.math.vectors import put_vector, three_of
 
@@ -64,8 +65,14 @@ def bonded_face(faces, limit, bonded, a, tile, seen, own, lane, work, counted):
     k_n = face.k_n[lane]
     pressure, shear, twist, slid, _, now = bonded_area(
         limit, strengths, a, (k_n, face.k_s[lane]), face.friction[lane], face.negligible[lane],
-        (tile.viscous[0, lane], 1.0 + tile.viscous[1, lane]), motion, before,
+        bonded_dashpots(dashpots_of(tile, work, lane), strengths, a, work, lane), motion, before,
     )  # fmt: skip
+    if work.swings[lane] > 0.0:
+        closed = pressure[0] > 0.0 or now.bonded > 0.0
+        springs = shear_springs(limit.polygon, face.k_s[lane])
+        elastic = stretched(springs, motion.slip, before.elastic) if closed else (0.0, 0.0, 0.0)
+        now = Memory(elastic, now.start, now.bonded, before.rise)
+        slid = 0.0
     put_three(sheared.elastic, lane, now.elastic)
     put_vector(faces.twist[a], *now.start)
     faces.slip[a] += slid

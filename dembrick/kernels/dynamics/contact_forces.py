@@ -38,6 +38,7 @@ from dembrick.kernels.dynamics.contact_surface import (
     positive_part,
     sum_patches,
 )
+from dembrick.kernels.dynamics.swings import RESTED
 from dembrick.kernels.dynamics.tiles import W, offset_of, sense_of, three, wrench_at
 from dembrick.kernels.joint.dashpots import damped_push
 from dembrick.kernels.joint.pressure import Pressed
@@ -88,6 +89,7 @@ class Touching(NamedTuple):
     load: ndarray  # (n,) bound of what its contacts do to a block in a step: M^-1 (dt^2 K + 2 dt C), stable up to 4
     bearable: ndarray  # (n,) load up to which no one need look closer
     overloaded: ndarray  # (1,) int64, 1 if a block has more
+    laws: ndarray  # (1,) int64, how friction is to answer: `swings.MOVING` or another
     dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the swing w (rad) of a step; greatest w
     room: ndarray  # (1,) m, how far blocks may still move until pairs must be looked for again
     trouble: ndarray  # (1,) int64, the pair that ended the run
@@ -178,6 +180,8 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
     felt = lightness(touching, bodies, a, x1, x2, x3, n1, n2, n3)
     felt += lightness(touching, bodies, b, y1, y2, y3, n1, n2, n3)
     viscous = stepped_dashpot(touching.dashpot, sqrt(felt * k_n * even) * dt) * even / stiff
+    if touching.laws[0] == RESTED:
+        viscous = 0.0
     # what the last step brought the blocks nearer at the centre of pressure, and turned them
     va = bodies.velocity[a]
     vb = bodies.velocity[b]

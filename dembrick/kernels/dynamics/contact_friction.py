@@ -14,7 +14,8 @@ spread to that width, so that integrals over it keep their digits; its strength 
 from math import atan2, cos, sin, sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.area_law import area_friction
+from dembrick.kernels.dynamics.swings import SWINGING
+from dembrick.kernels.joint.area_law import area_friction, stretched
 from dembrick.kernels.joint.limit_surface import LimitSurface
 from dembrick.kernels.math.vectors import cross, put_vector, three_of, turned_back
 
@@ -227,10 +228,14 @@ def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     pressed = touching.pressed
     twist = touching.twist[t]
     limit = LimitSurface(None, None, pressed.reach[0], pressed.radius[0], pressed, 0)
+    slip = s_t, s_u, turn
+    before = e_t, e_u, e_m
     (f_t, f_u, f_m), (e_t, e_u, e_m), _, start, slid, _ = area_friction(
-        limit, normal, friction, 0.0, springs, damped, (s_t, s_u, turn), (e_t, e_u, e_m), three_of(twist),
-        CLOSE,
-    )  # fmt: skip
+        limit, normal, friction, 0.0, springs, damped, slip, before, three_of(twist), CLOSE
+    )
+    if touching.laws[0] == SWINGING:
+        e_t, e_u, e_m = stretched(springs, slip, before)
+        slid = 0.0
     put_vector(twist, *start)
     touching.slip[t] += slid
     elastic[0] = e_t * t1 + e_u * u1

@@ -27,6 +27,7 @@ from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, write_rotations
+from dembrick.kernels.dynamics.swings import SWINGING, set_laws
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, rotate
 
@@ -67,6 +68,7 @@ class Course(NamedTuple):
     displacement: float  # m, see `Limits`
     longest: float  # m
     damping: float  # local damping, where blocks come to rest
+    laws: int  # how the laws of joints are to answer: `swings.MOVING` or another
     # (2,) m, what any two blocks may still move against each other before a polygon could be stale; and how far any one
     # can have moved since the caller last put it to zero
     travel: ndarray
@@ -136,12 +138,16 @@ def advance_bodies(
     away = shares.away
     damping = course.damping
     travel = course.travel
+    swings = course.laws == SWINGING
     touching = contacts.touching
     goal2 = course.displacement**2
     longest2 = course.longest**2
     meeting = contacts.touch_at != 0
     loaded = loads.block.size > 0 or loads.faces.block.size > 0 or ties.stiffness.size > 0 or meeting
     loaded = loaded or bodies.guided.size > 0
+    for t in range(moved.size):
+        set_laws(work[t], course.laws)
+    touching.laws[0] = course.laws
     for done in range(n_steps):
         step = loads.first[0] + done
         if travel[0] <= 0.0:
@@ -157,7 +163,7 @@ def advance_bodies(
         clear_tied(ties, bodies)
         clear_guided(bodies)
         apply_loads(loads, bodies, step)
-        pull_ties(ties, bodies)
+        pull_ties(ties, bodies, swings)
         for t in prange(moved.size):
             joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work[t])
         if meeting:

@@ -29,6 +29,7 @@ from dembrick.kernels.dynamics.point_laws import (
     rows_of,
     spring_length,
 )
+from dembrick.kernels.dynamics.swings import dashpots_of
 from dembrick.kernels.dynamics.tiles import (
     ACTION,
     POINT,
@@ -62,8 +63,8 @@ def begin(tile, work):
     """Set the sums over the points to zero, and write down what all points of a joint need."""
     zero = (0.0, 0.0, 0.0)
     for lane in range(W):
-        damped = 1.0 + tile.viscous[1, lane]
-        work.normal[lane] = tile.viscous[0, lane]
+        normal, damped = dashpots_of(tile, work, lane)
+        work.normal[lane] = normal
         work.damped[lane] = damped
         work.damping[lane] = 1.0 / damped
         put_three(work.force, lane, zero)
@@ -108,7 +109,12 @@ def answer(work, pair, which, lane, law, energy, force_out):
     b2 = sheared[which].elastic[1, lane]
     k = law.k_n * area
     dashpots = work.normal[lane], work.damped[lane], work.damping[lane]
-    normal, t1, t2, e1, e2, slid = point_law(g, d, (u1, u2), (b1, b2), (k, law.k_s * area), law.friction, dashpots)
+    k_s = law.k_s * area
+    normal, t1, t2, e1, e2, slid = point_law(g, d, (u1, u2), (b1, b2), (k, k_s), law.friction, dashpots)
+    swings = work.swings[lane] if normal > 0.0 else 0.0
+    e1 += swings * (b1 + k_s * u1 - e1)
+    e2 += swings * (b2 + k_s * u2 - e2)
+    slid -= swings * slid
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2
     work.slid[which, lane] = slid

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.dynamics.swings import bonded_dashpots, unless_swinging
 from dembrick.kernels.dynamics.tiles import W, put_three, record, three, two
 from dembrick.kernels.joint.custom_law import Custom, custom_law, energy_held
 from dembrick.kernels.joint.point_law import Bond, Strengths, bonded_law, bonded_losses, shear_loss, spring_of
@@ -48,11 +49,17 @@ def answer_bonded(work, pair, which, lane, law, energy, force_out, bonded, ledge
     b2 = sheared[which].elastic[1, lane]
     k = law.k_n * area
     bond = Bond((b1, b2), memory.bonded[lane], memory.crushed[lane], memory.rise[lane])
-    dashpots = work.normal[lane], work.damped[lane], work.damping[lane]
+    viscous, damped = bonded_dashpots((work.normal[lane], work.damped[lane]), strengths, i, work, lane)
+    dashpots = viscous, damped, 1.0 / damped
     springs = k, law.k_s * area
     normal, spring, (t1, t2), slid, now = bonded_law(
         g, d, slip, springs, law.friction, dashpots, strengths, i, area, bond
     )
+    if work.swings[lane] > 0.0:
+        closed = normal != 0.0 or now.bonded > 0.0
+        stretched = (b1 + springs[1] * slip[0], b2 + springs[1] * slip[1]) if closed else (0.0, 0.0)
+        now = Bond(stretched, now.bonded, bond.crushed, bond.rise)
+        slid = 0.0
     e1, e2 = now.elastic
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2
@@ -115,8 +122,10 @@ def rows_of(custom, point):
     if custom is None:
         return None
     first, last = point * W, (point + 2) * W
-    move, record, memory, answer = custom.move, custom.record, custom.memory, custom.answer
-    return Custom(move[first:last], record[first:last], memory[first:last], custom.at, answer[first:last])
+    return Custom(
+        custom.move[first:last], custom.record[first:last], custom.memory[first:last], custom.at,
+        custom.answer[first:last], custom.since[first:last], custom.tried[first:last],
+    )  # fmt: skip
 
 
 @jit
@@ -138,9 +147,10 @@ def answer_custom(work, pair, which, lane, arm, energy, force_out, custom, ledge
     p1, p2 = two(work.slip, lane)
     x1, x2 = two(work.slip_x, lane)
     y1, y2 = two(work.slip_y, lane)
+    viscous, damped = unless_swinging((work.normal[lane], work.damped[lane]), work, lane)
     normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
         custom, which * W + lane, g0 + x * gx + y * gy, d0 + x * dx + y * dy,
-        p1 + xs * x1 + ys * y1, p2 + xs * x2 + ys * y2, work.normal[lane], work.damped[lane] - 1.0,
+        p1 + xs * x1 + ys * y1, p2 + xs * x2 + ys * y2, viscous, damped - 1.0, work.swings[lane] > 0.0,
     )  # fmt: skip
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2

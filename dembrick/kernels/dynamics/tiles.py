@@ -84,8 +84,9 @@ WORK = record(
     ("y_force", 3),
     ("twisting", 1),  # N m, couple about m on top
     ("wrench", (3, 3)),  # N, N m, see `Links`
-    # of joints that act at points
-    ("normal", 1),  # dashpot along the normal
+    ("undamped", 1),  # 1 where no dashpot acts: `swings`
+    ("swings", 1),  # 1 where laws keep nothing of a step
+    ("normal", 1),  # of joints that act at points: dashpot along the normal
     ("damped", 1),  # one plus that in shear
     ("damping", 1),  # one over that
     ("last", (2, 3)),  # N, of the last two points the force in the sense in which the host slips, and normal
@@ -200,12 +201,11 @@ class Links(NamedTuple):
         set_apart(self.like, self.place[joints] // W)
         put_in_lanes(self.tiles, field, self.place[joints], np.asarray(values, float))
 
-    def put_seen(self, values, joints=slice(None)) -> None:
-        """Write `seen`: values (k, 9)."""
+    def put_seen(self, values) -> None:
+        """Write `seen`: values (j, 9)."""
         vectors = np.moveaxis(np.reshape(values, (-1, 3, 3)), 1, 0)
-        place = np.atleast_1d(self.place[joints])
         for field, vector in zip(SEEN.names or (), vectors, strict=True):
-            put_in_lanes(self.seen_tiles, field, place, vector)
+            put_in_lanes(self.seen_tiles, field, self.place, vector)
 
     def share(self) -> None:
         """Let tiles that are the same to the last bit take their rows from one of them."""

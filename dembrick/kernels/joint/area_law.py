@@ -166,6 +166,13 @@ def follow_bending(pressed, a, polygon, pressure, depth):
 
 
 @jit
+def stretched(springs, slip, elastic):
+    """The forces (3) of springs that carried ``elastic`` and are stretched by a ``slip``."""
+    k_t, k_r = springs
+    return elastic[0] + k_t * slip[0], elastic[1] + k_t * slip[1], elastic[2] + k_r * slip[2]
+
+
+@jit
 def trial_force(pressed, a, radius, springs, damped, slip, elastic):
     """The force (3) that a convex joint carries if it does not slide, its memory then (3), and a bound of what strength
     that takes; see `area_friction`."""
@@ -175,8 +182,7 @@ def trial_force(pressed, a, radius, springs, damped, slip, elastic):
     f1 = b1 + damped * k_t * s1
     f2 = b2 + damped * k_t * s2
     fm = bm + damped * k_r * turn
-    stretched = b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn
-    return (f1, f2, fm), stretched, chord(pressed, a, radius, f1, f2, fm)
+    return (f1, f2, fm), stretched(springs, slip, elastic), chord(pressed, a, radius, f1, f2, fm)
 
 
 @jit
@@ -203,10 +209,10 @@ def area_friction(
     still = (0.0, 0.0, 0.0)
     if not normal > 0.0:
         return still, still, (s1 + b1 / k_t, s2 + b2 / k_t, turn + bm / k_r), still, 0.0, 0
-    trial, stretched, size = trial_force(limit.pressed, limit.index, limit.radius, springs, damped, slip, elastic)
+    trial, whole, size = trial_force(limit.pressed, limit.index, limit.radius, springs, damped, slip, elastic)
     strength = friction * normal
     if size <= strength:  # inside the limit surface by convexity, and most joints are most of the time
-        return trial, stretched, still, start, 0.0, 0
+        return trial, whole, still, start, 0.0, 0
     full = damped * k_t, damped * k_r
     if strength <= negligible:
         kept = strength / size

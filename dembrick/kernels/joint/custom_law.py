@@ -15,6 +15,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import call_law, jit
+from dembrick.kernels.math.vectors import put_vector
 
 GIVEN, ANSWERS = 4, 4  # numbers of `Custom.move`, of `Custom.answer`, and of what the law finds of itself in each row
 ROUNDED = 1e-9  # of the slip of a step: an irreversible part below it is none
@@ -28,20 +29,28 @@ class Custom(NamedTuple):
     memory: ndarray  # (c, 4 + m) N, N, N, J: what it answered a step ago; what it remembers itself
     at: ndarray  # (1,) int64, where the machine code of the law lies
     answer: ndarray  # (c, 4) N, N, N, J: normal force, shear force in the sense of slip, energy held
+    since: ndarray  # (c, 3) m, growth and slip since the last equilibrium, where blocks swing past the next one
+    tried: ndarray  # (c, 4 + m) what the law would remember there
 
 
 @jit
-def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s):
+def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, swings):
     """Forces of contact point ``i`` by the law, and its new memory.
 
     ``g`` penetration now and ``d`` its growth in the step (m); ``slip_*`` of the step (m); ``viscous_*``: dashpot over
-    spring force. Returns N, N of the spring alone, the shear force (2), that of the spring alone (2), the irreversible
+    spring force. While it ``swings`` past an equilibrium, all is the step from the last one, of which it remembers
+    nothing. Returns N, N of the spring alone, the shear force (2), that of the spring alone (2), the irreversible
     length of slip of the step (m), and the work of the step that the law does not hold (J).
     """
     move = custom.move[i]
     memory = custom.memory[i]
     answer = custom.answer[i]
     record = custom.record[i]
+    since = custom.since[i]
+    d += since[0]
+    slip_1 += since[1]
+    slip_2 += since[2]
+    put_vector(since, 0.0, 0.0, 0.0)
     move[0] = g
     move[1] = d
     move[2] = slip_1
@@ -50,6 +59,12 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s):
     b1 = memory[1]
     b2 = memory[2]
     held = memory[3]
+    if swings:
+        put_vector(since, d, slip_1, slip_2)
+        tried = custom.tried[i]
+        for k in range(memory.size):
+            tried[k] = memory[k]
+        memory = tried
     call_law(custom.at[0], move, record, memory, answer)
     spring = answer[0]
     e1 = answer[1]
@@ -76,7 +91,7 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s):
             q1 = slip_1 - (e1 - b1) / k
             q2 = slip_2 - (e2 - b2) / k
             slid = sqrt(q1 * q1 + q2 * q2)
-            if slid < ROUNDED * sqrt(along):
+            if swings or slid < ROUNDED * sqrt(along):
                 slid = 0.0
     return normal, spring, t1, t2, e1, e2, slid, lost
 

@@ -36,8 +36,9 @@ class Ties(NamedTuple):
 
 
 @jit
-def stretch(ties, t, s1, s2, s3):
-    """Let tie ``t`` answer to the line s from its end on a to that on b (m, world): its force, and what it keeps."""
+def stretch(ties, t, swings, s1, s2, s3):
+    """Let tie ``t`` answer to the line s from its end on a to that on b (m, world): its force, and what it keeps;
+    nothing of how it yields while blocks swing."""
     now = ties.now[t]
     before = ties.before[t]
     before.length = now.length
@@ -48,10 +49,10 @@ def stretch(ties, t, s1, s2, s3):
     length = sqrt(s1 * s1 + s2 * s2 + s3 * s3)
     tension = ties.prestress[t] + k * (length - ties.length[t] - now.yielded)
     if tension > ties.strength[t]:
-        now.yielded += (tension - ties.strength[t]) / k
+        now.yielded += 0.0 if swings else (tension - ties.strength[t]) / k
         tension = ties.strength[t]
     if tension < least:
-        if least < 0.0:
+        if least < 0.0 and not swings:
             now.yielded += (tension - least) / k
         tension = least
     now.length = length
@@ -61,16 +62,16 @@ def stretch(ties, t, s1, s2, s3):
 
 
 @jit
-def answer(ties, t, q, away):
+def answer(ties, t, q, away, swings):
     """Let tie ``t`` answer to the orientations ``q`` (n, 4) of the blocks and to where the centroid of b is ``away``
-    (3) from that of a (m, world): arms, force, and what it keeps."""
+    (3) from that of a (m, world): arms, force, and what it keeps; ``swings``: see `stretch`."""
     arm = ties.arm[t]
     for side in range(2):
         lever = ties.lever[t, side]
         r1, r2, r3 = rotate(q, ties.block[t, side], lever[0], lever[1], lever[2])
         put_vector(arm[side], r1, r2, r3)
     d1, d2, d3 = away
-    stretch(ties, t, d1 + (arm[1, 0] - arm[0, 0]), d2 + (arm[1, 1] - arm[0, 1]), d3 + (arm[1, 2] - arm[0, 2]))
+    stretch(ties, t, swings, d1 + (arm[1, 0] - arm[0, 0]), d2 + (arm[1, 1] - arm[0, 1]), d3 + (arm[1, 2] - arm[0, 2]))
 
 
 @jit

@@ -110,7 +110,7 @@ def pull_ties(ties, blocks):
             offset[1] + u[b, 1] - u[a, 1],
             offset[2] + u[b, 2] - u[a, 2],
         )
-        answer(ties, t, blocks.orientation, away)
+        answer(ties, t, blocks.orientation, away, False)
         for side in range(2):
             add_force(blocks, ties.block[t, side], 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, ties.arm[t, side])
 

@@ -97,7 +97,7 @@ def custom_forces(custom, points, p, motion, viscous, energy):
         g = g0 + gy * y + gx * x
         d = d0 + dy * y + dx * x
         normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
-            custom, i, g, d, p1 - pr * ys, p2 + pr * xs, viscous[0], viscous[1]
+            custom, i, g, d, p1 - pr * ys, p2 + pr * xs, viscous[0], viscous[1], False
         )
         points.normal[i] = normal
         points.elastic_1[i] = e1

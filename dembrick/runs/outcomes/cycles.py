@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: what does not come back
 WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
-CLOSED = 1e-6  # of the range of displacements, by which a loop may miss its start
+CLOSED = 1e-5  # of the range of displacements, by which a loop may miss its start
 DRIFTS, PLATEAU = 10, 1e-2  # part of a half cycle before its peak, in which the force of a plateau grows by less
 
 
@@ -42,7 +42,7 @@ def cycles_of(
     V, u = np.asarray(rows["load"], float), np.asarray(rows["displacement"], float)
     noise = np.asarray(rows["unbalanced"], float) * _greatest_force(rows, V)
     energies: Mapping = rows.get("energy") or {}  # type: ignore[assignment]
-    lost = sum(np.asarray(energies[name], float) for name in LOSSES) if energies else None
+    lost = np.sum([np.asarray(energies[name], float) for name in LOSSES], axis=0) if energies else None
     found = []
     for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
         if last == len(u) - 1 and abs(u[last] - u[middle]) <= WAY_BACK * abs(u[first] - u[middle]):

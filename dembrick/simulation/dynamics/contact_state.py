@@ -130,6 +130,7 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
         load=np.zeros(len(free)),
         bearable=np.full(len(free), 4.0),
         overloaded=np.zeros(1, np.int64),
+        laws=np.zeros(1, np.int64),
         dashpot=dashpot_polynomial(ratio),
         room=np.zeros(1),
         trouble=np.zeros(1, np.int64),

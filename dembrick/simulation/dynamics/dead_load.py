@@ -15,11 +15,12 @@ import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import RUNNING, Limits
+from dembrick.kernels.dynamics.swings import SWINGING
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.chunks import advance_chunk
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, joint_forces
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, joint_forces, keep_of_rest
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 from dembrick.simulation.session import Session
@@ -64,7 +65,7 @@ def find_equilibrium(
     drawn = [array.copy() for array in _arrays(motion)]
     supported = _supported(motion.state)
     slack = (APART if sticking else SLID) * motion.polygons.size
-    with _stuck(motion) if sticking else nullcontext(), _held_bonds(motion):
+    with _stuck(motion) if sticking else nullcontext(), _held_bonds(motion), swinging(motion):
         if resume is not None:
             resume()
         attempt = _Attempt(motion, driving, supported, slack, None if sticking else APART * motion.polygons.size)
@@ -79,8 +80,9 @@ def find_equilibrium(
                 _put_back(motion, drawn)
                 motion.falling |= falls
                 motion.attempt[:] = motion.dead_load_steps, -1.0
-    bodies = motion.state.bodies
-    bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
+        bodies = motion.state.bodies
+        bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
+        keep_of_rest(motion, driving)
     if not (sticking or attempt.ratio <= attempt.enough):
         raise UndecidedError(
             f"undecided under the dead loads: after {motion.dead_load_steps} steps of relaxation the out-of-balance "
@@ -198,6 +200,16 @@ def _stuck(motion: Motion):
         yield
     finally:
         joint_families.put_friction(motion.state, own)
+
+
+@contextmanager
+def swinging(motion: Motion):
+    """That the laws of joints keep nothing meanwhile: blocks swing past where they rest."""
+    laws, motion.laws = motion.laws, SWINGING
+    try:
+        yield
+    finally:
+        motion.laws = laws
 
 
 @contextmanager

@@ -30,6 +30,7 @@ from dembrick.kernels.dynamics.loop import (
     advance_bodies,
     shares,
 )
+from dembrick.kernels.dynamics.swings import MOVING, RESTED
 from dembrick.kernels.dynamics.tiles import rows_of_lanes
 from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.chunks import advance_chunk, call_loop, compiled
@@ -84,6 +85,7 @@ class Motion:
     steps: int = 0
     dead_load_steps: int = 0
     settled: bool = False
+    laws: int = MOVING  # how those of the joints answer now: `kernels.dynamics.swings`
     contact_detection: ContactDetection = field(init=False)
     energy: MotionEnergy = field(init=False)
     falling: np.ndarray = field(init=False)
@@ -277,6 +279,13 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
     held = motion.state.bodies._replace(free=np.zeros(0, np.uint32))
     touching = motion.contact_detection.touching
     advance_chunk(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step, touching)
+
+
+def keep_of_rest(motion: Motion, driving: Driving) -> None:
+    """Let the laws of joints, which have kept nothing while blocks swung, keep what is so where they rest now."""
+    laws, motion.laws = motion.laws, RESTED
+    joint_forces(motion, driving)
+    motion.laws = laws
 
 
 def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np.ndarray]:

@@ -183,9 +183,10 @@ def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) 
 
 def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking, torsion, uplift;
-    crushing where joints crush."""
+    crushing where the rim of a joint that crushes has sunk further than it has tilted."""
     moves, laws = _moves(moving, at_rest), moving.assembly.joints.law
-    crushed = max((-moves[j, 3] for j, law in enumerate(laws) if law.compressive_strength is not None), default=0.0)
+    sunk = moves[:, 1] - moves[:, 3]  # a joint that rocks on its rim sinks nowhere
+    crushed = max((sunk[j] for j, law in enumerate(laws) if law.compressive_strength is not None), default=0.0)
     names = "sliding", "rocking", "torsion", "uplift", "crushing"
     return max(zip([*moves.max(axis=0), crushed], names, strict=True))[1]
 

@@ -6,8 +6,8 @@ and slide and contacts that form on the way are those of a run in real time. Whe
 structure goes back to its last equilibrium and tries again so slowly that inertia does not count, then by half the
 step, until the parameter at which it falls is known to the tolerance.
 
-Ties that yield do not take that back. If the blocks swung further than they rest, so that a tie kept more than the
-equilibrium asks for, they go back and try again more slowly.
+Blocks swing past where they rest, and what slides, yields, crushes or lifts does not take that back: so laws keep what
+is so at the equilibrium, and nothing of the way there (`kernels.dynamics.swings`).
 
 Frames of the fall follow that of the last equilibrium; their times are between its number and the next, and the row
 next to them is its own: nothing is in equilibrium any more.
@@ -29,7 +29,7 @@ import numpy as np
 from dembrick.errors import DivergedError, HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
-from dembrick.kernels.joint.ties import TIE
+from dembrick.kernels.dynamics.swings import SWINGING
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
 from dembrick.simulation import interrupts
@@ -37,7 +37,7 @@ from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance, keep_of_rest
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse
 from dembrick.simulation.dynamics.recorder import Recorder
@@ -47,7 +47,6 @@ from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve, eased
 from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.floating_point import not_nan
-from dembrick.simulation.moving_ties import rest_below_strength
 from dembrick.simulation.session import Kept, Plan, Progress, Session, Snapshot
 
 TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
@@ -57,7 +56,6 @@ ROUNDS = 5  # of as many steps as a dead-load equilibrium may take: blocks that 
 DRIFTING = 2.0  # the way of blocks from the first quarter of a round to its end, over that to its middle, if they go on
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 FALL = 8  # frames of that, equally far apart
-SLOWER_STILL, SLOWEST = 4, 64  # times the steps, once ties have yielded in a swing, and at the most
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds:
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
 G = 9.81  # m/s2
@@ -71,8 +69,10 @@ class EquilibriumPath(ABC):
     ``reached``: the parameter of the last equilibrium, and ``failed``: that at which the blocks came down (infinite:
     not yet) although it grew with all care (``careful``); ``broken``: at which bonds were seen to break (infinite: at
     none to come). ``fall``: frames of how they come down, once that is to be seen. ``way``: equilibria on the way, at
-    the most; ``slowness``: how many times the steps that a growth takes. A kind of path says what drives the blocks at
-    a parameter (`driven`), in how many steps it grows (`steps`) and where it goes next (`following`).
+    the most. ``from_where``: the parameter and the `places` from which it is told whether blocks have come down: those
+    of the last equilibrium, or of one before where these follow more closely than the tolerance. A kind of path says
+    what drives the blocks at a parameter (`driven`), in how many steps it grows (`steps`) and where it goes next
+    (`following`).
     """
 
     greatest = 1.0  # parameter of all
@@ -83,9 +83,10 @@ class EquilibriumPath(ABC):
         self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
         self.past, self.tolerance = Past(moving, None), control.tolerance or TOLERANCE
         self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
-        self.slowness = 1
+        moving.laws = SWINGING
         self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
         self.bonded = joint_families.has_strengths(moving.state)
+        self.from_where = 0.0, places(moving.state.bodies)
         self.room = way + SPARE + (BREAKS * len(moving.state.links.host) if self.bonded else 0)
         self.path: list[tuple[float, float, float]] = []
         self.collapse: dict | None = None
@@ -133,7 +134,7 @@ class EquilibriumPath(ABC):
     def _growing(self, begin: float, end: float) -> tuple[Driving, int]:
         """Loads and supports that take the parameter from one value to another, at rest at both ends, and how
         many steps that takes."""
-        steps, start = self.slowness * self.steps(begin, end), self.moving.steps * self.dt
+        steps, start = self.steps(begin, end), self.moving.steps * self.dt
 
         def parameter(times: np.ndarray) -> np.ndarray:
             x = np.clip((times - start) / (steps * self.dt), 0.0, 1.0)
@@ -156,7 +157,7 @@ class EquilibriumPath(ABC):
     def _go(self, parameter: float) -> float | None:
         """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if
         they come down."""
-        before = places(self.moving.state.bodies)
+        _, before = self.from_where
         try:
             return self._gone(parameter, before, math.inf)
         except DivergedError:
@@ -175,6 +176,10 @@ class EquilibriumPath(ABC):
             if often < math.inf and self._down(before) > 1.0:
                 self._look_on(1.0)
                 return None
+        return self._rest_and_break(parameter, before)
+
+    def _rest_and_break(self, parameter: float, before: np.ndarray) -> float | None:
+        """`_rest` with the bonds held; those that bear too much then break, and the blocks come to rest again."""
         ratio = self._rest(parameter, before)
         if not self.bonded or ratio is None:
             return ratio
@@ -242,11 +247,12 @@ class EquilibriumPath(ABC):
         moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
         self.recorder.compile()
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
+        joint_families.hold_bonds(self.moving.state, self.bonded)
         self.advance(self._at(0.0), CHUNK)
         ratio = float(past.unbalanced[0])
         if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
             stood = standing(moving.state.bodies)
-            ratio = self._rest(0.0, places(stood))
+            ratio = self._rest_and_break(0.0, places(stood))
             if ratio is None:
                 self.falls_at_once(stood)
                 return
@@ -255,21 +261,26 @@ class EquilibriumPath(ABC):
     def _rest_again(self) -> None:
         """The equilibrium under other laws, loads and ties than those of the last one, where the parameter is now."""
         stood = standing(self.moving.state.bodies)
-        ratio = self._rest(self.reached, places(stood))
+        joint_families.hold_bonds(self.moving.state, self.bonded)
+        ratio = self._rest_and_break(self.reached, places(stood))
         if ratio is None:
             self.falls_at_once(stood)
             return
+        self.from_where = self.reached, places(self.moving.state.bodies)
         self._note(self.reached, ratio)
 
     def _note(self, parameter: float, ratio: float) -> None:
         """Keep an equilibrium and record it; the driven displacement counts from the first."""
         if self.driving.driven is not None and not self.path:
             self.driving.driven.start_from(self.moving.state.bodies)
+        keep_of_rest(self.moving, self._at(parameter))
         self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()
         self.recorder.driving = self._at(parameter)
         self.reaction = self.moving.reactions
         displacement, load = self.recorder.curve(self.reaction)
         self.path.append((displacement, load, ratio))
+        if not self.equilibria or parameter > self.from_where[0] * (1.0 + self.tolerance):
+            self.from_where = parameter, places(self.moving.state.bodies)
         self.recorder.take(equilibrium=self.equilibria)
         self.equilibria += 1
         self.kept = self._equilibrium()
@@ -306,10 +317,6 @@ class EquilibriumPath(ABC):
                 self.session.pause(self)
                 self.fall = [] if last else None
                 ratio = self._go(target)
-                if ratio is not None and self._yielded_in_a_swing() and self.slowness < SLOWEST:
-                    self.slowness *= SLOWER_STILL
-                    self._go_back()
-                    continue
                 if ratio is not None and not self.belongs(target):
                     self._go_back()
                     continue
@@ -337,14 +344,6 @@ class EquilibriumPath(ABC):
         """The parameter at which the blocks fall for certain (infinite: at none that was tried). They swing on the way
         from one equilibrium to the next, so that a fall proves no limit nearer than the swing may have reached."""
         return self.reached + self.overshoot * (self.failed - self.reached)
-
-    def _yielded_in_a_swing(self) -> bool:
-        """Whether a tie has yielded since the last equilibrium, and rests below its strength."""
-        ties = self.moving.state.ties
-        if not np.isfinite(ties.strength).any():
-            return False
-        before = self.kept.arrays["ties.now"].view(TIE)["yielded"]
-        return bool((rest_below_strength(ties) & (ties.now["yielded"] != before)).any())
 
     def _fell(self, stood: Bodies) -> None:
         """Note how the blocks come down, which ``stood`` before, and record it."""
@@ -407,8 +406,9 @@ class EquilibriumPath(ABC):
         path = np.zeros((self.room, 3))
         path[: len(self.path)] = np.array(self.path).reshape(-1, 3)
         ends = (0.0 if end == math.inf else end for end in (self.failed, self.broken))  # both are greater than zero
-        numbers = np.array([self.reached, *ends, self.equilibria, self.careful, self.slowness])
-        own = {"path": path, "reaction": self.reaction, "start": self.driving.start}
+        since, stood = self.from_where
+        numbers = np.array([self.reached, *ends, self.equilibria, self.careful, since])
+        own = {"path": path, "reaction": self.reaction, "start": self.driving.start, "stood": stood}
         return {SNAPSHOT: numbers} | {f"{SNAPSHOT}.{name}": array for name, array in own.items()}
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -418,14 +418,15 @@ class EquilibriumPath(ABC):
     def _restore(self, snapshot: Snapshot) -> None:
         self.reaction = np.zeros_like(self.moving.reactions)
         shapes = self._own()
-        self.reached, failed, broken, count, careful, slowness = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
+        numbers = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
+        self.reached, failed, broken, count, careful, since = numbers
         self.failed, self.broken = (end or math.inf for end in (failed, broken))
         self.bonds = joint_families.bonded(self.moving.state).copy()
-        sound = 0.0 <= self.reached <= self.greatest and self.reached < math.inf and min(failed, broken) >= 0.0
-        sound = sound and 1 <= slowness <= SLOWEST and slowness.is_integer()
+        sound = 0.0 <= since <= self.reached <= self.greatest and self.reached < math.inf and min(failed, broken) >= 0.0
         if not (sound and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
-        self.equilibria, self.careful, self.slowness = int(count), bool(careful), int(slowness)
+        self.equilibria, self.careful = int(count), bool(careful)
+        self.from_where = since, snapshot.array(f"{SNAPSHOT}.stood", shapes[f"{SNAPSHOT}.stood"]).copy()
         rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria].tolist()
         self.path = [tuple(row) for row in rows]
         self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
