@@ -45,7 +45,7 @@ class Memory:
 
     def observe(self, rows: Mapping, frames: Mapping) -> None:
         """Take what a chunk brought."""
-        self.auditor.add(rows["energy"])
+        self.auditor.observe(rows)
         self._rows.append(followed(rows, self._fields, ROWS, self._assembly))
         if frames:
             self._frames.append(followed(frames, self._fields, FRAMES, self._assembly))
@@ -164,7 +164,7 @@ class RecordStore:
         rows, frames = [rows for rows, _ in self._waiting], [frames for _, frames in self._waiting if frames]
         self._waiting = []
         together = joined(rows)
-        self._auditor.add(together["energy"])
+        self._auditor.observe(together)
         self.writer.append(together)
         if frames:
             self.writer.append_frames(**joined(frames))

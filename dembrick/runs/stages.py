@@ -110,7 +110,7 @@ class Stages:
         self.done, self.left, self.auditor = number, present(left), Auditor()
 
     def _audit(self, rows: Mapping, _) -> None:
-        self.auditor.add(rows["energy"])
+        self.auditor.observe(rows)
 
     def _keeping(self, session: Session, between: bool = False):
         """Function that writes a checkpoint of a stage, with what the stages before it have left."""

@@ -10,12 +10,12 @@ import numpy as np
 from dembrick.errors import EnergyAuditError
 from dembrick.kernels.state import Energy
 
-LIMIT = 1e-3  # of the external work: beyond it the integration is not to be trusted
+LIMIT = 1e-3  # of what was put in: beyond it the integration is not to be trusted
 MOTION = 1e-2  # of what was put in, in a run in real time: where blocks tumble, joints turn within a step
 STEPPING = 0.1  # of what was put in: where blocks may bounce, no impact loses more than (w dt)^2 / 4 = 0.09 of its own
-GIVEN = 1e-3  # of the external work: what joints may give back by rounding and by opening within steps
-NEGATIVE = 1e-6  # of the external work: what friction may give back in one increment whose slip turns about
-SLIP = 0.1  # of the external work: between the friction work and the sum of mu N |slip increment|, of first order
+GIVEN = 1e-3  # of what was put in: what joints may give back by rounding and by opening within steps
+NEGATIVE = 1e-6  # of what was put in: what friction may give back in one increment whose slip turns about
+SLIP = 0.1  # of what was put in: between the friction work and the sum of mu N |slip increment|, of first order
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class EnergyAudit:
     """Result of the audit.
 
     ``relative_residual``: kinetic + elastic + actuator spring + friction + dashpots - external work, the worst row,
-    over the external work. ``friction_law_error``: friction work over the sum of mu N |slip increment| (the dissipation
+    over what was put in. ``friction_law_error``: friction work over the sum of mu N |slip increment| (the dissipation
     function for a convex joint), minus 1; of first order in the step. ``least_friction_increment`` (J).
     """
 
@@ -66,21 +66,30 @@ class Auditor:
     """Audits recorded energies as they come.
 
     ``worst`` (3,) J: greatest residual, most energy put in so far, kinetic energy of the first row (NaN before it).
-    What is put in is the external work, and the kinetic energy that there was before.
+    What is put in is the external work, and the kinetic energy that there was before; or the forces of actuators times
+    their displacements, where that is more: a block that rocks gives what they do to gravity.
     """
 
     def __init__(self):
         self.worst = np.array([0.0, 0.0, np.nan])
 
-    def add(self, energies: Mapping[str, np.ndarray]) -> Auditor:
-        """Take the next rows, (T,) in J by name; some runs have none. Returns itself."""
+    def observe(self, rows: Mapping) -> Auditor:
+        """Take the next rows of a record, with what their actuators do. Returns itself."""
+        if not np.size(rows.get("actuator_force", ())):
+            return self.add(rows["energy"])
+        return self.add(rows["energy"], np.abs(rows["actuator_force"] * rows["actuator_displacement"]).sum(axis=1))
+
+    def add(self, energies: Mapping[str, np.ndarray], pushed: np.ndarray | float = 0.0) -> Auditor:
+        """Take the next energies, (T,) in J by name; some runs have none. ``pushed`` (T,) J: forces of actuators times
+        their displacements. Returns itself."""
         if not energies or not len(energies["external"]):
             return self
         if np.isnan(self.worst[2]):
             self.worst[2] = energies["kinetic"][0]
         there = self.worst[2]
         gone = sum(values for name, values in energies.items() if name != "external")
-        for i, term in enumerate((gone - energies["external"] - there, np.abs(energies["external"]) + there)):
+        put_in = np.maximum(np.abs(energies["external"]), pushed) + there
+        for i, term in enumerate((gone - energies["external"] - there, put_in)):
             self.worst[i] = np.maximum(self.worst[i], np.abs(term).max())  # a NaN stays
         return self
 
@@ -101,12 +110,12 @@ class Auditor:
         result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(energy.work[0].least))
         if not relative <= LIMIT:
             raise EnergyAuditError(
-                f"the energy balance is off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step "
+                f"the energy balance is off by {relative:.2g} of what was put in (limit {LIMIT:g}): the time step "
                 "does not resolve this motion; lower solver.step_factor or the rate"
             )
         if not abs(friction - by_law) <= SLIP * scale:
             raise EnergyAuditError(
-                f"the friction work is off by {(friction - by_law) / scale:.2g} of the external work (limit {SLIP:g}): "
+                f"the friction work is off by {(friction - by_law) / scale:.2g} of what was put in (limit {SLIP:g}): "
                 "the steps do not resolve the slip; lower solver.step_factor or the rate"
             )
         if result.least_friction_increment < -NEGATIVE * scale:

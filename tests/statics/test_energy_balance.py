@@ -14,11 +14,13 @@ from dembrick.kernels.statics.point_joints import Points
 from dembrick.kernels.statics.point_joints import forces as point_forces
 from dembrick.runs import lab
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.scenario.protocols import Protocol
 from dembrick.simulation import energy_audit
 from dembrick.simulation.statics import constant_rate
 from helpers.joints_of_engines import motion_of
+from helpers.scenario_text import block, header, jack
 
 
 def balance(name: str, formulation: str, rate: float | None = None):
@@ -123,6 +125,21 @@ def test_an_energy_balance_that_does_not_close_fails_the_run(monkeypatch):
     monkeypatch.setattr(energy_audit, "LIMIT", 1e-20)
     with pytest.raises(EnergyAuditError):
         simulate(lab.lab_scenario("set4a_curve", "concave"))
+
+
+def test_what_actuators_give_to_gravity_is_put_in_too():
+    """A block that rocks far, V = W (b / 2 cos th - h / 2 sin th) / (h cos th + b sin th): what jack and gravity give
+    together is a few thousandths of what the jack does."""
+    b, h, travel = 0.4, 0.4, 2e-3
+    text = header("concave", 1.5, 1e10) + block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true")
+    text += block("stone", (0, 0, 0.5 * h), (b, b, h)) + jack("stone", (-0.5 * b, 0, h))
+    text += f'[control]\nkind = "displacement"\nrate = 1e-4\ntravel = {travel}\n'
+    result = simulate(toml.loads(text))
+    weight, th = 2000.0 * b * b * h * 9.81, travel / h
+    falls = weight * (0.5 * b * np.cos(th) - 0.5 * h * np.sin(th)) / (h * np.cos(th) + b * np.sin(th))
+    assert result.rows["load"][-1] == pytest.approx(falls, rel=3e-3)
+    assert abs(result.rows["energy"]["external"][-1]) < 5e-3 * falls * travel
+    assert result.energy.relative_residual < 1e-4
 
 
 def test_the_json_carries_the_audit():
