@@ -53,7 +53,7 @@ def deformed(joint):
 def test_a_joint_that_swings_keeps_what_it_would_without(family, law, monkeypatch):
     monkeypatch.setattr(engines, "VISCOUS", 0.0)  # of the searches; the moving joint has dashpots, and must not show it
     rng, slid = np.random.default_rng(11), 0
-    for _ in range(40):
+    for _ in range(12):
         still = made(STATIC, family, law)
         monkeypatch.setattr(engines, "VISCOUS", 0.3)
         moving = made(MOVING, family, law)
@@ -81,7 +81,7 @@ def test_a_joint_that_swings_keeps_what_it_would_without(family, law, monkeypatc
             if LAWS.get(law):
                 np.testing.assert_allclose(deformed(moving), deformed(still), rtol=1e-8, atol=1e-14)
         slid += np.max(still.slip) > 0.0
-    assert slid > 30
+    assert slid > 9
 
 
 @pytest.mark.parametrize("most", [0.0, 1.0])
