@@ -93,7 +93,8 @@ class DisplacementControl(Control):
     With ``large_displacements`` it goes from equilibrium to equilibrium in the deformed geometry, as a slow test would.
     In place of the travel a cyclic test has a ``protocol``: turning points (m) of the jack's end from its start, or a
     CSV file of a measured one with a column of displacement, and perhaps of time. ``force_protocol`` (N), in the
-    deformed geometry, has those of V. In the deformed geometry no time passes, and a ``rate`` plays no part.
+    deformed geometry, has those of V. In the deformed geometry no time passes, and a ``rate`` plays no part; travel and
+    protocol are those of the points that are pushed, as there is no spring of the jack between.
     """
 
     rate: float | None = field(
