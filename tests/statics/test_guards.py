@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -161,6 +162,35 @@ def test_the_bracket_holds_the_geometry_of_the_start(gain, bounds):
     V = 100.0 - 0.875 if gain < 0.0 else 99.0625 + 0.4375
     assert pytest.approx(V, rel=1e-9) == point.V
     assert (point.V_lower, point.V_upper) == pytest.approx(bounds, rel=1e-9)
+
+
+@pytest.mark.parametrize("strip, drift", [(0.8, 0.56), (0.8, 2.0), (0.05, 1.0)])
+def test_the_bracket_of_a_rocking_joint_holds_the_geometry_of_the_start(strip, drift):
+    """A load near the top of its curve: the strip that presses shrinks, which hides that V falls as the block turns."""
+    rocks = dataclasses.replace(POINT, V_lower=97.0, V_upper=99.0, bracket="indicator", mechanism="rocking")
+    point = told(100.0 - strip / np.sqrt(U) - drift * U, point=rocks)
+    assert point.V_lower == 97.0 or point.V_lower == point.V < 97.0
+    assert point.V_upper - point.V == pytest.approx(1.5 * (100.0 - point.V), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "normal_stiffness, box, travel", [(1e10, (0.4, 0.4, 0.4), 3e-3), (1e11, (0.2, 0.4, 0.4), 2e-3)]
+)
+def test_the_bracket_of_a_block_that_rocks_on_a_convex_joint_holds_what_a_rigid_one_carries(
+    normal_stiffness, box, travel
+):
+    width, _, height = box
+    blocks = (
+        Block("base", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
+        Block("b", "stone", box, (0.0, 0.0, height / 2)),
+    )
+    jack = Actuator("jack", "b", (-width / 2, 0.0, height), (1.0, 0.0, 0.0))
+    control = DisplacementControl(rate=1e-5, travel=travel)
+    rocks = of_stone(law("convex", 1.5, normal_stiffness), control, blocks, actuators=(jack,))
+    point = simulate(rocks).yield_point
+    weight = 2000.0 * 9.81 * math.prod(box)
+    assert point.V_lower <= weight * width / (2.0 * height) <= point.V_upper
+    assert point.V_upper - point.V_lower < 0.06 * point.V
 
 
 def test_a_swing_is_refused():

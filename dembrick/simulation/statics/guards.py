@@ -7,7 +7,8 @@ of neither is a limit load. The time loop sums V and its square over even stretc
 load that falls after its peak is no error: V is then what the blocks still carry.
 
 The limit load is defined in the geometry of the start, and the head has moved on from there. By how much V drifts on
-its way is known from the second half of the travel; back to its start, that is part of the bracket.
+its way is known from the second half of the travel; back to its start, that is part of the bracket. Where blocks rock,
+the strip that presses shrinks meanwhile with the root of the tilt, and hides the drift: V has both as terms.
 """
 
 from __future__ import annotations
@@ -232,7 +233,7 @@ def _joint_of(b: int, assembly: Assembly, joints) -> str:
 
 STEADY = 1e-2  # of the mean load: swing (rms) and missing growth that are let pass
 MISSING = 5.5  # times the growth from the third to the last quarter: what 1 - c/sqrt(u) still lacks
-DRIFT = 1.5  # times the straight drift from the start of the travel: what is not straight in it
+DRIFT = 1.5  # times the drift from the start of the travel: what is in it beside the terms that it is fitted with
 SLOW = 0.1  # elastic slips per critical time step: a head that is no faster cannot make a load swing
 NEAR = 1e-2  # of the joint's reach: a block that has moved no further is where its limit load is defined
 WILD = 0.1  # of the load: a swing (rms), or a want of load, that no slow test of a sound integration has
@@ -254,6 +255,19 @@ def _late(guard: Guard) -> tuple[float, float, float]:
     spread = square[half] - 2.0 * mean[half] * trend + trend**2
     swing = float(np.sqrt(max(np.average(spread, weights=steps[half]), 0.0)))
     return swing, float(np.polyval(line, 1.0)), float(line[0])
+
+
+def _rocking_limit(guard: Guard) -> float:
+    """A of the load A + B / sqrt(u) + C u over the second half of the way u (N).
+
+    C u is what a rigid block loses as it turns. The strip on which it turns has the length sqrt(2 N / (k_n b theta)),
+    and N acts a third of that inside the edge: the term of B.
+    """
+    steps, sums = guard.load[guard.load[:, 0] > 0.0].T[:2]
+    done = (np.cumsum(steps) - 0.5 * steps) / steps.sum()
+    half, root = done > 0.5, np.sqrt(steps)
+    terms = np.stack([np.ones_like(done), done**-0.5, done], axis=1) * root[:, None]
+    return float(np.linalg.lstsq(terms[half], (sums / root)[half])[0][0])
 
 
 def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -> None:
@@ -298,9 +312,11 @@ def steady(point: YieldPoint, guard: Guard, least: float, travel: float) -> Yiel
     last, half = done > 0.75, done > 0.5
     V = float(np.average(mean[last], weights=steps[last]))
     growth = V - float(np.average(mean[half & ~last], weights=steps[half & ~last]))
-    at_start = V - DRIFT * float(np.average(done[last], weights=steps[last])) * gain
-    above = None if point.V_upper is None else max(point.V_upper, V, at_start)
-    point = replace(point, V=V, V_lower=min(point.V_lower, V, max(0.0, at_start)), V_upper=above)
+    at_start = [V - DRIFT * float(np.average(done[last], weights=steps[last])) * gain]
+    if point.mechanism == "rocking":
+        at_start.append(V + DRIFT * (_rocking_limit(guard) - V))
+    above = None if point.V_upper is None else max(point.V_upper, V, *at_start)
+    point = replace(point, V=V, V_lower=min(point.V_lower, V, max(0.0, min(at_start))), V_upper=above)
     allowed = STEADY * max(abs(V), least)
     if not (swing <= allowed and MISSING * growth <= allowed):
         rises = swing <= allowed
