@@ -5,14 +5,27 @@ motion, it stays that of the start.
 """
 
 from math import isnan, nan, sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
+from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.joint.ties import answer
 from dembrick.kernels.math.vectors import NO_MOMENT, columns_times, cross, put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
 from dembrick.kernels.statics.small_displacement import small_actuator, small_relative
+
+
+class Memory(NamedTuple):
+    """What the joints remembered at one moment."""
+
+    base: ndarray  # (j, 6) m, rad: their motion then
+    points: object  # `Points` with a memory of their own, or None
+    areas: object  # `Areas`, likewise
+    counts: ndarray  # (1,) int64, 1 while joints answer from there, 0 while from step to step
 
 
 @jit
@@ -61,8 +74,18 @@ def relative(blocks, joints, j, inertia, dt):
 
 
 @jit
-def joint_forces(state, inertia, dt, viscous, energy):
-    """Forces of all joints, put on the blocks; ``viscous`` (2) times the joint's own ``damping``."""
+def from_memory(memory, joints, points, areas, family, index, j, motion):
+    """The `Motion` that joint ``j`` sees in one implicit step from the ``memory`` that it is given again."""
+    families.recall(points, areas, memory.points, memory.areas, family, index)
+    u = joints.relative[j]
+    base = memory.base[j]
+    return Motion(motion.depth, (0.0, 0.0, 0.0), (u[0] - base[0], u[1] - base[1], u[5] - base[5]))
+
+
+@jit
+def joint_forces(state, inertia, dt, viscous, energy, memory):
+    """Forces of all joints, put on the blocks; ``viscous`` (2) times the joint's own ``damping``. With a ``memory``, a
+    `Memory` or None, they answer to the whole motion since, whatever the way."""
     blocks = state.blocks
     joints = state.joints
     points = state.points
@@ -71,6 +94,9 @@ def joint_forces(state, inertia, dt, viscous, energy):
         for i in range(joint_count(points, areas, family)):
             j = joint_of(points, areas, family, i)
             motion = relative(blocks, joints, j, inertia, dt)
+            if memory is not None:
+                if memory.counts[0] > 0:
+                    motion = from_memory(memory, joints, points, areas, family, i, j, motion)
             more = joints.damping[j]
             own = more * viscous[0], more * viscous[1]
             found = families.forces(points, areas, family, i, joints.resultant[j], motion, own, energy)

@@ -15,6 +15,7 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.statics.block_forces import (
+    Memory,
     actuator_forces,
     clear_forces,
     hold,
@@ -112,6 +113,15 @@ class Relaxing(NamedTuple):
     tolerance: float  # out-of-balance over joint forces
     momentum: float  # part of the last move that is kept, while that goes along with the forces
     ratio: ndarray  # (1,) out-of-balance over joint forces that was reached
+    memory: Memory  # of the start: blocks swing past their rest, and friction must not keep that
+
+
+@jit
+def memory_of(relaxing):
+    """The `Memory` of `Relaxing`, None if nothing relaxes."""
+    if relaxing is not None:
+        return relaxing.memory
+    return None
 
 
 @jit
@@ -154,13 +164,14 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certifi
     """
     blocks = state.blocks
     viscous = viscous_of(drive)
+    memory = memory_of(relaxing)
     damping = mean_weight = v = moved = rate = 0.0
     if first == 0 and n_steps > 0:
         begin_energy(energy, state)
         open_guard(guard, state)
     for step in range(first, first + n_steps):
         clear_forces(blocks)
-        joint_forces(state, inertia, dt, viscous, energy)
+        joint_forces(state, inertia, dt, viscous, energy, memory)
         tie_forces(state.ties, blocks)
         if drive is not None:
             rate = head_rate(drive, step, dt)

@@ -19,6 +19,7 @@ import numpy as np
 from dembrick._jit import ready
 from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.state import ScaledInertia
+from dembrick.kernels.statics.block_forces import Memory
 from dembrick.kernels.statics.loop import Relaxing, advance
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import arrays_of, flattened, restored_state
@@ -148,7 +149,8 @@ def rest(
     bonded = joint_families.has_strengths(state)
     if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
         return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
-    relaxing = Relaxing(UNBALANCED, MOMENTUM, np.ones(1))
+    memory = Memory(state.joints.relative.copy(), **joint_families.memory(state), counts=np.ones(1, np.int64))
+    relaxing = Relaxing(UNBALANCED, MOMENTUM, np.ones(1), memory)
     relax = ready(advance, 0, 0, 1.0, for_kernels(state), inertia, None, None, relaxing, None, None, None, None)
     compiled = time.perf_counter()
     # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
@@ -156,7 +158,7 @@ def rest(
     rounds = ((FIRST_STEPS, 0.0, False), (MOST_STEPS, MOMENTUM, False)) if alone else ((MOST_STEPS, MOMENTUM, False),)
     if bonded:
         rounds = (*((most, momentum, True) for most, momentum, _ in rounds), *rounds)
-    relaxation = _Relaxation(state, inertia, rounds, relax)
+    relaxation = _Relaxation(state, inertia, memory, rounds, relax)
     session = relaxation.session_of(session or Session())
     ratio, steps = relaxation.run(session)
     stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
@@ -213,12 +215,18 @@ def _changing(state: State) -> Iterator[np.ndarray]:
 
 class _Relaxation:
     """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum, whether bonds are held), until one of them
-    balances the forces; where that was one with held bonds, until one does without. ``relax``: the kernel."""
+    balances the forces; where that was one with held bonds, until one does without, in which bonds break step by step,
+    and joints answer from step to step. ``memory``: of the start; ``relax``: the kernel."""
 
     def __init__(
-        self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float, bool], ...], relax: Callable
+        self,
+        state: State,
+        inertia: ScaledInertia,
+        memory: Memory,
+        rounds: tuple[tuple[int, float, bool], ...],
+        relax: Callable,
     ):
-        self._state, self._inertia, self._rounds, self._relax = state, inertia, rounds, relax
+        self._state, self._inertia, self._memory, self._rounds, self._relax = state, inertia, memory, rounds, relax
         self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
         self._start = [(array, array.copy()) for array in _changing(state)]
@@ -244,7 +252,8 @@ class _Relaxation:
                 if self._state.ties is not None:
                     ties.pull(self._state)
                     steps = 1  # their forces follow every step
-                relaxing = Relaxing(UNBALANCED, momentum, reached)
+                self._memory.counts[0] = held or not self._bonded
+                relaxing = Relaxing(UNBALANCED, momentum, reached, self._memory)
                 state = for_kernels(self._state)
                 _, self._step = self._relax(
                     self._step, steps, 1.0, state, self._inertia, None, None, relaxing, None, None, None, None
