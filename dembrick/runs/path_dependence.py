@@ -284,9 +284,10 @@ def _after_pressing(scenario: Scenario, search: Search, joints: np.ndarray) -> f
 
 
 def _let_go(assembly: Assembly, wrench: np.ndarray) -> State:
-    """The rest that is left after ``wrench`` (n, 6), N and N m, has acted on the blocks and gone."""
+    """The rest that is left after ``wrench`` (n, 6), N and N m, has acted on the blocks at rest and gone."""
     force, torque = assembly.dead_force + wrench[:, :3], assembly.dead_torque + wrench[:, 3:]
-    return _rest(assembly, _rest(replace(assembly, dead_force=force, dead_torque=torque)))
+    acts = replace(assembly, dead_force=force, dead_torque=torque)
+    return _rest(assembly, _rest(acts, _rest(assembly)))
 
 
 def _rest(assembly: Assembly, start: State | None = None) -> State:

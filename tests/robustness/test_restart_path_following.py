@@ -13,13 +13,13 @@ from dembrick.history import Checkpoint, Checkpoints, read
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import model, shipped, toml
-from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.controls import PushoverControl, StaticsControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.statics import dead_load, limit_load
 from dembrick.simulation.statics.paths import path_following, path_state
-from helpers.restart_cases import SLOW, check_same, counted_looks, dembrick, rewritten, rows_of, wait_for
+from helpers.restart_cases import SLOW, check_same, content, counted_looks, dembrick, rewritten, rows_of, wait_for
 from helpers.stone_scenes import law, of_stone
 
 
@@ -182,6 +182,32 @@ def test_a_signal_while_it_comes_to_rest_again_leaves_the_later_checkpoint(tmp_p
     assert [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()] == kept
     restart(path)
     check_same(tmp_path / "whole.h5", path)
+
+
+def test_loads_that_change_in_increments_go_on_from_their_start(tmp_path, signal_after):
+    """A block that is pressed against a curb slides on the floor: that load comes again, in ten steps."""
+    size, curb = (0.4, 0.4, 1.0), Block("curb", "stone", (0.2, 0.4, 0.1), (-0.3, 0.0, 0.05), fixed=True)
+    floor = Block("floor", "stone", (2.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    press = model.Load("block", (-6000.0, 0.0, 0.0), (0.2, 0.0, 0.05), stages=(2,))
+    given = of_stone(
+        law(), StaticsControl(), (floor, curb, Block("block", "stone", size, (0.0, 0.0, 0.5))), loads=(press,),
+        stages=(StaticsControl(),), output=model.Output(("joints", "frames"), checkpoint=1e9),
+    )  # fmt: skip
+    with counted_looks() as looked:
+        simulate(given, tmp_path / "whole.h5")
+    assert len(looked) > 100
+    for looks in (len(looked) // 2, len(looked) - 1):
+        path = tmp_path / f"{looks}.h5"
+        with signal_after(looks, match="after step 0 of the dead-load equilibrium"):
+            simulate(given, path)
+        with counted_looks() as again:
+            restart(path)
+        assert len(again) > 100
+        one, other = content(tmp_path / "whole.h5"), content(path)
+        for found in (one, other):
+            found["results"]["stages"][0].pop("wall")
+        assert one.pop("results") == other.pop("results")
+        assert all(np.array_equal(one[name], other[name]) for name in one)
 
 
 STRANGE = {

@@ -22,14 +22,17 @@ FLOOR = block("floor", (0.0, 0.0, -0.1), (6.0, 4.0, 0.2), "fixed = true")
 YIELD = '[control]\nkind = "yield"\n'
 
 
-def curb(squeeze: float = 0.0, shear: float = 4e9):
-    """A block of .4 x 1.0 m beside a curb of .1 m, pushed away from it at its top; first pressed against the curb."""
+def curb(squeeze: float = 0.0, shear: float = 4e9, steps: int = 1):
+    """A block of .4 x 1.0 m beside a curb of .1 m, pushed away from it at its top; first pressed against the curb, by
+    a force that comes and goes in so many ``steps``."""
     text = header(normal_stiffness=1e10) + FLOOR
     text += block("curb", (-0.3, 0.0, 0.05), (0.2, 0.4, 0.1), "fixed = true")
     text += block("block", (0.0, 0.0, 0.5), (0.4, 0.4, 1.0))
     if squeeze:
-        text += f'[[loads]]\nblock = "block"\nforce = [{-squeeze}, 0.0, 0.0]\npoint = [0.2, 0.0, 0.05]\nstages = [1]\n'
-        text += '[[stages]]\nkind = "statics"\n' * 2
+        for i in range(steps):
+            text += f'[[loads]]\nblock = "block"\nforce = [{-squeeze / steps}, 0.0, 0.0]\npoint = [0.2, 0.0, 0.05]\n'
+            text += f"stages = {list(range(2 + i, 1 + 2 * steps - i))}\n"
+        text += '[[stages]]\nkind = "statics"\n' * (1 + 2 * steps)
     text += jack("block", (-0.2, 0.0, 1.0)) + YIELD
     return toml.loads(text, overrides=[f"joint.shear_stiffness={shear}"])
 
@@ -44,10 +47,10 @@ def slabs(squeeze: float = 0.0):
         text += f'[[joints]]\nbetween = ["floor", "{name}"]\nformulation = "concave"\nfriction = 0.05\n'
         text += "normal_stiffness = 1.0e10\nshear_stiffness = 4.0e9\n"
         if squeeze:
-            text += f'[[loads]]\nblock = "{name}"\nforce = [0.0, {np.sign(y) * squeeze}, 0.0]\nstages = [1]\n'
+            text += f'[[loads]]\nblock = "{name}"\nforce = [0.0, {np.sign(y) * squeeze}, 0.0]\nstages = [2]\n'
     text += block("b", (0.0, 0.0, 0.9), (0.4, 1.0, 1.0))
     if squeeze:
-        text += '[[stages]]\nkind = "statics"\n' * 2
+        text += '[[stages]]\nkind = "statics"\n' * 3
     return toml.loads(text + jack("b", (-0.2, 0.0, 1.4)) + YIELD)
 
 
@@ -165,6 +168,12 @@ def test_refine_finds_what_a_squeeze_makes_a_block_bear():
     assert high == pytest.approx(squeezed["yield_point"]["V"], rel=0.01) and high > 880.0
     assert answer["yield_point"]["V_upper"] >= high and answer["associative"] > high
     assert answer["path"]["paths"][0] == answer["path"]["paths"][1]
+
+
+def test_a_force_that_comes_and_goes_at_once_leaves_what_a_slow_one_does():
+    """What slides remembers the way: where joints bear other loads already, these change in increments."""
+    once, slowly = (told(curb(6000.0, 4e10, steps))["yield_point"]["V"] for steps in (1, 10))
+    assert once == pytest.approx(slowly, rel=1e-4)
 
 
 def test_refine_finds_the_slabs_that_are_pressed_to_their_walls():

@@ -44,6 +44,7 @@ UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
+INCREMENTS = 10  # in which loads come on joints that bear others and slide
 FALLEN = 0.2  # of a joint's reach: how far blocks that fall have moved when they are shown
 FEW = 8  # steps in the first chunk, before the pace is known
 MOVING = ("displacement", "rotation", "velocity", "spin", "force", "torque", "guide")  # fields of blocks, and of joints
@@ -134,7 +135,8 @@ def rest(
     of the user's own.
 
     Where joints have bonds they hold until the blocks rest; those that bear too much then break, and the others must
-    carry the loads without them.
+    carry the loads without them. Where nothing is bonded joints answer in one implicit step, which is what they carry
+    if all loads grow together from zero; where they bore others before and slide, the loads change in `INCREMENTS`.
     """
     blocks = state.blocks
     began = time.perf_counter()
@@ -149,7 +151,7 @@ def rest(
     bonded = joint_families.has_strengths(state)
     if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
         return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
-    memory = Memory(state.joints.relative.copy(), **joint_families.memory(state), counts=np.ones(1, np.int64))
+    memory = memory_of(state)
     relaxing = Relaxing(UNBALANCED, MOMENTUM, np.ones(1), memory)
     relax = ready(advance, 0, 0, 1.0, for_kernels(state), inertia, None, None, relaxing, None, None, None, None)
     compiled = time.perf_counter()
@@ -162,6 +164,8 @@ def rest(
     session = relaxation.session_of(session or Session())
     ratio, steps = relaxation.run(session)
     stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
+    if stands and memory.base.any() and not bonded and joint_families.slid(state, memory):
+        steps += relaxation.by_increments(session)
     if not stands and not moving_blocks(state):
         stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
     if not stands and joint_families.is_custom(state):
@@ -183,6 +187,17 @@ def rest(
     if stands:
         _come_to_rest(state)
     return Rest(stands, ratio, steps, mechanism, moving, *seconds)
+
+
+def memory_of(state: State) -> Memory:
+    """`Memory` of the joints of ``state`` now."""
+    return Memory(state.joints.relative.copy(), **joint_families.memory(state), counts=np.ones(1, np.int64))
+
+
+def _put(arrays: list[tuple[np.ndarray, np.ndarray]]) -> None:
+    """Write into each array what goes with it."""
+    for array, values in arrays:
+        array[...] = values
 
 
 def _come_to_rest(state: State) -> None:
@@ -209,8 +224,9 @@ def _changing(state: State) -> Iterator[np.ndarray]:
         for name in fields:
             yield getattr(part, name)
     yield from joint_families.changing(state)
-    if state.ties is not None:  # whose pull is among the dead forces
-        yield from (state.blocks.dead_force, state.blocks.dead_torque, *arrays_of(state.ties))
+    yield from (state.blocks.dead_force, state.blocks.dead_torque)
+    if state.ties is not None:
+        yield from arrays_of(state.ties)
 
 
 class _Relaxation:
@@ -229,6 +245,7 @@ class _Relaxation:
         self._state, self._inertia, self._memory, self._rounds, self._relax = state, inertia, memory, rounds, relax
         self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
+        self._increments = False
         self._start = [(array, array.copy()) for array in _changing(state)]
 
     def session_of(self, session: Session) -> Session:
@@ -242,23 +259,15 @@ class _Relaxation:
 
     def run(self, session: Session) -> tuple[float, int]:
         """The unbalanced-force ratio reached, and the steps of the last round."""
-        ratio, pace, reached = 1.0, FEW, np.ones(1)
+        ratio, pace = 1.0, FEW
         with interrupts.deferred():
             while self._round < len(self._rounds):
                 most, momentum, held = self._rounds[self._round]
                 if self._bonded:
                     joint_families.hold_bonds(self._state, held)
                 steps, began = min(pace, most - self._step), time.perf_counter()
-                if self._state.ties is not None:
-                    ties.pull(self._state)
-                    steps = 1  # their forces follow every step
                 self._memory.counts[0] = held or not self._bonded
-                relaxing = Relaxing(UNBALANCED, momentum, reached, self._memory)
-                state = for_kernels(self._state)
-                _, self._step = self._relax(
-                    self._step, steps, 1.0, state, self._inertia, None, None, relaxing, None, None, None, None
-                )
-                ratio = float(reached[0])
+                ratio = self._relaxed(steps, momentum)
                 pace = max(1, min(int(steps * CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)), 16 * steps))
                 balanced, last = ratio <= UNBALANCED, self._round + 1 == len(self._rounds)
                 if (balanced and not held) or (self._step >= most and last):
@@ -270,15 +279,56 @@ class _Relaxation:
                 session.pause(self)
         return ratio, self._step
 
+    def _relaxed(self, steps: int, momentum: float) -> float:
+        """Relax by so many ``steps`` at most; returns the unbalanced-force ratio reached."""
+        if self._state.ties is not None:
+            ties.pull(self._state)
+            steps = 1  # their forces follow every step
+        relaxing = Relaxing(UNBALANCED, momentum, np.ones(1), self._memory)
+        state = for_kernels(self._state)
+        _, self._step = self._relax(
+            self._step, steps, 1.0, state, self._inertia, None, None, relaxing, None, None, None, None
+        )
+        return float(relaxing.ratio[0])
+
+    def by_increments(self, session: Session) -> int:
+        """Go from the start to the equilibrium that was reached again, by loads that change in `INCREMENTS`, each with
+        the memory of the equilibrium before; returns the steps. If one of these is not found, all stays as it was."""
+        state, free, steps = self._state, self._state.blocks.free, 0
+        reached = [(array, array.copy()) for array, _ in self._start]
+        self._increments = True
+        _put(self._start)
+        self._step = 0
+        self._relaxed(1, 0.0)
+        loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
+        change[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
+        _put(self._start)
+        for left in range(INCREMENTS - 1, -1, -1):
+            ties.put_dead_loads(state, loads - left / INCREMENTS * change)
+            self._memory, self._round, self._step = memory_of(state), 0, 0
+            ratio, more = self.run(session)
+            steps += more
+            if not ratio <= UNBALANCED:
+                _put(reached)
+                break
+            ties.remember(state)
+        return steps
+
     def start_again(self) -> None:
         """Put everything as it was at the start; the relaxation is over, and a checkpoint of now begins there."""
         self._round, self._step = len(self._rounds), 0
-        for array, start in self._start:
-            array[...] = start
+        _put(self._start)
+
+    @property
+    def _kept(self) -> tuple[int, int]:
+        """Round and step at which a checkpoint of now begins; one of increments begins at the start."""
+        if self._increments:
+            return 0, 0
+        return self._round, 0 if self._round == len(self._rounds) else self._step
 
     @property
     def where(self) -> str:
-        return f"step {self._step} of the dead-load equilibrium"
+        return f"step {self._kept[1]} of the dead-load equilibrium"
 
     @property
     def progress(self) -> Progress:
@@ -286,10 +336,10 @@ class _Relaxation:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         state = flattened({"state": self._state})
-        if self._round == len(self._rounds):
+        if self._increments or self._round == len(self._rounds):
             starts = {id(array): start for array, start in self._start}
             state = {name: starts.get(id(array), array) for name, array in state.items()}
-        return {SNAPSHOT: np.array([self._round, self._step], float), **state}
+        return {SNAPSHOT: np.array(self._kept, float), **state}
 
     def _restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError if it is of another."""

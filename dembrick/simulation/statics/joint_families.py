@@ -210,6 +210,12 @@ def crushing_work(state, before) -> float:
     )
 
 
+def slid(state, before) -> bool:
+    """Whether anything has slid since the memory ``before``."""
+    joints = ((getattr(state, name), getattr(before, name)) for name in FAMILIES)
+    return any(now is not None and (now.slip != then.slip).any() for now, then in joints)
+
+
 def friction_work(state, before) -> float:
     """Work that friction took since the `memory` in the fields of ``before``, by the forces of now (J)."""
     normal = state.joints.resultant[:, 0]

@@ -166,6 +166,16 @@ def dead_loads(state: State) -> np.ndarray:
     return np.concatenate([state.blocks.dead_force, state.blocks.dead_torque], axis=1)
 
 
+def put_dead_loads(state: State, wrench: np.ndarray) -> None:
+    """Let ``wrench`` (n, 6) be the dead loads on the blocks; ties go on pulling as `pull` found them."""
+    blocks = state.blocks
+    if state.ties is not None:
+        state.ties.dead[:] = wrench
+        act(state)
+    else:
+        blocks.dead_force[:], blocks.dead_torque[:] = wrench[:, :3], wrench[:, 3:]
+
+
 def on_blocks(state: State) -> np.ndarray:
     """Forces and moments of the ties on the blocks (n, 6) at present, N and N m."""
     return np.concatenate([state.blocks.dead_force, state.blocks.dead_torque], axis=1) - dead_loads(state)
