@@ -9,8 +9,11 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.outcomes.error_estimate import refinements
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import PushoverControl
 from dembrick.views.key_numbers import key_numbers
 from helpers.places import SCENARIOS
+from helpers.stone_scenes import law, of_stone
 
 PULSE = 9.81 * 0.5 * 0.2**2 * (0.5 - 0.2) * 0.5 / 0.2  # m: Newmark's block, 0.5 g for 0.2 s, friction 0.2
 
@@ -26,6 +29,16 @@ def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation):
     fallen = simulate(wall(formulation, "control.displacement=0.01"), record=False, refine=True).collapse
     away = abs(fallen["load_factor"] - 0.4)
     assert 1e-3 < away < fallen["error_estimate"] < 0.05
+
+
+@pytest.mark.parametrize(("stiffness", "rate", "way"), [(1e10, 1e-3, 4e-3), (1e8, 2e-4, 1e-2)])
+def test_a_bar_holds_the_rigid_block_that_is_pushed_over_a_convex_joint(stiffness, rate, way):
+    """The strip under its edge makes the error c k^-1/3 and less of higher powers: just that is no bar."""
+    floor = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    block = Block("block", "stone", (0.2, 0.4, 0.4), (0.0, 0.0, 0.2))
+    control = PushoverControl((1.0, 0.0, 0.0), quasi_static=False, rate=rate, displacement=way)
+    pushed = simulate(of_stone(law("convex", 0.9, stiffness), control, (floor, block)), record=False, refine=True)
+    assert abs(pushed.collapse["load_factor"] - 0.5) < pushed.collapse["error_estimate"] < 0.1
 
 
 def test_newmarks_block_is_in_the_bar_of_its_displacement():

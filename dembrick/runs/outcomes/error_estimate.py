@@ -3,7 +3,8 @@
 A run in real time, with joints of some stiffness and driven at some rate, stands for rigid blocks and, where it drives
 to a collapse, for a rate of zero. Each is refined by itself, because the two errors may differ in sign, and a
 difference counts for an error that fades as slowly as has been seen: with the rate to the power 2/3, the time that
-what has begun to fall takes; with the stiffness to the power -1/3, at joints that press a strip along their toe.
+what has begun to fall takes; with the stiffness to the power -1/3, at joints that press a strip along their toe, and a
+little more for the powers that follow: convex joints that rock lacked up to 2.4 % of their error.
 
 A search through equilibria knows no rate, and its forces no scale of stiffness, but the ratio of the two stiffnesses
 decides how joints are loaded on the way, and so to which limit friction without dilatancy is led. Nobody knows that
@@ -51,7 +52,7 @@ from dembrick.scenario.regimes import (
 from dembrick.views.summary import known
 
 OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
-OF_STIFFNESS = 1.0 / (1.0 - 2.0 ** (-1.0 / 3.0))  # and twice the stiffness
+OF_STIFFNESS = 1.05 / (1.0 - 2.0 ** (-1.0 / 3.0))  # and twice the stiffness
 
 
 RATIOS = (0.1, 0.4, 1.0, 4.0)  # shear over normal stiffness of dry joints, as far as they are known
