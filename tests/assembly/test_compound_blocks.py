@@ -18,6 +18,7 @@ from dembrick.runs.theory_check import theory_of
 from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block, Part, Prism
 from dembrick.scenario.controls import DynamicControl, PushoverControl, StaticsControl
+from dembrick.scenario.joint_laws import FORMULATIONS
 from dembrick.scenario.model import Actuator, JointLaw, Load, Material, YieldControl
 from dembrick.simulation.statics.limit_load import find_limit_load
 from dembrick.simulation.statics.state import initial_state
@@ -197,10 +198,10 @@ def test_a_jack_may_push_any_part():
 # --- a push on all of a block, and one at its centroid ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("tall", [0.2, 0.6])
-@pytest.mark.parametrize("formulation, pressure", [
-    *((name, "full") for name in ("concave", "convex", "corrected", "corrected-shear", "distributed")),
-    ("convex", "linear"), ("convex", "effective"),
+@pytest.mark.parametrize("formulation, pressure, tall", [
+    *((name, "full", tall) for name in FORMULATIONS for tall in (0.2, 0.6)),
+    *(("convex", pressure, 0.2) for pressure in ("linear", "effective")),
+    *(pytest.param("convex", pressure, 0.6, marks=pytest.mark.slow) for pressure in ("linear", "effective")),
 ])  # fmt: skip
 def test_a_body_force_and_an_actuator_at_the_centroid_have_one_limit(formulation, pressure, tall):
     """The same load, said in two ways; the low block slides, the high one rocks."""

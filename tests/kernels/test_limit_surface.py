@@ -13,6 +13,7 @@ from dembrick.kernels.joint import limit_surface
 from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.math.geometric_median import median_distance
 from helpers.compiled import forms, matrix
+from helpers.plain_python import cases
 from helpers.random_polygons import slender_polygon as random_polygon
 from helpers.random_polygons import slenderness
 
@@ -206,7 +207,9 @@ def random_returns(seed, count, far=2.0):
         yield polygon, law, limit, reach, strength, k_t, k_r, force, start
 
 
-@pytest.mark.parametrize("proximal_map, count", list(zip(forms(limit_surface.proximal_map), (6000, 1000), strict=True)))
+@pytest.mark.parametrize(
+    "proximal_map, count", list(zip(forms(limit_surface.proximal_map), (cases(3000, 500), 500), strict=True))
+)
 def test_proximal_map_is_optimal(proximal_map, count):
     """Conditions of optimality: f - K q = t, and t is the point of the limit surface whose normal is q.
 

@@ -16,6 +16,7 @@ from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.simulation.moving_ties import moving_ties
 from tests.helpers import joints_of_engines as engines
 from tests.helpers.custom_laws import COULOMB
+from tests.helpers.plain_python import cases
 from tests.helpers.stone_scenes import of_stone
 from tests.kernels.test_custom_law import MovingCustom, StaticCustom
 
@@ -53,7 +54,7 @@ def deformed(joint):
 def test_a_joint_that_swings_keeps_what_it_would_without(family, law, monkeypatch):
     monkeypatch.setattr(engines, "VISCOUS", 0.0)  # of the searches; the moving joint has dashpots, and must not show it
     rng, slid = np.random.default_rng(11), 0
-    for _ in range(12):
+    for _ in range(cases(12, 4)):
         still = made(STATIC, family, law)
         monkeypatch.setattr(engines, "VISCOUS", 0.3)
         moving = made(MOVING, family, law)
@@ -81,7 +82,7 @@ def test_a_joint_that_swings_keeps_what_it_would_without(family, law, monkeypatc
             if LAWS.get(law):
                 np.testing.assert_allclose(deformed(moving), deformed(still), rtol=1e-8, atol=1e-14)
         slid += np.max(still.slip) > 0.0
-    assert slid > 9
+    assert slid > cases(9, 2)
 
 
 @pytest.mark.parametrize("most", [0.0, 1.0])

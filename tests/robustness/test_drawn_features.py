@@ -1,17 +1,17 @@
-"""Features that meet: 100 drawn scenes, each judged by limit analysis, a second route and another view of it."""
+"""Features that meet: 60 drawn scenes, each judged by limit analysis, a second route and another view of it."""
 
 import pytest
 
 from dembrick.errors import DembrickError
 from helpers.places import tool_module
 
-PARTS = 10
+PARTS = 6
 features = tool_module("drawn_features")
 
 
 @pytest.fixture(scope="module")
 def drawn():
-    return features.scenes(100, 1, quick=True)
+    return features.scenes(60, 1, quick=True)
 
 
 @pytest.mark.parametrize("part", range(PARTS))

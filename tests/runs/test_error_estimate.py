@@ -31,12 +31,12 @@ def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation):
     assert 1e-3 < away < fallen["error_estimate"] < 0.05
 
 
-@pytest.mark.parametrize(("stiffness", "rate", "way"), [(1e10, 1e-3, 4e-3), (1e8, 2e-4, 1e-2)])
-def test_a_bar_holds_the_rigid_block_that_is_pushed_over_a_convex_joint(stiffness, rate, way):
+@pytest.mark.parametrize("stiffness", [1e10, 1e9])
+def test_a_bar_holds_the_rigid_block_that_is_pushed_over_a_convex_joint(stiffness):
     """The strip under its edge makes the error c k^-1/3 and less of higher powers: just that is no bar."""
     floor = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.2, 0.4, 0.4), (0.0, 0.0, 0.2))
-    control = PushoverControl((1.0, 0.0, 0.0), quasi_static=False, rate=rate, displacement=way)
+    control = PushoverControl((1.0, 0.0, 0.0), quasi_static=False, rate=1e-3, displacement=4e-3)
     pushed = simulate(of_stone(law("convex", 0.9, stiffness), control, (floor, block)), record=False, refine=True)
     assert abs(pushed.collapse["load_factor"] - 0.5) < pushed.collapse["error_estimate"] < 0.1
 
