@@ -82,6 +82,32 @@ def test_a_tilt_knows_that_the_strength_of_a_tie_does_not_turn():
     assert weight * math.sin(angle) == pytest.approx(0.3 * weight * math.cos(angle) + strength, rel=1e-7)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.8, 0.9, 0.98])
+@pytest.mark.parametrize("formulation", ["convex", "concave"])
+def test_a_tilt_knows_that_cohesion_does_not_turn(share, formulation):
+    """W sin = mu W cos + S: the more of the weight S carries, the less V = F(V) moves in a round, far from its end."""
+    found = limit(bonded_tile(share, formulation))
+    phi = math.atan(0.3)
+    truth = math.tan(phi + math.asin(share * math.cos(phi)))
+    assert found.limit.lower <= truth <= found.limit.upper
+    assert found.limit.upper - found.limit.lower < 1e-6 * truth
+
+
+def test_a_tile_whose_bond_carries_its_weight_stands_at_any_tilt():
+    assert limit(bonded_tile(1.05, "convex")).angle == 90.0
+
+
+def bonded_tile(share, formulation):
+    """A tile on a table, whose bond carries that ``share`` of its weight in shear, and more than that in tension."""
+    cohesion = share * 2000.0 * 9.81 * 0.01
+    joint = law(formulation, 0.3, cohesion=cohesion, residual_cohesion=cohesion, tensile_strength=cohesion / 0.3)
+    blocks = (
+        Block("table", "stone", box=(2.0, 2.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
+        Block("tile", "stone", box=(0.4, 0.4, 0.01), position=(0.0, 0.0, 0.005)),
+    )
+    return of_stone(joint, TiltControl((0.0, 1.0, 0.0), 1.0, 0.02, quasi_static=True), blocks)
+
+
 def test_a_rough_table_stands_at_any_tilt():
     walls = (
         Block("left", "stone", box=(0.2, 1.0, 0.4), position=(-0.3, 0.0, 0.2), fixed=True),

@@ -44,7 +44,8 @@ GAP = 1e-4  # of the load factor: a wider gap between the bounds is no answer
 LITTLE = 1e-3  # of the dead loads: a load so small need not be known better than one as great as that
 _STANDS = 1e-7  # of the dead loads: an out-of-balance force that is none
 _NOTHING = 1e-12  # of the forces of a load that adds up to nothing on each block
-_TILT_ROUNDS, _TILT_SETTLED = 40, 1e-9
+_TILT_ROUNDS, _TILT_SETTLED = 40, 1e-10
+_STEEPEST = 1e6  # tangent of an angle that is 90 deg
 
 
 @dataclass(frozen=True)
@@ -157,17 +158,53 @@ def limit_load(
     began = time.perf_counter()
     live = live_wrench(assembly)
     material = Material.of(assembly.joints) if material is None else material
-    if not tilt or (material.dry and not np.isfinite(assembly.ties.strength).any()):
-        return replace(_limit(assembly, live, material, corners), seconds=time.perf_counter() - began)
-    found, V = None, 0.0
-    for _ in range(_TILT_ROUNDS):
+    if tilt and not (material.dry and not np.isfinite(assembly.ties.strength).any()):
+        found = _tilted(assembly, live, material, corners)
+    else:
+        found = _limit(assembly, live, material, corners)
+    return replace(found, seconds=time.perf_counter() - began)
+
+
+def _tilted(assembly: Assembly, live: np.ndarray, material: Material, corners: bool) -> Limit:
+    """The tangent V of the angle of a table at which V = F(V), the limit under strengths that have grown with 1 / cos.
+
+    F grows with V. So where F(V) >= V all stands up to F(V) at least, and where F(V) <= V it falls at F(V) at the
+    latest. False position brings two such tangents together, each round from the side that is further from the root.
+    Raises NotConvergedError if they stay apart.
+    """
+
+    def at(V: float) -> Limit:
         steeper = math.hypot(1.0, V)
         ties = replace(assembly.ties, strength=steeper * assembly.ties.strength)
-        found = _limit(replace(assembly, ties=ties), live, material.scaled(steeper), corners)
-        if found.unlimited or abs(found.load_factor - V) <= _TILT_SETTLED * max(1.0, V):
-            break
-        V = found.load_factor
-    return replace(found, seconds=time.perf_counter() - began)
+        return _limit(replace(assembly, ties=ties), live, material.scaled(steeper), corners)
+
+    stands, safe, falls_at, unsafe = 0.0, at(0.0), math.inf, None
+    V, gain, slope, rounds = safe.load_factor, safe.load_factor, -1.0, safe.rounds
+    for _ in range(_TILT_ROUNDS):
+        if safe.unlimited or stands > _STEEPEST:
+            return replace(safe, load_factor=math.inf, lower=math.inf, upper=math.inf, unlimited=True, mechanism=None)
+        found = at(V)
+        rounds += found.rounds
+        if found.lower >= V > stands:
+            slope = (found.load_factor - V - gain) / (V - stands)
+            stands, safe, gain = V, found, found.load_factor - V
+        elif found.upper <= V:
+            falls_at, unsafe = V, found
+        if unsafe is None:
+            V = 1.01 * (stands - gain / slope) + _TILT_SETTLED if slope < 0.0 else 8.0 * stands + 1.0
+            continue
+        slope = (unsafe.load_factor - falls_at - gain) / (falls_at - stands)
+        root, width = stands - gain / slope, max(safe.upper - safe.lower, unsafe.upper - unsafe.lower)
+        if unsafe.upper - safe.lower <= _TILT_SETTLED * max(1.0, root) - 8.0 * width / slope:
+            middle = 0.5 * (safe.lower + unsafe.upper)
+            ends = {"load_factor": middle, "lower": safe.lower, "upper": unsafe.upper}
+            return replace(safe, **ends, mechanism=unsafe.mechanism, rounds=rounds)
+        off = 1e-3 * (falls_at - stands) - 2.0 * width / slope
+        V = root - off if root - safe.lower > unsafe.upper - root else root + off
+    raise NotConvergedError(
+        f"limit analysis: a table at tan = {safe.lower:.6g} stands, and where it falls was not found in {_TILT_ROUNDS} "
+        "rounds, as strengths that do not turn with the table carry nearly all; lower them, or push"
+    )
 
 
 def _limit(assembly: Assembly, live: np.ndarray, material: Material, corners: bool) -> Limit:
