@@ -14,7 +14,7 @@ from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.runs.steps import steps
 from dembrick.scenario import toml
-from dembrick.simulation.dynamics.paths import driven_path
+from dembrick.simulation.dynamics.paths import driven_path, equilibria
 from helpers.restart_cases import stop_in_stages
 from helpers.scenario_text import block, header, jack
 from helpers.stone_scenes import GRAVITY
@@ -372,3 +372,29 @@ def test_a_block_that_may_not_turn_slides_without_a_hinge():
     assert "hinges        none" in lines
     (moved,) = (line for line in lines if line.startswith("moved"))
     assert moved.startswith("moved         stone by ")
+
+
+def test_a_load_that_an_elastic_tie_follows_for_ever_has_no_limit(monkeypatch):
+    """V = mu W + k u: the path ends where it has no room for more equilibria, and says how far it went."""
+    monkeypatch.setattr(equilibria, "SPARE", 60)
+    text = header("convex", 0.5, 1e10) + block("floor", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
+    text += block("post", (-1.1, 0.0, 0.3), (0.2, 0.2, 0.6), "fixed = true")
+    text += block("stone", (0.0, 0.0, 0.05), (0.4, 0.4, 0.1))
+    ends = '[{ block = "stone", point = [-0.2, 0.0, 0.05] }, { block = "post", point = [-1.0, 0.0, 0.05] }]'
+    text += f"[[ties]]\nbetween = {ends}\nstiffness = 1e4\n"
+    control = 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\nlarge_displacements = true\n'
+    found = simulate(toml.loads(f"{text}[control]\n{control}"))
+    assert found.unlimited and found.yield_point.V is None and found.yield_point.V_lower > 0.9
+    assert "unlimited: no blocks came down up to" in found.text()
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_block_of_two_parts_rocks_as_a_whole_one(formulation):
+    """The joint of the far part opens wholly, and is no uplift of the block."""
+    parts = (
+        "parts = [" + ", ".join(f"{{ box = [0.2, 0.4, 0.4], position = [{x}, 0.0, 0.0] }}" for x in (-0.1, 0.1)) + "]\n"
+    )
+    text = header(formulation, 0.9, 1e10) + block("floor", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
+    text += f'[[blocks]]\nname = "stone"\nmaterial = "stone"\nposition = [0.0, 0.0, 0.2]\n{parts}'
+    text += jack("stone", (-0.2, 0.0, 0.4)) + '[control]\nkind = "yield"\nlarge_displacements = true\n'
+    assert simulate(toml.loads(text)).yield_point.mechanism == "rocking"

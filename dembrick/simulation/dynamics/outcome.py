@@ -183,10 +183,19 @@ def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) 
 
 def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking, torsion, uplift;
-    crushing where the rim of a joint that crushes has sunk further than it has tilted."""
-    moves, laws = _moves(moving, at_rest), moving.assembly.joints.law
+    crushing where the rim of a joint that crushes has sunk further than it has tilted.
+
+    Blocks are lifted off each other by what the joint opens that opens least of theirs: one made of parts has several,
+    and opens all but one when it rocks.
+    """
+    moves, laws, links = _moves(moving, at_rest), moving.assembly.joints.law, moving.state.links
     sunk = moves[:, 1] - moves[:, 3]  # a joint that rocks on its rim sinks nowhere
     crushed = max((sunk[j] for j, law in enumerate(laws) if law.compressive_strength is not None), default=0.0)
+    pairs = np.sort(np.column_stack([links.host, links.other]), axis=1)
+    _, pair = np.unique(pairs, axis=0, return_inverse=True)
+    lifted = np.full(len(pairs), np.inf)
+    np.minimum.at(lifted, pair.ravel(), moves[:, 3])
+    moves[:, 3] = lifted[pair.ravel()]
     names = "sliding", "rocking", "torsion", "uplift", "crushing"
     return max(zip([*moves.max(axis=0), crushed], names, strict=True))[1]
 

@@ -56,7 +56,8 @@ ROUNDS = 5  # of as many steps as a dead-load equilibrium may take: blocks that 
 DRIFTING = 2.0  # the way of blocks from the first quarter of a round to its end, over that to its middle, if they go on
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 FALL = 8  # frames of that, equally far apart
-SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds:
+SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds
+LEFT = 50  # of these that a path keeps to find its end: where blocks follow a load for ever, it goes no further
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
 G = 9.81  # m/s2
 BREAKS = 64  # of each joint
@@ -302,7 +303,7 @@ class EquilibriumPath(ABC):
                 proven = self.falls - self.reached if end == self.failed else end - self.reached
                 close = proven <= self.tolerance * end
                 return at_end if close else 0.5 * (self.reached + end)
-        return self.following()
+        return self.following() if self.equilibria < self.room - LEFT else None
 
     def run(self) -> None:
         """Go on to the end of the way or until the structure comes down. Raises NotConvergedError, Interrupted."""
