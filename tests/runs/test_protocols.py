@@ -30,6 +30,20 @@ def test_a_test_that_is_stopped_in_a_cycle_goes_on_to_the_last_bit(tmp_path):
     check_same(tmp_path / "whole.h5", tmp_path / "stopped.h5")
 
 
+@pytest.mark.parametrize("large", ["false", "true"])
+def test_damping_counts_what_lifts_a_block_whose_joint_dilates(large):
+    """The loop is a rectangle of mu W by the way, whatever part of mu is dilation: 2 / pi, less the elastic slip."""
+    text = header("convex", 0.5, 1e10, keys="dilation = 0.2\n") + block(
+        "floor", (0.0, 0.0, -0.1), (2.0, 2.0, 0.2), "fixed = true"
+    )
+    text += block("stone", (0.0, 0.0, 0.05), (0.4, 0.4, 0.1)) + jack("stone", (0.0, 0.0, 0.0))
+    control = f"rate = 1e-4\nprotocol = [0.0, 2e-4, -2e-4, 2e-4, -2e-4]\nlarge_displacements = {large}\n"
+    (cycle,) = dembrick.simulate(toml.loads(f'{text}[control]\nkind = "displacement"\n{control}')).cycles
+    assert cycle["damping"] == pytest.approx(2.0 / np.pi, rel=5e-3)
+    if large == "false":
+        assert cycle["dissipated"] < 0.65 * cycle["damping"] * 2.0 * np.pi * 2e-4 * 0.5 * 0.016 * 2000.0 * 9.81
+
+
 def test_friction_work_of_a_slider():
     """4 mu N s a cycle, s = u - mu N (1 / (k_s A) + 1 / k_jack)."""
     scenario = to_and_fro((0.0, U, -U, U, -U, U), "shear")

@@ -31,9 +31,9 @@ def cycles_of(
 
     Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of them, ``dissipated`` (J):
     the work of `LOSSES`, or where no energies are recorded that of the actuators over the loop until it is back at the
-    displacement of its start, None if it does not come back there; ``damping``: that over 2 pi F_a u_a, of half the
-    ranges of the force, ``weight`` times V, and of the displacement; ``residual`` (m): where V passes zero after the
-    second peak, None if it does not.
+    displacement of its start, None if it does not come back there; ``damping``: the work of the actuators in the loop,
+    which is the same unless joints dilate, over 2 pi F_a u_a, of half the ranges of the force, ``weight`` times V, and
+    of the displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
     """
     control = scenario.control
     if not control.cyclic or not len(rows.get("load", ())):
@@ -43,14 +43,16 @@ def cycles_of(
     noise = np.asarray(rows["unbalanced"], float) * _greatest_force(rows, V)
     energies: Mapping = rows.get("energy") or {}  # type: ignore[assignment]
     lost = np.sum([np.asarray(energies[name], float) for name in LOSSES], axis=0) if energies else None
+    dilates = any(law.dilation for law in (scenario.joint, *(entry.law for entry in scenario.joints)))
     found = []
     for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
         if last == len(u) - 1 and abs(u[last] - u[middle]) <= WAY_BACK * abs(u[first] - u[middle]):
             break
         loop = slice(first, last + 1)
-        dissipated = (
-            _area(weight * V[loop], u[loop], middle - first) if lost is None else float(lost[last] - lost[first])
-        )
+        work = dissipated = None if lost is None else float(lost[last] - lost[first])
+        if lost is None or dilates:
+            work = _area(weight * V[loop], u[loop], middle - first)
+            dissipated = work if lost is None else dissipated
         halves = [_peak(V, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
         sizes = 0.25 * weight * float(np.ptp(V[loop]) * np.ptp(u[loop]))
         found.append(
@@ -59,7 +61,7 @@ def cycles_of(
                 "V_lower": [float(V[at]) - bar for at, bar in halves],
                 "V_upper": [float(V[at]) + bar for at, bar in halves],
                 "dissipated": dissipated,
-                "damping": _damping(dissipated, sizes),
+                "damping": _damping(work, sizes),
                 "residual": _residual(V, u, halves[1][0]),
             }
         )
