@@ -193,6 +193,19 @@ def test_the_bracket_of_a_block_that_rocks_on_a_convex_joint_holds_what_a_rigid_
     assert point.V_upper - point.V_lower < 0.06 * point.V
 
 
+def test_a_joint_that_sticks_and_slips_says_that_its_peak_is_no_strength():
+    """A convex joint, open but for a fifth, tilts as it slides; its certified bracket is that of rigid blocks."""
+    blocks = (
+        Block("base", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
+        Block("b", "stone", (0.4, 1.0, 1.0), (0.0, 0.0, 0.5)),
+    )
+    jack = Actuator("jack", "b", (-0.2, 0.0, 0.3), (1.0, 0.0, 0.0))
+    control, said = DisplacementControl(rate=1e-4, travel=1e-3), []
+    point = simulate(of_stone(law("convex", 0.6), control, blocks, actuators=(jack,)), report=said.append).yield_point
+    assert point.V == pytest.approx(0.6 * 0.4 * 2000.0 * 9.81, rel=1e-6) and point.V_peak > 1.1 * point.V
+    assert any("V swings by" in text and "no strength" in text for text in said)
+
+
 def test_a_swing_is_refused():
     assert told(np.full(64, 100.0), swing=0.99 * STEADY * 100.0).V == pytest.approx(100.0)
     for load, swing in ((np.full(64, 100.0), 1.01 * STEADY * 100.0), (100.0 + 1.5 * np.cos(40.0 * U), 0.0)):

@@ -30,6 +30,7 @@ from dembrick.simulation.statics.guards import (
     refuse_divergence,
     refuse_unsound,
     steady,
+    swings,
 )
 from dembrick.simulation.statics.load_system import (
     MOST_STEPS_AT_RATE,
@@ -129,6 +130,8 @@ def push_at_constant_rate(
         slip = replay.yield_point.V_lower * setup.compliance / setup.weight
         pace = rate * critical / slip if slip > 0.0 else math.inf
         refuse_unsound(replay.yield_point, guard, pace, float(joint_families.reach(state).max()))
+        if (said := swings(replay.yield_point, guard)) and session.report:
+            session.report(said)
     elif state.ties is not None:  # they may stretch for ever: V is what is carried at the end of the travel
         replay.yield_point = at_the_end(replay.yield_point)
     else:

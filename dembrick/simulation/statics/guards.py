@@ -288,6 +288,20 @@ def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -
         )
 
 
+def swings(point: YieldPoint, guard: Guard) -> str | None:
+    """A remark on the curve of a certified test whose load swings, as that of a joint that sticks and slips; else None.
+    The bracket holds all the same."""
+    if np.count_nonzero(guard.load[:, 0]) < FEWEST:
+        return None
+    swing = _late(guard)[0]
+    if not swing > STEADY * point.V_lower:
+        return None
+    return (
+        f"over the second half of the travel V swings by {swing:.3g} N (rms), so that V_peak = {point.V_peak:.6g} N is "
+        "that of the swings and no strength; the bracket of V holds"
+    )
+
+
 def longer(travel: float, factor: float) -> str:
     """The advice to make a ``travel`` (m) longer by ``factor``, to one digit, rounded up."""
     wanted = factor * travel
