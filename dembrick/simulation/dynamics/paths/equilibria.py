@@ -57,7 +57,7 @@ DRIFTING = 2.0  # the way of blocks from the first quarter of a round to its end
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 FALL = 8  # frames of that, equally far apart
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds
-LEFT = 50  # of these that a path keeps to find its end: where blocks follow a load for ever, it goes no further
+LEFT = 50  # of these that a path keeps to find its end: where blocks follow a load on and on, it gives up
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
 G = 9.81  # m/s2
 BREAKS = 64  # of each joint
@@ -228,8 +228,6 @@ class EquilibriumPath(ABC):
         if down >= 1.0 or down >= before + 1.0 / FALL:
             self.fall.append(self.recorder.frame(last + min(down, 1.0)))
 
-    # --- equilibria
-
     def begin(self, resumed: Snapshot | None) -> None:
         """The equilibrium under the dead loads, before the parameter grows; or go on from a checkpoint."""
         moving, past = self.moving, self.past
@@ -278,8 +276,7 @@ class EquilibriumPath(ABC):
         self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()
         self.recorder.driving = self._at(parameter)
         self.reaction = self.moving.reactions
-        displacement, load = self.recorder.curve(self.reaction)
-        self.path.append((displacement, load, ratio))
+        self.path.append((*self.recorder.curve(self.reaction), ratio))
         if not self.equilibria or parameter > self.from_where[0] * (1.0 + self.tolerance):
             self.from_where = parameter, places(self.moving.state.bodies)
         self.recorder.take(equilibrium=self.equilibria)
@@ -303,7 +300,11 @@ class EquilibriumPath(ABC):
                 proven = self.falls - self.reached if end == self.failed else end - self.reached
                 close = proven <= self.tolerance * end
                 return at_end if close else 0.5 * (self.reached + end)
-        return self.following() if self.equilibria < self.room - LEFT else None
+        target = self.following()
+        if target is not None and self.equilibria >= self.room - LEFT:
+            on = f"blocks still follow {self.said(self.reached)}; stiffen the ties or joints on which they move"
+            raise UndecidedError(f"undecided: no limit in {self.equilibria} equilibria, as {on}")
+        return target
 
     def run(self) -> None:
         """Go on to the end of the way or until the structure comes down. Raises NotConvergedError, Interrupted."""
@@ -356,8 +357,7 @@ class EquilibriumPath(ABC):
     def _go_back(self) -> None:
         own = self._own()
         self.past.restore(self.kept)
-        for name, array in own.items():
-            self.kept.arrays[name] = array
+        self.kept.arrays.update(own)
 
     def found(self) -> EquilibriaRun:
         """Go the whole way, from the start or from where the session resumes it, and say what came of it.
@@ -428,8 +428,8 @@ class EquilibriumPath(ABC):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self.equilibria, self.careful = int(count), bool(careful)
         self.from_where = since, snapshot.array(f"{SNAPSHOT}.stood", shapes[f"{SNAPSHOT}.stood"]).copy()
-        rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria].tolist()
-        self.path = [tuple(row) for row in rows]
+        rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria]
+        self.path = list(map(tuple, rows.tolist()))
         self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
         self.driving.start[:] = snapshot.array(f"{SNAPSHOT}.start", self.driving.start)
 
