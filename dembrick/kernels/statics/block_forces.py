@@ -11,7 +11,6 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.joint.ties import answer
 from dembrick.kernels.math.vectors import NO_MOMENT, columns_times, cross, put_vector
 from dembrick.kernels.statics import joint_families as families
@@ -74,15 +73,6 @@ def relative(blocks, joints, j, inertia, dt):
 
 
 @jit
-def from_memory(memory, joints, points, areas, family, index, j, motion):
-    """The `Motion` that joint ``j`` sees in one implicit step from the ``memory`` that it is given again."""
-    families.recall(points, areas, memory.points, memory.areas, family, index)
-    u = joints.relative[j]
-    base = memory.base[j]
-    return Motion(motion.depth, (0.0, 0.0, 0.0), (u[0] - base[0], u[1] - base[1], u[5] - base[5]))
-
-
-@jit
 def joint_forces(state, inertia, dt, viscous, energy, memory):
     """Forces of all joints, put on the blocks; ``viscous`` (2) times the joint's own ``damping``. With a ``memory``, a
     `Memory` or None, they answer to the whole motion since, whatever the way."""
@@ -96,7 +86,10 @@ def joint_forces(state, inertia, dt, viscous, energy, memory):
             motion = relative(blocks, joints, j, inertia, dt)
             if memory is not None:
                 if memory.counts[0] > 0:
-                    motion = from_memory(memory, joints, points, areas, family, i, j, motion)
+                    now, then = joints.relative[j], memory.base[j]
+                    motion = families.recalled_motion(
+                        points, areas, memory.points, memory.areas, family, i, motion.depth, then, now
+                    )
             more = joints.damping[j]
             own = more * viscous[0], more * viscous[1]
             found = families.forces(points, areas, family, i, joints.resultant[j], motion, own, energy)

@@ -7,6 +7,7 @@ or None if the scene has none of them, and numba then leaves its code out. ``fam
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import AREAS, POINTS, by_family
+from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.statics import area_joints, area_tangent, point_joints, point_tangent
 
 
@@ -138,3 +139,11 @@ def recall(points, areas, point_memory, area_memory, family, index):
     if areas is not None:
         if family == AREAS:
             area_joints.remember(area_memory, areas, index)
+
+
+@jit
+def recalled_motion(points, areas, point_memory, area_memory, family, index, depth, base, u):
+    """`recall`, and the `Motion` that one implicit step from there sees: of a joint whose motion was ``base`` (6) then
+    and is ``u`` (6) now, with its ``depth`` now. A step to an equilibrium has no rate, and nothing grows in it."""
+    recall(points, areas, point_memory, area_memory, family, index)
+    return Motion(depth, (0.0, 0.0, 0.0), (u[0] - base[0], u[1] - base[1], u[5] - base[5]))

@@ -12,7 +12,6 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.joint.geometry import Motion
 from dembrick.kernels.math.vectors import NO_MOMENT, put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.area_joints import Areas
@@ -20,7 +19,6 @@ from dembrick.kernels.statics.block_forces import add_force, clear_forces, hold,
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.kernels.statics.small_displacement import seen_by
 
-NOT_GROWN = (0.0, 0.0, 0.0)  # an equilibrium has no rate
 UNDAMPED = (0.0, 0.0)
 
 
@@ -54,9 +52,8 @@ def remember(trial, joints, points, areas):
 @jit
 def answer(points, areas, point_memory, area_memory, family, index, gap, base, u):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint for the motion u (6), from the memory."""
-    families.recall(points, areas, point_memory, area_memory, family, index)
-    slip = u[0] - base[0], u[1] - base[1], u[5] - base[5]
-    motion = Motion((-(u[2] + gap), u[4], -u[3]), NOT_GROWN, slip)
+    depth = -(u[2] + gap), u[4], -u[3]
+    motion = families.recalled_motion(points, areas, point_memory, area_memory, family, index, depth, base, u)
     return families.forces(points, areas, family, index, None, motion, UNDAMPED, None)
 
 

@@ -179,7 +179,8 @@ def _tilted(assembly: Assembly, live: np.ndarray, material: Material, corners: b
         return _limit(replace(assembly, ties=ties), live, material.scaled(steeper), corners)
 
     stands, safe, falls_at, unsafe = 0.0, at(0.0), math.inf, None
-    V, gain, slope, rounds = safe.load_factor, safe.load_factor, -1.0, safe.rounds
+    gain, slope, rounds = safe.load_factor, -1.0, safe.rounds
+    V = gain + _TILT_SETTLED
     for _ in range(_TILT_ROUNDS):
         if safe.unlimited or stands > _STEEPEST:
             return replace(safe, load_factor=math.inf, lower=math.inf, upper=math.inf, unlimited=True, mechanism=None)
@@ -188,12 +189,12 @@ def _tilted(assembly: Assembly, live: np.ndarray, material: Material, corners: b
         if found.lower >= V > stands:
             slope = (found.load_factor - V - gain) / (V - stands)
             stands, safe, gain = V, found, found.load_factor - V
-        elif found.upper <= V:
+        elif found.upper <= V < falls_at:
             falls_at, unsafe = V, found
         if unsafe is None:
             V = 1.01 * (stands - gain / slope) + _TILT_SETTLED if slope < 0.0 else 8.0 * stands + 1.0
             continue
-        slope = (unsafe.load_factor - falls_at - gain) / (falls_at - stands)
+        slope = (unsafe.load_factor - falls_at - gain) / (falls_at - stands) or -1.0
         root, width = stands - gain / slope, max(safe.upper - safe.lower, unsafe.upper - unsafe.lower)
         if unsafe.upper - safe.lower <= _TILT_SETTLED * max(1.0, root) - 8.0 * width / slope:
             middle = 0.5 * (safe.lower + unsafe.upper)

@@ -151,7 +151,7 @@ def rest(
     bonded = joint_families.has_strengths(state)
     if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
         return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
-    memory = memory_of(state)
+    memory = joint_memory(state)
     relaxing = Relaxing(UNBALANCED, MOMENTUM, np.ones(1), memory)
     relax = ready(advance, 0, 0, 1.0, for_kernels(state), inertia, None, None, relaxing, None, None, None, None)
     compiled = time.perf_counter()
@@ -189,7 +189,7 @@ def rest(
     return Rest(stands, ratio, steps, mechanism, moving, *seconds)
 
 
-def memory_of(state: State) -> Memory:
+def joint_memory(state: State) -> Memory:
     """`Memory` of the joints of ``state`` now."""
     return Memory(state.joints.relative.copy(), **joint_families.memory(state), counts=np.ones(1, np.int64))
 
@@ -305,7 +305,7 @@ class _Relaxation:
         _put(self._start)
         for left in range(INCREMENTS - 1, -1, -1):
             ties.put_dead_loads(state, loads - left / INCREMENTS * change)
-            self._memory, self._round, self._step = memory_of(state), 0, 0
+            self._memory, self._round, self._step = joint_memory(state), 0, 0
             ratio, more = self.run(session)
             steps += more
             if not ratio <= UNBALANCED:
