@@ -35,6 +35,20 @@ def stack(joint: JointLaw, direction, courses=5, block=(0.3, 0.2, 0.1)) -> Scena
     return pushed(joint, direction, stacks=(Stack("stack", "stone", courses, block, base=0.2),))
 
 
+def pressed_cube(joint: JointLaw, push: float, arm: float) -> Scenario:
+    """A cube of 0.4 m on a slab, pushed by V along x in the joint's plane at y = ``arm``, and pressed down by V over
+    ``push`` at its centroid."""
+    blocks = (
+        Block("slab", "stone", box=(2.0, 2.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
+        Block("cube", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2)),
+    )
+    actuators = (
+        Actuator("push", "cube", (0.0, arm, 0.0), (1.0, 0.0, 0.0)),
+        Actuator("press", "cube", (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0 / push),
+    )
+    return of_stone(joint, YieldControl(), blocks, actuators=actuators)
+
+
 def corner(joint: JointLaw, direction) -> Scenario:
     """An L corner of six courses, bonded, on a slab."""
     even = ((0.0, 0.4, 0.0, 0.2), (0.4, 0.8, 0.0, 0.2), (0.0, 0.2, 0.2, 0.6))

@@ -1,6 +1,7 @@
 """Load factors of limit analysis against numbers of other programmes and against closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
 from dembrick.simulation.limit_analysis import analysis, solver
+from dembrick.theory import limit_surface, polygons
+from dembrick.theory.limit_load import gauge
 from helpers import pushed_assemblies as scenes
 from helpers.stone_scenes import law
 
@@ -136,6 +139,40 @@ def test_cohesion_scales_the_limit_surface(formulation):
     )
     # corners move their normal forces to where they serve best, dry and bonded alike in a load in the plane
     assert bonded / dry == pytest.approx((600.0 + 0.64 * 467.0) / (0.64 * 467.0), rel=1e-5)
+
+
+PRESSED = [(0.56, 0.05), (0.5, 0.1), (0.45, 0.13), (0.59, 0.2)]  # push over pressure, its arm (m) about the centroid
+
+
+@pytest.mark.parametrize("cohesion", [0.0, 1e3, 1e5, 1e7])
+@pytest.mark.parametrize("push, arm", PRESSED)
+def test_a_bonded_convex_joint_that_its_load_presses(push, arm, cohesion):
+    """V g = c A + mu (W + V / q) for a push V at an arm and a pressure V / q, g the gauge of the push."""
+    found = analysis.limit_load(build.assemble(scenes.pressed_cube(law("convex", 0.6, cohesion=cohesion), push, arm)))
+    g = gauge(limit_surface.convex(polygons.rectangle(0.4, 0.4), 1.0, 1.0), (1.0, 0.0, -arm))
+    exact = (cohesion * 0.16 + 0.6 * 0.064 * 2000.0 * 9.81) / (g - 0.6 / push)
+    assert found.lower <= exact <= found.upper
+    assert found.load_factor == pytest.approx(exact, rel=3e-5)
+
+
+@pytest.mark.parametrize("push, arm", PRESSED)
+def test_no_limit_is_only_said_where_forces_can_grow(push, arm, monkeypatch):
+    """With too few rounds of planes a finite limit may look like none: then there is no answer."""
+    monkeypatch.setattr(analysis, "MOST_ROUNDS", 1)
+    with pytest.raises(NotConvergedError, match="no limit was found|further apart"):
+        analysis.limit_load(build.assemble(scenes.pressed_cube(law("convex", 0.6, cohesion=1e5), push, arm)))
+
+
+def test_a_ray_that_is_none_is_no_proof_of_no_limit(monkeypatch):
+    solve = solver.solve
+
+    def unbounded(programme):
+        found = solve(programme)
+        return replace(found, status=solver.UNBOUNDED, said="AlmostDualInfeasible") if programme.cost.any() else found
+
+    monkeypatch.setattr(solver, "solve", unbounded)
+    with pytest.raises(NotConvergedError, match="AlmostDualInfeasible, but with forces that cannot grow"):
+        analysis.limit_load(build.assemble(scenes.stack(law(), X)))
 
 
 def test_a_tilt_knows_that_strengths_do_not_turn():

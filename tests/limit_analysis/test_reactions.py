@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from dembrick.errors import ScenarioError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.limit import ReactionResult, limit, reaction
 from dembrick.runs.reading import load
 from dembrick.runs.simulate import simulate
@@ -12,6 +12,7 @@ from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.generators import Arch, Wall
 from dembrick.scenario.model import Scenario
+from dembrick.simulation import limit_analysis
 from dembrick.simulation.limit_analysis.reactions import Extreme
 from helpers import pushed_assemblies as scenes
 from helpers.stone_scenes import law, of_stone
@@ -120,6 +121,14 @@ def test_a_rigid_beam_on_three_supports():
     right = reaction(beam_on_three(), "right", (0.0, 0.0, 1.0))
     assert right.least.value == pytest.approx(0.0, abs=1e-4)
     assert right.greatest.value == pytest.approx(3000.0 * 1.1 / (0.9 + 1.1), rel=1e-7)
+
+
+def test_a_wide_range_of_an_end_is_no_answer(monkeypatch):
+    """One per cent off, what a mechanism proves is further from what forces reach than an answer may be."""
+    exact = limit_analysis.bounds.least_cost
+    monkeypatch.setattr(limit_analysis.bounds, "least_cost", lambda *given: 0.99 * exact(*given) - 0.01)
+    with pytest.raises(NotConvergedError, match="the bounds .* of a reaction are further apart than 0.0001 of it"):
+        reaction(beam_on_three(), "middle", (0.0, 0.0, 1.0))
 
 
 def test_a_block_locked_between_walls_has_no_greatest_reaction():

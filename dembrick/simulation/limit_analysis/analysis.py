@@ -43,6 +43,8 @@ MOST_ROUNDS = 80  # of cutting planes
 GAP = 1e-4  # of the load factor: a wider gap between the bounds is no answer
 LITTLE = 1e-3  # of the dead loads: a load so small need not be known better than one as great as that
 _STANDS = 1e-7  # of the dead loads: an out-of-balance force that is none
+RAY = 1e-6  # of the forces of a load without a limit: by how much they may miss balance and strengths
+_FAR_OUT = 1e6  # of the strengths, and of the unit of forces
 _NOTHING = 1e-12  # of the forces of a load that adds up to nothing on each block
 _TILT_ROUNDS, _TILT_SETTLED = 40, 1e-10
 _STEEPEST = 1e6  # tangent of an angle that is 90 deg
@@ -265,12 +267,17 @@ def greatest(structure: Structure, live: np.ndarray, inner: Standing) -> Limit:
         seconds=0.0,
     )
     heavy = float(np.abs(structure.dead).sum()) / size  # the multiplier that makes the load as great as the dead loads
-    if upper - lower > GAP * max(upper, LITTLE * heavy):
-        raise NotConvergedError(
-            f"limit analysis: the bounds {lower:.6g} and {upper:.6g} of the load factor are further apart than "
-            f"{GAP:g} of it, so neither is an answer; joints or blocks of very different sizes are the usual cause"
-        )
+    refuse_gap(lower, upper, heavy, "the load factor")
     return limit
+
+
+def refuse_gap(lower: float, upper: float, heavy: float, what: str) -> None:
+    """NotConvergedError if two bounds are too far apart to be an answer; ``heavy``: what the dead loads weigh."""
+    if not upper - lower <= GAP * max(abs(lower), abs(upper), LITTLE * heavy):
+        raise NotConvergedError(
+            f"limit analysis: the bounds {lower:.6g} and {upper:.6g} of {what} are further apart than {GAP:g} of it, "
+            "so neither is an answer; joints or blocks of very different sizes are the usual cause"
+        )
 
 
 def standing(structure: Structure) -> Standing:
@@ -309,11 +316,12 @@ def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]
         quadratic=np.concatenate([plain.quadratic, np.full(blocks, per + 1)]),
     )
     found = solver.solve(programme)
-    if found.status != SOLVED:
+    missing = not_nan(float(programme.cost @ found.x), "what limit analysis leaves out of balance")
+    little = missing <= LITTLE * float(np.abs(structure.dead).sum())
+    if found.status != SOLVED or (little and found.said != solver.TO_TOLERANCE):
         raise NotConvergedError(
             f"limit analysis: the solver ended with the status {found.said} where it was asked what the dead loads lack"
         )
-    missing = not_nan(float(programme.cost @ found.x), "what limit analysis leaves out of balance")
     return max(0.0, missing), found.equation_dual
 
 
@@ -333,11 +341,19 @@ def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndar
         programme = programme_of(structure, loads, cost, cuts, reduced)
         found = solver.solve(programme)
         rounds += 1
-        if found.status == INFEASIBLE or not surfaces or rounds == MOST_ROUNDS:
+        if found.status == INFEASIBLE:
             break
-        further = _cuts_off(structure, found.x)
+        x = found.x if found.status == SOLVED else _far(programme, found)
+        further = _cuts_off(structure, x) if surfaces else None
         if further is None:
             break
+        if rounds == MOST_ROUNDS:
+            if found.status == SOLVED:
+                break  # what it is worth, the bounds tell
+            raise NotConvergedError(
+                f"limit analysis: after {MOST_ROUNDS} rounds no limit was found, and forces are still beyond the "
+                "surfaces of convex joints, so there is no answer; let joints act at points"
+            )
         cuts = cuts.more(*further)
     if found.status != SOLVED:
         return Optimum(found.status, math.nan, math.nan, found.x, found.equation_dual, rounds, cuts)
@@ -349,6 +365,20 @@ def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndar
             return Optimum(outer.status, math.nan, math.nan, outer.x, outer.equation_dual, rounds, cuts)
     x, reached = _within(structure, plain, found, inner)
     return Optimum(SOLVED, reached, bounds.least_cost(structure, plain, outer), x, outer.equation_dual, rounds, cuts)
+
+
+def _far(programme: Programme, ray: Solution) -> np.ndarray:
+    """Forces far along the ray of an unbounded programme, where strengths other than friction do not count.
+
+    NotConvergedError if it is none: if its forces leave the strengths or the balance, or cost no less far out.
+    """
+    if programme.cost @ ray.x >= 0.0 or bounds.ray_excess(programme, ray.x) > RAY:
+        raise NotConvergedError(
+            f"limit analysis: the solver Clarabel ended with the status {ray.said}, but with forces that cannot grow "
+            "without a limit, so there is no answer; joints or blocks of very different sizes are the usual cause"
+        )
+    most = max(1.0, float(np.abs(programme.limits).max(initial=0.0)))
+    return ray.x * (_FAR_OUT * most / float(np.abs(ray.x).max()))
 
 
 def _cuts_off(structure: Structure, x: np.ndarray) -> Cuts | None:

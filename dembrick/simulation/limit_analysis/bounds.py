@@ -92,6 +92,14 @@ def excess(structure: Structure, programme: Programme, x: np.ndarray) -> tuple[n
     return cone_excess(programme, slack), surface_excess(structure, x)[0], crushing_excess(structure, x)[0]
 
 
+def ray_excess(programme: Programme, x: np.ndarray) -> float:
+    """By how much forces that grow along ``x`` (n,) lose balance and leave the strengths, over the greatest of them."""
+    equations, rows = _matrices(programme)
+    missing = np.abs(equations.times(x)).max(initial=0.0)
+    outside = cone_excess(programme, -rows.times(x)).max(initial=0.0)
+    return float(max(missing, outside) / max(np.abs(x).max(initial=0.0), 1e-300))
+
+
 def cone_excess(programme: Programme, slack: np.ndarray) -> np.ndarray:
     """By how much a vector (k,) lies outside the programme's cone, linear row by row, then cone by cone."""
     over, at = [-slack[: programme.linear]], programme.linear

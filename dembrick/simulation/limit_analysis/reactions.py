@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.simulation.limit_analysis.analysis import Standing, falls, optimum, prepared, standing
+from dembrick.simulation.limit_analysis.analysis import Standing, falls, optimum, prepared, refuse_gap, standing
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
 from dembrick.simulation.limit_analysis.solver import UNBOUNDED
@@ -56,12 +56,13 @@ def reaction_range(assembly: Assembly, support: np.ndarray, direction: np.ndarra
         if found.status == UNBOUNDED:
             ends.append(Extreme(-sign * math.inf, -sign * math.inf, None, None))
             continue
+        reached, bound = (unit * (sign * value + level) for value in (found.reached, found.bound))
+        refuse_gap(min(reached, bound), max(reached, bound), unit * float(np.abs(structure.dead).sum()), "a reaction")
         _, resultants = structure.carried(found.x)
         given = np.zeros((len(assembly.fixed), 3))
         given[support] = -sign * np.asarray(direction, float)
         moved = mechanism_of(structure, found.y, resultants, given)
-        values = (unit * (sign * value + level) for value in (found.reached, found.bound))
-        ends.append(Extreme(*values, resultants, moved))
+        ends.append(Extreme(reached, bound, resultants, moved))
     return ends[0], ends[1]
 
 

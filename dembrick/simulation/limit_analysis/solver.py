@@ -26,8 +26,9 @@ REGULAR = 1e-12  # of the diagonal: what is added to it before a symmetric matri
 NEEDED = "limit analysis needs the package {name}: install it with pip install 'dembrick[limit]'"
 
 SOLVED, INFEASIBLE, UNBOUNDED = "solved", "infeasible", "unbounded"
+TO_TOLERANCE = "Solved"  # Clarabel's word
 _STATUS = {
-    "Solved": SOLVED,
+    TO_TOLERANCE: SOLVED,
     "AlmostSolved": SOLVED,  # what it is worth, the bounds tell
     "InsufficientProgress": SOLVED,
     "PrimalInfeasible": INFEASIBLE,
