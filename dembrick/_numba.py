@@ -26,7 +26,7 @@ from numba.np.numpy_support import from_dtype, map_layout
 from dembrick import _file_locks, _kernel_cache
 from dembrick._kernel_cache import WAITING, claims_in, renamed
 from dembrick._kernel_sources import closure_hash
-from dembrick._packaged_kernels import packaged_kernels
+from dembrick._packaged_kernels import keeps, packaged_kernels
 
 
 def target() -> tuple[str, str, str]:
@@ -179,9 +179,11 @@ class ParallelKernelCache(FunctionCache):
         package = packaged_kernels()
         if package is None:
             return None
-        arguments, _, *rest = self._index_key(sig, target_context.codegen())
+        key = arguments, _, *rest = self._index_key(sig, target_context.codegen())
         stamp, name = self._impl.locator.get_source_stamp(), self._impl.filename_base
         data = IndexDataCacheFile(str(package.folder), name, stamp).load((arguments, package.target, *rest))
+        if data is not None and keeps():
+            self._cache_file.save(key, data)
         return None if data is None else self._impl.rebuild(target_context, data)
 
     def _index_key(self, sig, codegen):

@@ -2,6 +2,7 @@
 
 It was compiled for one version of numba and of Python and for a processor with named features (`Package`). If any of
 them differs, or ``DEMBRICK_KERNELS=off`` is set, kernels are compiled here; so is a kernel whose sources were edited.
+By ``DEMBRICK_KERNELS=keep`` what is loaded goes into the cache as well, from which a wheel is made.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from dembrick._kernel_sources import compiler_hash
 FOLDER = Path(__file__).parent / "_kernels"
 MANIFEST = "manifest.json"
 KEYS = {"numba", "python", "compiler", "target", "features"}  # of the manifest
-SWITCH = "DEMBRICK_KERNELS"  # "off" in the environment: as if the package had none
+SWITCH = "DEMBRICK_KERNELS"  # in the environment: "off" is as if the package had none; "keep", see above
 
 
 class Package(NamedTuple):
@@ -29,6 +30,11 @@ class Package(NamedTuple):
 
     folder: Path
     target: tuple[str, str, str]  # numba's name of what it was compiled for: system, processor, features
+
+
+def keeps() -> bool:
+    """Whether kernels that came with the package go into the cache if they are loaded."""
+    return os.environ.get(SWITCH) == "keep"
 
 
 @cache

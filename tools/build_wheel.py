@@ -1,11 +1,12 @@
 """Build a wheel that brings the kernels' machine code along, so that a first run compiles nothing.
 
-    python tools/build_wheel.py [--out dist] [--jobs 2]
+    python tools/build_wheel.py [--out dist] [--jobs 2] [--from DIR]
 
 The wheel is for the Python that runs this and the numba that it has, which it asks for, on x86-64 for every processor
 with AVX2 and FMA (x86-64-v3); elsewhere kernels are compiled at the first run, as by ``pip install .``.
 The checkout is copied, kernels are compiled in the copy by ``dembrick warmup``, and pip builds the wheel. It takes
-pip and what dembrick needs, and leaves the checkout as it was.
+pip and what dembrick needs, and leaves the checkout as it was. What another run has compiled for such a processor
+(``NUMBA_CPU_NAME=x86-64-v3``) with ``DEMBRICK_CACHE_DIR=DIR`` is taken from there.
 """
 
 from __future__ import annotations
@@ -60,14 +61,21 @@ def python(copy: Path, environment: dict[str, str], *arguments: str) -> str:
     return done.stdout.strip()
 
 
-def compile_kernels(copy: Path, jobs: int) -> int:
-    """Fill ``dembrick/_kernels`` of the copy with the machine code of all that ``dembrick warmup`` runs; its bytes."""
+def compile_kernels(copy: Path, jobs: int, compiled: Path | None) -> int:
+    """Fill ``dembrick/_kernels`` of the copy with the machine code of all that ``dembrick warmup`` runs; its bytes.
+
+    ``compiled``: a cache of dembrick, out of which comes what it holds.
+    """
+    package = copy / "dembrick"
     with tempfile.TemporaryDirectory() as cache:
-        own = {"DEMBRICK_CACHE_DIR": cache, "PYTHONPATH": str(copy), "DEMBRICK_KERNELS": "off"}
+        own = {"DEMBRICK_CACHE_DIR": cache, "PYTHONPATH": str(copy), "DEMBRICK_KERNELS": "keep"}
         own |= {"DEMBRICK_COMPILE_AHEAD": "0", **processor()[0]}
         settings = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")} | own
+        if compiled is not None:
+            take_kernels(package, compiled, settings)
         python(copy, settings, "-m", "dembrick", "warmup", "--all", "--jobs", str(jobs))
-        return take_kernels(copy / "dembrick", Path(cache), settings)
+        shutil.rmtree(package / "_kernels", ignore_errors=True)
+        return take_kernels(package, Path(cache), settings)
 
 
 def take_kernels(package: Path, cache: Path, settings: dict[str, str]) -> int:
@@ -108,12 +116,12 @@ def ask_for_this_numba(copy: Path) -> None:
     (copy / "wheel_with_kernels.py").write_text(HOOK_SOURCE, encoding="utf-8")
 
 
-def build(out: Path, jobs: int) -> Path:
+def build(out: Path, jobs: int, compiled: Path | None) -> Path:
     """The wheel's path."""
     with tempfile.TemporaryDirectory(prefix="dembrick-wheel-") as folder:
         copy = Path(folder) / "dembrick"
         shutil.copytree(ROOT, copy, ignore=LEFT_OUT)
-        size = compile_kernels(copy, jobs)
+        size = compile_kernels(copy, jobs, compiled)
         print(f"kernels: {size / 1e6:.1f} MB")
         ask_for_this_numba(copy)
         made = Path(folder) / "made"
@@ -130,8 +138,9 @@ def main() -> None:
         "--out", type=Path, default=ROOT / "dist", metavar="DIR", help="folder of the wheel (default: dist)"
     )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that compile")
+    parser.add_argument("--from", type=Path, dest="compiled", metavar="DIR", help="cache that holds some of them")
     options = parser.parse_args()
-    wheel = build(options.out, options.jobs)
+    wheel = build(options.out, options.jobs, options.compiled)
     print(f"{wheel} ({wheel.stat().st_size / 1e6:.1f} MB)")
 
 

@@ -28,7 +28,8 @@ print(sum(product.called.stats.cache_hits.values()), value, why_compiled(), vers
 
 def call(copy, cache, **environment):
     """Hits in a cache, the product, why kernels are compiled, and where they come from, of a process of its own."""
-    settings = {**os.environ, "PYTHONPATH": str(copy.parent), "DEMBRICK_CACHE_DIR": str(cache), **environment}
+    settings = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CPU_")}
+    settings |= {"PYTHONPATH": str(copy.parent), "DEMBRICK_CACHE_DIR": str(cache), **environment}
     command = [sys.executable, "-c", CALL]
     done = subprocess.run(command, env=settings, cwd=copy.parent, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -55,6 +56,14 @@ def test_kernels_of_the_package_are_loaded_and_answer_as_compiled_ones(packaged,
     hits, found, _, origin = call(copy, tmp_path)
     assert (hits, found) == (1, value) and origin == "kernels: package, compiled for x86-64-v3"
     assert not list(tmp_path.rglob("*.nbc"))  # nothing was compiled, so nothing is kept
+
+
+def test_what_a_wheel_takes_from_another_cache_is_what_its_runs_load(packaged, tmp_path):
+    copy, found = packaged
+    assert call(copy, tmp_path / "kept", DEMBRICK_KERNELS="keep", **TARGET)[:2] == (1, found)
+    (kept,) = (tmp_path / "kept").rglob("*.nbc")
+    assert kept.name in {path.name for path in (copy / "_kernels").iterdir()}
+    assert call(copy, tmp_path / "kept", DEMBRICK_KERNELS="off", **TARGET)[:2] == (1, found)
 
 
 def test_a_processor_without_avx2_compiles(packaged, tmp_path):
