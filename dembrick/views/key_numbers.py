@@ -285,6 +285,15 @@ def _unbalanced(results: Mapping) -> Told | None:
     return Told(f"{value:.2g}", "of the joint forces") if asked and value is not None else None
 
 
+def _load_path(results: Mapping) -> Told | None:
+    found = part(results, "statics")
+    increments, error = number(found.get("increments")), number(found.get("path_error"))
+    if increments is None or (increments == 1 and error == 0.0):
+        return None
+    known = "forces as in one step" if error is None else f"forces are known to {error:.1g} of the greatest joint force"
+    return Told(f"{increments:.0f} increment{'s' if increments > 1 else ''}", known)
+
+
 def _simulated(results: Mapping) -> Told | None:
     seconds = number(results.get("simulated_time"))
     return None if seconds is None else Told(f"{seconds:.6g} s")
@@ -337,6 +346,7 @@ OF_SETTLEMENT = (
 )
 OF_WORK = (
     Declared("out of balance", "out of balance", _unbalanced),
+    Declared("way of the loads", "loads in", _load_path),
     Declared("simulated time", "simulated", _simulated),
     Declared("time step", "time step", _time_step),
     Declared("energy balance", "energy balance", _energy),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Any
 
 from dembrick.runs.outcomes.result import RunResult, SearchResult
@@ -59,6 +60,8 @@ class StaticsResult(RestResult, SearchResult):
             "unbalanced": rest.unbalanced,
             "mechanism": rest.mechanism,
             "blocks": [self.assembly.names[i] for i in rest.blocks],
+            "increments": rest.increments,
+            "path_error": rest.path_error if math.isfinite(rest.path_error) else None,
         }
 
     @property

@@ -9,6 +9,7 @@ it shows neither, the answer is undecided.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -45,6 +46,9 @@ MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to 
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
 INCREMENTS = 10  # in which loads come on joints that bear others and slide
+DOUBLINGS = 4  # of these, at most
+SETTLED = 1e-3  # of the greatest joint force: what twice as many increments may change
+UNSEEN = 2.5e-4  # of it: what they leave of joints that begin to slide in the last of them
 FALLEN = 0.2  # of a joint's reach: how far blocks that fall have moved when they are shown
 FEW = 8  # steps in the first chunk, before the pace is known
 MOVING = ("displacement", "rotation", "velocity", "spin", "force", "torque", "guide")  # fields of blocks, and of joints
@@ -68,7 +72,8 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
 @dataclass(frozen=True)
 class Rest:
     """Outcome of the dead loads: whether the blocks stand (None: undecided), the out-of-balance over the joint forces
-    and the steps that took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing.
+    and the steps that took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing;
+    in how many ``increments`` the loads came, and the error of forces that this leaves, over the greatest joint force.
     """
 
     stands: bool | None
@@ -78,6 +83,8 @@ class Rest:
     blocks: tuple[int, ...]
     compile_seconds: float
     loop_seconds: float
+    increments: int = 1
+    path_error: float = 0.0
 
 
 def dead_load_equilibrium(
@@ -136,7 +143,9 @@ def rest(
 
     Where joints have bonds they hold until the blocks rest; those that bear too much then break, and the others must
     carry the loads without them. Where nothing is bonded joints answer in one implicit step, which is what they carry
-    if all loads grow together from zero; where they bore others before and slide, the loads change in `INCREMENTS`.
+    if all loads grow together from zero; where they bore others before and slide, the loads change in `INCREMENTS`, or
+    in twice as many, again and again until that changes little (`SETTLED`). The error of implicit steps goes with their
+    length, so that what is left is about what the last doubling changed.
     """
     blocks = state.blocks
     began = time.perf_counter()
@@ -160,12 +169,10 @@ def rest(
     rounds = ((FIRST_STEPS, 0.0, False), (MOST_STEPS, MOMENTUM, False)) if alone else ((MOST_STEPS, MOMENTUM, False),)
     if bonded:
         rounds = (*((most, momentum, True) for most, momentum, _ in rounds), *rounds)
-    relaxation = _Relaxation(state, inertia, memory, rounds, relax)
+    relaxation = _Relaxation(state, inertia, memory, rounds, relax, lambda: factor or elastic_factor(state, position))
     session = relaxation.session_of(session or Session())
     ratio, steps = relaxation.run(session)
     stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
-    if stands and memory.base.any() and not bonded and joint_families.slid(state, memory):
-        steps += relaxation.by_increments(session)
     if not stands and not moving_blocks(state):
         stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
     if not stands and joint_families.is_custom(state):
@@ -175,10 +182,14 @@ def rest(
         )
     if not stands:
         relaxation.start_again()
-        motion = ViscousMotion(state, factor or elastic_factor(state, position), lambda: session.pause(relaxation))
-        with interrupts.deferred():
-            stands = motion.run()
-        ratio, steps = motion.unbalanced, steps + motion.iterations
+        stands, ratio, more = relaxation.by_viscous_motion(session)
+        steps += more
+    increments, error = 1, 0.0
+    if stands and memory.base.any() and not bonded and joint_families.slid(state, memory):
+        increments, error, more = relaxation.by_increments(session)
+        steps += more
+        if error > 2.0 * SETTLED + UNSEEN and session.report:
+            session.report(_known_to(increments, error))
     if stands is False:
         mechanism, moving = mechanism_of(state), moving_blocks(state)
         _seen_falling(state)
@@ -186,7 +197,7 @@ def rest(
     seconds = compiled - began, done - compiled
     if stands:
         _come_to_rest(state)
-    return Rest(stands, ratio, steps, mechanism, moving, *seconds)
+    return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, error)
 
 
 def joint_memory(state: State) -> Memory:
@@ -198,6 +209,20 @@ def _put(arrays: list[tuple[np.ndarray, np.ndarray]]) -> None:
     """Write into each array what goes with it."""
     for array, values in arrays:
         array[...] = values
+
+
+def _known_to(increments: int, error: float) -> str:
+    """The remark on loads of a stage that came in so many ``increments``, and leave that `Rest.path_error`."""
+    way = "what slides depends on the way of the loads"
+    if error == math.inf:
+        return f"{way}, which could not be followed in increments: forces are those of one step; split the stage"
+    return f"{way}: in {increments} increments forces are known to {error:.1g} of the greatest; split the stage"
+
+
+def _carried(state: State) -> np.ndarray:
+    """Forces of the joints (3 j,) and tensions of the ties (N)."""
+    tension = np.zeros(0) if state.ties is None else state.ties.tension
+    return np.append(state.joints.resultant[:, :3], tension)
 
 
 def _come_to_rest(state: State) -> None:
@@ -232,7 +257,8 @@ def _changing(state: State) -> Iterator[np.ndarray]:
 class _Relaxation:
     """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum, whether bonds are held), until one of them
     balances the forces; where that was one with held bonds, until one does without, in which bonds break step by step,
-    and joints answer from step to step. ``memory``: of the start; ``relax``: the kernel."""
+    and joints answer from step to step. ``memory``: of the start; ``relax``: the kernel; ``factor``: makes that of the
+    elastic stiffness."""
 
     def __init__(
         self,
@@ -241,8 +267,10 @@ class _Relaxation:
         memory: Memory,
         rounds: tuple[tuple[int, float, bool], ...],
         relax: Callable,
+        factor: Callable[[], Factors],
     ):
         self._state, self._inertia, self._memory, self._rounds, self._relax = state, inertia, memory, rounds, relax
+        self._factor = factor
         self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
         self._increments = False
@@ -291,28 +319,61 @@ class _Relaxation:
         )
         return float(relaxing.ratio[0])
 
-    def by_increments(self, session: Session) -> int:
-        """Go from the start to the equilibrium that was reached again, by loads that change in `INCREMENTS`, each with
-        the memory of the equilibrium before; returns the steps. If one of these is not found, all stays as it was."""
+    def by_increments(self, session: Session) -> tuple[int, float, int]:
+        """Go from the start to the equilibrium that was reached again, by loads that change in increments, each with
+        the memory of the equilibrium before, and in twice as many until that changes little. Returns how many there
+        were, `Rest.path_error`, and the steps of all. Where one of these equilibria is not found, the last answer
+        stays.
+        """
+        found, steps = (1, math.inf), 0
+        for count in (INCREMENTS * 2**k for k in range(DOUBLINGS + 1)):
+            before, reached = _carried(self._state), [(array, array.copy()) for array, _ in self._start]
+            more = self._in_increments(count, session)
+            steps += more
+            if not more:
+                _put(reached)
+                break
+            now = _carried(self._state)
+            changed = float(np.abs(now - before).max() / max(np.abs(now).max(), 1e-300))
+            # the error goes with the length of the steps; what a single one changed is no measure of it
+            found = count, 2.0 * changed + UNSEEN if count > INCREMENTS else math.inf
+            if found[1] <= 2.0 * SETTLED + UNSEEN:
+                break
+        return *found, steps
+
+    def _in_increments(self, count: int, session: Session) -> int:
+        """`by_increments` with so many; the steps, zero if an equilibrium is not found."""
         state, free, steps = self._state, self._state.blocks.free, 0
-        reached = [(array, array.copy()) for array, _ in self._start]
         self._increments = True
         _put(self._start)
-        self._step = 0
+        self._memory, self._round, self._step = joint_memory(state), 0, 0
         self._relaxed(1, 0.0)
         loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
         change[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
         _put(self._start)
-        for left in range(INCREMENTS - 1, -1, -1):
-            ties.put_dead_loads(state, loads - left / INCREMENTS * change)
+        for left in range(count - 1, -1, -1):
+            ties.put_dead_loads(state, loads - left / count * change)
             self._memory, self._round, self._step = joint_memory(state), 0, 0
+            begun = [(array, array.copy()) for array, _ in self._start]
             ratio, more = self.run(session)
             steps += more
             if not ratio <= UNBALANCED:
-                _put(reached)
-                break
-            ties.remember(state)
+                _put(begun)
+                if joint_families.is_custom(state):
+                    return 0
+                stands, _, more = self.by_viscous_motion(session)
+                steps += more
+                if not stands:
+                    return 0
+            _come_to_rest(state)
         return steps
+
+    def by_viscous_motion(self, session: Session) -> tuple[bool | None, float, int]:
+        """`ViscousMotion` from where the blocks are: whether they stand, what is out of balance, and the iterations."""
+        motion = ViscousMotion(self._state, self._factor(), lambda: session.pause(self))
+        with interrupts.deferred():
+            stands = motion.run()
+        return stands, motion.unbalanced, motion.iterations
 
     def start_again(self) -> None:
         """Put everything as it was at the start; the relaxation is over, and a checkpoint of now begins there."""

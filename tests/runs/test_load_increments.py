@@ -1,0 +1,98 @@
+"""Loads of a stage on a block that slides and that ties hold: what friction and ties carry depends on their way.
+
+The block moves in its plane, held against turning, on springs of friction beside two ties across each other. Its way is
+integrated by itself here, in thousands of increments.
+"""
+
+import numpy as np
+import pytest
+
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import StaticsControl
+from dembrick.scenario.model import Load
+from dembrick.scenario.ties import Tie, TieEnd
+from helpers.stone_scenes import law, of_stone
+
+FRICTION, WEIGHT, SPRING = 0.5, 0.4**3 * 2000.0 * 9.81, 4e8 * 0.16  # -, N, N/m
+
+
+def scene(formulation, tie, loads):
+    """A cube on a floor, and in each stage a force at its centroid (N)."""
+    blocks = (
+        Block("floor", "stone", box=(4.0, 4.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
+        Block("cube", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2), held=("rx", "ry", "rz")),
+    )
+    ends = (((1.2, 0.0, 0.0), (0.2, 0.0, 0.0)), ((0.0, 1.2, 0.0), (0.0, 0.2, 0.0)))
+    return of_stone(
+        law(formulation, FRICTION, stiffness=1e9),
+        StaticsControl(),
+        blocks,
+        stages=(StaticsControl(),) * (len(loads) - 1),
+        loads=tuple(Load("cube", force, (0.0, 0.0, 0.2), stages=(i + 1,)) for i, force in enumerate(loads)),
+        ties=tuple(Tie((TieEnd("floor", a), TieEnd("cube", b)), tie, tension_only=False) for a, b in ends),
+    )
+
+
+def held_by_ties(tie, loads, increments):
+    """Force (2,) of the ties on the block, and how great any force gets: radial return, step by step."""
+    moved, elastic, before = np.zeros(2), np.zeros(2), np.zeros(3)
+    for load in np.array(loads):
+        for part in np.linspace(0.0, 1.0, increments + 1)[1:]:
+            force = before + part * (load - before)
+            strength = FRICTION * (WEIGHT - force[2])
+            driving = force[:2] - tie * moved
+            slip = (driving - elastic) / (tie + SPRING)
+            trial = elastic + SPRING * slip
+            if np.hypot(*trial) > strength:
+                total = driving + tie / SPRING * elastic  # = trial (tie / spring + strength / |trial|)
+                size = (np.hypot(*total) - strength) * SPRING / tie
+                trial = total / np.hypot(*total) * size
+                slip, elastic = (trial - elastic) / SPRING, strength / size * trial
+            else:
+                elastic = trial
+            moved = moved + slip
+        before = load
+    return -tie * moved, max(WEIGHT - before[2], np.abs(tie * moved).max())
+
+
+LATE = [(554.3, 27.6, -557.0), (-1302.9, -209.9, -409.8)]  # slides again in the last tenth of the second load
+ROUND = [(-812.2, 1198.5, -117.2), (-477.9, -1117.1, 269.0)]
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("tie", [1e5, 3e6, 2.6e7])
+@pytest.mark.parametrize("loads", [LATE, ROUND])
+def test_forces_are_known_to_what_is_said(formulation, tie, loads):
+    found = simulate(scene(formulation, tie, loads))
+    exact, greatest = held_by_ties(tie, loads, 5000)
+    error = np.abs(found.rows["tension"][-1] - exact).max() / greatest
+    rest = found.run.rest
+    assert rest.increments in (20, 40, 80, 160) and 2e-4 < rest.path_error < 0.02
+    assert error <= rest.path_error
+    assert np.abs(held_by_ties(tie, loads, 1)[0] - exact).max() / greatest > 2.0 * error or error < 1e-4
+    assert found.as_dict()["statics"]["increments"] == rest.increments
+    assert f"loads in      {rest.increments} increments; forces are known to" in found.text()
+
+
+@pytest.mark.parametrize("tie", [1e5, 3e6])
+def test_loads_that_grow_together_from_zero_need_no_increments(tie):
+    found = simulate(scene("concave", tie, ROUND[:1]))
+    exact, greatest = held_by_ties(tie, ROUND[:1], 1)
+    assert found.rows["tension"][-1] == pytest.approx(exact, abs=1e-6 * greatest)
+    assert found.run.rest.increments == 1 and found.run.rest.path_error == 0.0
+    assert "loads in" not in found.text()
+
+
+def test_a_way_that_is_not_known_well_is_said(monkeypatch):
+    from dembrick.simulation.statics import dead_load
+
+    monkeypatch.setattr(dead_load, "DOUBLINGS", 1)
+    heard = []
+    simulate(scene("concave", 1e5, ROUND), report=heard.append)
+    assert any("in 20 increments forces are known to" in sentence for sentence in heard)
+    monkeypatch.setattr(dead_load._Relaxation, "_in_increments", lambda *_: 0)
+    found = simulate(scene("concave", 1e5, ROUND), report=heard.append)
+    assert "which could not be followed in increments" in heard[-1]
+    assert found.as_dict()["statics"]["path_error"] is None
+    assert "loads in      1 increment; forces as in one step" in found.text()
