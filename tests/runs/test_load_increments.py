@@ -12,6 +12,8 @@ from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import StaticsControl
 from dembrick.scenario.model import Load
 from dembrick.scenario.ties import Tie, TieEnd
+from dembrick.simulation import load_increments
+from dembrick.simulation.statics import dead_load
 from helpers.stone_scenes import law, of_stone
 
 FRICTION, WEIGHT, SPRING = 0.5, 0.4**3 * 2000.0 * 9.81, 4e8 * 0.16  # -, N, N/m
@@ -85,9 +87,7 @@ def test_loads_that_grow_together_from_zero_need_no_increments(tie):
 
 
 def test_a_way_that_is_not_known_well_is_said(monkeypatch):
-    from dembrick.simulation.statics import dead_load
-
-    monkeypatch.setattr(dead_load, "DOUBLINGS", 1)
+    monkeypatch.setattr(load_increments, "DOUBLINGS", 1)
     heard = []
     simulate(scene("concave", 1e5, ROUND), report=heard.append)
     assert any("in 20 increments forces are known to" in sentence for sentence in heard)

@@ -9,7 +9,6 @@ it shows neither, the answer is undecided.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.block_forces import Memory
 from dembrick.kernels.statics.loop import Relaxing, advance
-from dembrick.simulation import interrupts
+from dembrick.simulation import interrupts, load_increments
 from dembrick.simulation.checkpoint_arrays import arrays_of, flattened, restored_state
 from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.floating_point import not_nan
@@ -45,10 +44,6 @@ UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
-INCREMENTS = 10  # in which loads come on joints that bear others and slide
-DOUBLINGS = 4  # of these, at most
-SETTLED = 1e-3  # of the greatest joint force: what twice as many increments may change
-UNSEEN = 2.5e-4  # of it: what they leave of joints that begin to slide in the last of them
 FALLEN = 0.2  # of a joint's reach: how far blocks that fall have moved when they are shown
 FEW = 8  # steps in the first chunk, before the pace is known
 MOVING = ("displacement", "rotation", "velocity", "spin", "force", "torque", "guide")  # fields of blocks, and of joints
@@ -143,9 +138,8 @@ def rest(
 
     Where joints have bonds they hold until the blocks rest; those that bear too much then break, and the others must
     carry the loads without them. Where nothing is bonded joints answer in one implicit step, which is what they carry
-    if all loads grow together from zero; where they bore others before and slide, the loads change in `INCREMENTS`, or
-    in twice as many, again and again until that changes little (`SETTLED`). The error of implicit steps goes with their
-    length, so that what is left is about what the last doubling changed.
+    if all loads grow together from zero; where they bore others before and slide, loads come in increments
+    (`load_increments`).
     """
     blocks = state.blocks
     began = time.perf_counter()
@@ -188,8 +182,7 @@ def rest(
     if stands and memory.base.any() and not bonded and joint_families.slid(state, memory):
         increments, error, more = relaxation.by_increments(session)
         steps += more
-        if error > 2.0 * SETTLED + UNSEEN and session.report:
-            session.report(_known_to(increments, error))
+        load_increments.report_error(session.report, increments, error)
     if stands is False:
         mechanism, moving = mechanism_of(state), moving_blocks(state)
         _seen_falling(state)
@@ -209,14 +202,6 @@ def _put(arrays: list[tuple[np.ndarray, np.ndarray]]) -> None:
     """Write into each array what goes with it."""
     for array, values in arrays:
         array[...] = values
-
-
-def _known_to(increments: int, error: float) -> str:
-    """The remark on loads of a stage that came in so many ``increments``, and leave that `Rest.path_error`."""
-    way = "what slides depends on the way of the loads"
-    if error == math.inf:
-        return f"{way}, which could not be followed in increments: forces are those of one step; split the stage"
-    return f"{way}: in {increments} increments forces are known to {error:.1g} of the greatest; split the stage"
 
 
 def _carried(state: State) -> np.ndarray:
@@ -320,26 +305,20 @@ class _Relaxation:
         return float(relaxing.ratio[0])
 
     def by_increments(self, session: Session) -> tuple[int, float, int]:
-        """Go from the start to the equilibrium that was reached again, by loads that change in increments, each with
-        the memory of the equilibrium before, and in twice as many until that changes little. Returns how many there
-        were, `Rest.path_error`, and the steps of all. Where one of these equilibria is not found, the last answer
-        stays.
+        """Go from the start to the equilibrium that was reached again, by loads that come in increments, each with the
+        memory of the equilibrium before. Returns how many there were, `Rest.path_error`, and the steps of all. Where
+        one of these equilibria is not found, the last answer stays.
         """
-        found, steps = (1, math.inf), 0
-        for count in (INCREMENTS * 2**k for k in range(DOUBLINGS + 1)):
-            before, reached = _carried(self._state), [(array, array.copy()) for array, _ in self._start]
-            more = self._in_increments(count, session)
-            steps += more
-            if not more:
+        steps: list[int] = []
+
+        def go(count: int) -> bool:
+            reached = [(array, array.copy()) for array, _ in self._start]
+            steps.append(self._in_increments(count, session))
+            if not steps[-1]:
                 _put(reached)
-                break
-            now = _carried(self._state)
-            changed = float(np.abs(now - before).max() / max(np.abs(now).max(), 1e-300))
-            # the error goes with the length of the steps; what a single one changed is no measure of it
-            found = count, 2.0 * changed + UNSEEN if count > INCREMENTS else math.inf
-            if found[1] <= 2.0 * SETTLED + UNSEEN:
-                break
-        return *found, steps
+            return steps[-1] > 0
+
+        return *load_increments.by_increments(go, lambda: _carried(self._state)), sum(steps)
 
     def _in_increments(self, count: int, session: Session) -> int:
         """`by_increments` with so many; the steps, zero if an equilibrium is not found."""
