@@ -19,16 +19,21 @@ UNSEEN = 2.5e-4  # of it: what they leave of joints that begin to slide in the l
 LOUD = 2.0 * SETTLED + UNSEEN  # of it: error that is remarked on
 
 
-def by_increments(go: Callable[[int], bool], carried: Callable[[], np.ndarray]) -> tuple[int, float]:
+def by_increments(
+    go: Callable[[int], bool], carried: Callable[[], np.ndarray], slid: Callable[[], bool] = lambda: True
+) -> tuple[int, float]:
     """In how many increments the loads came, and the error that is left of the forces ``carried`` (N), over the
     greatest of them; infinite if there is none to be compared with.
 
     ``go`` goes through so many of them from the start, and leaves the last answer, if it says that one was not found.
+    Where nothing has ``slid`` the first are enough, and leave no error.
     """
     found, before = (1, math.inf), carried()
     for count in (INCREMENTS * 2**k for k in range(DOUBLINGS + 1)):
         if not go(count):
             break
+        if not slid():
+            return count, 0.0
         now = carried()
         changed = float(np.abs(now - before).max() / max(np.abs(now).max(), 1e-300))
         # what a single step changed is no measure of it
@@ -47,3 +52,8 @@ def report_error(report: Callable[[str], None] | None, increments: int, error: f
         report(f"{way}, which could not be followed in increments: forces are those of one step; split the stage")
     else:
         report(f"{way}: in {increments} increments forces are known to {error:.1g} of the greatest; split the stage")
+
+
+def described(increments: int, error: float) -> dict[str, int | float | None]:
+    """Entries of ``statics`` in the JSON output; an ``error`` that is not known is null."""
+    return {"increments": increments, "path_error": error if math.isfinite(error) else None}

@@ -288,7 +288,7 @@ def _unbalanced(results: Mapping) -> Told | None:
 def _load_path(results: Mapping) -> Told | None:
     found = part(results, "statics")
     increments, error = number(found.get("increments")), number(found.get("path_error"))
-    if increments is None or (increments == 1 and error == 0.0):
+    if increments is None or error == 0.0:
         return None
     known = "forces as in one step" if error is None else f"forces are known to {error:.1g} of the greatest joint force"
     return Told(f"{increments:.0f} increment{'s' if increments > 1 else ''}", known)

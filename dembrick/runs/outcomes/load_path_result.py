@@ -16,6 +16,7 @@ from dembrick.runs.outcomes.result import printed
 from dembrick.runs.outcomes.statics_result import RestResult
 from dembrick.scenario.checks import present
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED
+from dembrick.simulation import load_increments
 from dembrick.simulation.statics.yield_point import YieldPoint
 from dembrick.views.key_numbers import OF_LAWS, OF_SETTLEMENT, OF_WORK
 from dembrick.views.summary import known, length, listed, plain
@@ -226,7 +227,8 @@ class DeformedRestResult(RestResult, MotionResult):
         """The object ``statics`` of the JSON output."""
         fallen = self.run.collapse or {"mechanism": None, "blocks": []}
         found = {"stands": self.run.stands, "unbalanced": self.run.unbalanced}
-        return found | {"mechanism": fallen["mechanism"], "blocks": fallen["blocks"]}
+        way = load_increments.described(self.run.increments, self.run.path_error)
+        return found | {"mechanism": fallen["mechanism"], "blocks": fallen["blocks"]} | way
 
     @property
     def plain_answer(self) -> str:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import TYPE_CHECKING, Any
 
 from dembrick.runs.outcomes.result import RunResult, SearchResult
+from dembrick.simulation import load_increments
 from dembrick.simulation.statics.dead_load import DECIDES, does_not_stand, undecided
 from dembrick.views.key_numbers import OF_LAWS, OF_WORK
 
 if TYPE_CHECKING:
-    from dembrick.simulation.statics.dead_load import Standing
+    from dembrick.simulation import load_increments
+from dembrick.simulation.statics.dead_load import Standing
 
 
 class RestResult(RunResult):
@@ -60,8 +61,7 @@ class StaticsResult(RestResult, SearchResult):
             "unbalanced": rest.unbalanced,
             "mechanism": rest.mechanism,
             "blocks": [self.assembly.names[i] for i in rest.blocks],
-            "increments": rest.increments,
-            "path_error": rest.path_error if math.isfinite(rest.path_error) else None,
+            **load_increments.described(rest.increments, rest.path_error),
         }
 
     @property

@@ -111,9 +111,13 @@ class Past:
         if goes_on is not None and goes_on.anything:
             self._change(snapshot, goes_on)
             return
+        self.go_back(snapshot, met=moving.steps > 0)
+
+    def go_back(self, snapshot: Snapshot, met: bool = True) -> None:
+        """Take all but the steps from a snapshot of this scene, and new contacts if blocks have ``met``."""
         for name, own in self._arrays().items():
             own[...] = snapshot.array(name, own)
-        restore_scene(moving, snapshot, met=moving.steps > 0)
+        restore_scene(self.moving, snapshot, met)
 
     def _change(self, snapshot: Snapshot, goes_on: GoesOn) -> None:
         """Take motion and memory from a snapshot, and keep the laws, loads and ties that there are."""

@@ -15,6 +15,8 @@ from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from dembrick.kernels.dynamics.rigid_bodies import Bodies
     from dembrick.scenario.controls import Control
     from dembrick.scenario.stages import TiesBefore
@@ -105,6 +107,12 @@ def places(bodies: Bodies) -> np.ndarray:
 def moved(now: np.ndarray, before: np.ndarray) -> np.ndarray:
     """How far every block (n,) has moved or turned between two `places`, m."""
     return np.linalg.norm(now - before, axis=2).max(axis=1)
+
+
+def standing(bodies: Bodies, kept: Mapping[str, np.ndarray] | None = None) -> Bodies:
+    """The blocks where they stand now, or stood when they were ``kept``."""
+    kept = kept or {"bodies.position": bodies.position.copy(), "bodies.rotation": bodies.rotation.copy()}
+    return bodies._replace(position=kept["bodies.position"], rotation=kept["bodies.rotation"])
 
 
 def _carried(moving: Motion) -> list[tuple[np.ndarray, np.ndarray]]:

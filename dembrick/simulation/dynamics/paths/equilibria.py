@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -39,7 +38,8 @@ from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
 from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance, keep_of_rest
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse
+from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
+from dembrick.simulation.dynamics.paths.stage_loads import LoadsToCome, rest_by_increments
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.run import MEETINGS, EquilibriaRun
 from dembrick.simulation.dynamics.state import seen
@@ -79,6 +79,8 @@ class EquilibriumPath(ABC):
     greatest = 1.0  # parameter of all
     overshoot = 1.0  # how far blocks may swing in a step, over how far they rest: what a fall says of the parameter
     dropped = DROPPED
+    to_come: LoadsToCome | None = None
+    increments, path_error = 1, 0.0  # of loads that came after others: `load_increments`
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
         self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
@@ -145,7 +147,8 @@ class EquilibriumPath(ABC):
 
     def _at(self, parameter: float) -> Driving:
         """Loads and supports of the run while the parameter is constant."""
-        return self.driven(lambda times: np.full(np.shape(times), parameter))
+        driving = self.driven(lambda times: np.full(np.shape(times), parameter))
+        return driving if self.to_come is None else self.to_come.held_off(driving)
 
     def advance(self, driving: Driving, steps: int) -> None:
         """Steps under what drives the blocks."""
@@ -238,7 +241,10 @@ class EquilibriumPath(ABC):
             self._restore(resumed)
             self.kept = self._equilibrium()
             if goes_on is not None and goes_on.anything:
-                self._rest_again()
+                ratio = self._rest_again(self.reached)
+                if ratio is not None:
+                    self.from_where = self.reached, places(self.moving.state.bodies)
+                    self._note(self.reached, ratio)
             return
         held = replace(self._at(0.0), supports=AT_REST)
         resume = None if resumed is None else partial(past.restore, resumed)
@@ -246,27 +252,24 @@ class EquilibriumPath(ABC):
         moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
         self.recorder.compile()
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
-        joint_families.hold_bonds(self.moving.state, self.bonded)
-        self.advance(self._at(0.0), CHUNK)
-        ratio = float(past.unbalanced[0])
+        ratio: float | None = float(past.unbalanced[0])
         if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
-            stood = standing(moving.state.bodies)
-            ratio = self._rest_and_break(0.0, places(stood))
-            if ratio is None:
-                self.falls_at_once(stood)
-                return
-        self._note(0.0, ratio)
+            ratio = self._rest_again(0.0)
+        else:
+            self.advance(self._at(0.0), CHUNK)
+        if ratio is not None:
+            self._note(0.0, ratio)
 
-    def _rest_again(self) -> None:
-        """The equilibrium under other laws, loads and ties than those of the last one, where the parameter is now."""
+    def _rest_again(self, parameter: float) -> float | None:
+        """Rest under other laws, loads and ties than those of the last equilibrium, where the parameter is now: what is
+        out of balance, None if the blocks fall."""
         stood = standing(self.moving.state.bodies)
         joint_families.hold_bonds(self.moving.state, self.bonded)
-        ratio = self._rest_and_break(self.reached, places(stood))
+        rest, still = partial(self._rest_and_break, parameter, places(stood)), partial(self._at, parameter)
+        ratio = rest() if self.bonded else rest_by_increments(self, still, rest)
         if ratio is None:
             self.falls_at_once(stood)
-            return
-        self.from_where = self.reached, places(self.moving.state.bodies)
-        self._note(self.reached, ratio)
+        return ratio
 
     def _note(self, parameter: float, ratio: float) -> None:
         """Keep an equilibrium and record it; the driven displacement counts from the first."""
@@ -432,12 +435,6 @@ class EquilibriumPath(ABC):
         self.path = list(map(tuple, rows.tolist()))
         self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
         self.driving.start[:] = snapshot.array(f"{SNAPSHOT}.start", self.driving.start)
-
-
-def standing(bodies: Bodies, kept: Mapping[str, np.ndarray] | None = None) -> Bodies:
-    """The blocks where they stand now, or stood when they were ``kept``."""
-    kept = kept or {"bodies.position": bodies.position.copy(), "bodies.rotation": bodies.rotation.copy()}
-    return bodies._replace(position=kept["bodies.position"], rotation=kept["bodies.rotation"])
 
 
 def plan_of(moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST) -> Plan:

@@ -51,6 +51,8 @@ class LoadPathRun(EquilibriaRun):
     mechanism: str = "none"
     turns: tuple[int, ...] | None = None  # the equilibria at which the ways of a protocol end
     stands: bool = True
+    increments: int = 1  # of loads that came after others, and the error of forces that these leave
+    path_error: float = 0.0
 
 
 class LoadPath(EquilibriumPath):
@@ -109,7 +111,7 @@ class LoadPath(EquilibriumPath):
         if self.collapse is None:
             self.joint = moved_most(self.moving, self.past.at_rest)
         found = run_of(super().finished(), self.joint, "none" if self.collapse is None else self.collapse["mechanism"])
-        return replace(found, stands=self.stands)
+        return replace(found, stands=self.stands, increments=self.increments, path_error=self.path_error)
 
 
 def run_of(found: EquilibriaRun, joint: int, how: str) -> LoadPathRun:

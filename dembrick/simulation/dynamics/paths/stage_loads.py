@@ -1,0 +1,104 @@
+"""Rest in the deformed geometry under loads that the blocks did not bear before: those of another stage.
+
+Joints answer as in one implicit step from the last equilibrium (`kernels.dynamics.swings`), so that these loads come in
+increments (`load_increments`). What is still to come of them is held off by a force and a couple
+on every block: that part of what they put out of balance at the last equilibrium.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.assembly.actuators import Attached
+from dembrick.simulation import load_increments
+from dembrick.simulation.dynamics.integrator import Motion, joint_forces, keep_of_rest, look_first
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.state import out_of_balance
+from dembrick.simulation.session import Kept
+
+if TYPE_CHECKING:
+    from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
+
+
+class LoadsToCome:
+    """Loads of ``driving`` that have not come yet, beside what joints carry at the last equilibrium: ``share`` of them,
+    none to begin with."""
+
+    def __init__(self, moving: Motion, driving: Driving):
+        joint_forces(moving, driving)
+        bodies, self.share = moving.state.bodies, 0.0
+        gravity = driving.forces(np.array([moving.time]), moving.time_step)[0][0]
+        force, torque = (-part[bodies.free] for part in out_of_balance(moving.state, gravity))
+        arm = np.cross(torque, np.eye(3)[np.abs(torque).argmin(axis=1)])  # across the couple, and so at right angles
+        length = np.linalg.norm(arm, axis=1, keepdims=True)
+        arm = np.divide(arm, length, out=np.zeros_like(arm), where=length > 0.0)
+        couple = 0.5 * np.cross(torque, arm)
+        block, arms = np.tile(bodies.free.astype(np.int64), 3), np.concatenate([0.0 * arm, arm, -arm])
+        self._at = Attached(block, arms, np.einsum("kji,kj->ki", bodies.rotation[block], arms))
+        self._force = np.concatenate([force, couple, -couple])
+
+    def held_off(self, driving: Driving) -> Driving:
+        """``driving`` without the share that is to come."""
+        if not self.share:
+            return driving
+        own = len(driving.factor)  # of the loads; those of actuators are behind them
+        share = self.share
+        return replace(
+            driving,
+            at=driving.at[:own].and_then(self._at).and_then(driving.at[own:]),
+            force=np.concatenate([driving.force[:own], self._force, driving.force[own:]]),
+            factor=(*driving.factor, *(lambda times: np.full(len(times), share),) * len(self._force)),
+        )
+
+
+def rest_by_increments(
+    path: EquilibriumPath, still: Callable[[], Driving], rest: Callable[[], float | None]
+) -> float | None:
+    """Bring the blocks of a path to ``rest`` under the loads ``still``: what is out of balance then, None if they come
+    down. Loads that came at once could throw down what they do not push over, and swing joints open, which forget then.
+    """
+    moving = path.moving
+    look_first(moving)
+    kept = Kept(path.past.snapshot() | moving.contact_detection.snapshot())
+    path.to_come = to_come = LoadsToCome(moving, still())
+    if not moving.state.links.wrench[:, :3].any():
+        return rest()
+    slip, ratio = _slip(moving), 1.0  # type: float, float | None
+
+    def go(count: int) -> bool:
+        nonlocal ratio
+        path.past.go_back(kept)
+        for left in range(count - 1, -1, -1):
+            to_come.share = left / count
+            moving.state.bodies.applied[:] = 0.0  # loads that are there put theirs, those that are gone leave nothing
+            ratio = rest()
+            if ratio is None:
+                to_come.share = 0.0
+                return False
+            keep_of_rest(moving, still())
+        return True
+
+    path.increments, path.path_error = load_increments.by_increments(
+        go, lambda: _carried(moving), lambda: _slip(moving) != slip
+    )
+    if ratio is not None:
+        load_increments.report_error(path.session.report, path.increments, path.path_error)
+    return ratio
+
+
+def _slip(moving: Motion) -> float:
+    """Sum of the slip paths of all joints and new contacts (m)."""
+    corners, faces, touching = moving.state.corners, moving.state.faces, moving.contact_detection.touching
+    paths = [] if corners is None else [corners.slipped["length"]]
+    paths += [part.slip for part in (faces, touching) if part is not None]
+    return math.fsum(float(path.sum()) for path in paths)
+
+
+def _carried(moving: Motion) -> np.ndarray:
+    """Forces of the joints (3 j,) and tensions of the ties (N)."""
+    return np.append(moving.state.links.wrench[:, :3], moving.state.ties.now["tension"])
