@@ -91,6 +91,21 @@ def test_blocks_that_only_rock_meet_the_programme(scenario):
     assert found["load_factor"] == pytest.approx(rigid_load_factor(scenario), rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("radius", "thickness", "stones", "angle"),
+    [(1.64, 0.37, 11, 119.0), (3.04, 0.8, 10, 122.0), (4.33, 1.19, 11, 123.0), (2.03, 0.52, 20, 120.0)],
+)
+def test_stiff_convex_arches_meet_the_programme(radius, thickness, stones, angle):
+    """A direction that is off by rounding must not grow from equilibrium to equilibrium: these turned back at half of
+    their limit."""
+    arch = Arch("arch", "stone", radius, thickness, 0.3, stones, angle=angle)
+    joint = JointLaw("convex", 1.5, 1e11, 4e10)
+    scenario = of_stone(joint, PushoverControl((1.0, 0.0, 0.0)), arches=(arch,))
+    point, expected = simulate(scenario, record=False).yield_point, rigid_load_factor(scenario)
+    assert point.V_lower <= expected * (1.0 + 1e-6) and expected <= point.V_upper * (1.0 + 1e-5)
+    assert point.V == pytest.approx(expected, rel=1e-3)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_no_wall_carries_more_than_the_programme(seed):
     rng = np.random.default_rng(seed)

@@ -253,10 +253,11 @@ class EquilibriumPath(ABC):
         self.recorder.compile()
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         ratio: float | None = float(past.unbalanced[0])
+        if self.bonded or not moving.settled:
+            joint_families.hold_bonds(self.moving.state, self.bonded)
+            self.advance(self._at(0.0), CHUNK)
         if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
             ratio = self._rest_again(0.0)
-        else:
-            self.advance(self._at(0.0), CHUNK)
         if ratio is not None:
             self._note(0.0, ratio)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from dembrick.assembly.actuators import Attached
 from dembrick.simulation import load_increments
+from dembrick.simulation.dynamics.dead_load import CHUNK
 from dembrick.simulation.dynamics.integrator import Motion, joint_forces, keep_of_rest, look_first
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import out_of_balance
@@ -25,9 +26,12 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
 
 
+NOTHING = 1e-6  # of the forces of new loads: joints that bear less bear but the rounding of drawn positions
+
+
 class LoadsToCome:
-    """Loads of ``driving`` that have not come yet, beside what joints carry at the last equilibrium: ``share`` of them,
-    none to begin with."""
+    """Loads of ``driving`` that have not come yet: ``share`` of them, none to begin with. ``on_others``: whether joints
+    bear others already, at the last equilibrium."""
 
     def __init__(self, moving: Motion, driving: Driving):
         joint_forces(moving, driving)
@@ -41,6 +45,8 @@ class LoadsToCome:
         block, arms = np.tile(bodies.free.astype(np.int64), 3), np.concatenate([0.0 * arm, arm, -arm])
         self._at = Attached(block, arms, np.einsum("kji,kj->ki", bodies.rotation[block], arms))
         self._force = np.concatenate([force, couple, -couple])
+        borne = np.abs(moving.state.links.wrench[:, :3]).max(initial=0.0)
+        self.on_others = bool(borne > NOTHING * np.abs(self._force).max(initial=0.0))
 
     def held_off(self, driving: Driving) -> Driving:
         """``driving`` without the share that is to come."""
@@ -66,7 +72,8 @@ def rest_by_increments(
     look_first(moving)
     kept = Kept(path.past.snapshot() | moving.contact_detection.snapshot())
     path.to_come = to_come = LoadsToCome(moving, still())
-    if not moving.state.links.wrench[:, :3].any():
+    if not to_come.on_others:
+        path.advance(still(), CHUNK)
         return rest()
     slip, ratio = _slip(moving), 1.0  # type: float, float | None
 

@@ -300,8 +300,9 @@ class PathFollower:
         ):
             way.step, way.drag = GROWTH * way.step, way.drag / GROWTH  # what drags is about the same
         if way.tried and joint_families.has_areas(self.state):
-            tangent = self.search.mechanism(math.inf)
-            go_on_rocking(way, None if tangent is None else tangent * self.weight, secant, slope)
+            tangent, along = self.search.mechanism(math.inf), inner(self.search.load, secant) / self.weight
+            if tangent is not None and along > 0.0:  # exactly a metre: what is off by rounding would double
+                go_on_rocking(way, tangent * self.weight, secant / along, slope)
         return judged
 
     def _judged_limit(self) -> bool:
