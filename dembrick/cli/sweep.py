@@ -93,7 +93,7 @@ def _text(study, outcome) -> str:
         fixed = ", ".join(f"{key} = {value if isinstance(value, str) else show(value)}" for key, value in own.items())
         if study.search is not None:
             bar = f"{study.search.key} = {cell['mean']:.5g} +- {cell['half_width']:.1g}"
-            lines.append(f"falls beyond  {bar}  {fixed}".rstrip())
+            lines.append(f"{'falls ' + cell['falls']:13} {bar}  {fixed}".rstrip())
             continue
         lines.append(f"V             {_answer(cell, unit)}  {fixed}".rstrip())
     if len(outcome.statistics) > _MOST_LINES:

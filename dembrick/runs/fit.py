@@ -5,10 +5,11 @@ The measurements come as a CSV file, one test a line::
     test,scenario,V [N],deviation [N],formulation
     2a,set2a.toml,108,,
 
-``scenario`` is the test as a scenario file, seen from the folder of the CSV; its own friction is not looked at. ``V
-[N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's actuators. ``deviation`` and ``formulation``
-may be left out: without the first every test counts by its relative error, with the second a line stands for that
-formulation only. mu minimises sum(((V(mu) - V_i) / s_i)^2) with V(mu) simulated, s_i the deviation, or V_i itself.
+``scenario`` is the test as a scenario file, seen from the folder of the CSV; its own friction is not looked at, so that
+all its joints must have one. ``V [N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's actuators.
+``deviation`` and ``formulation`` may be left out: without the first every test counts by its relative error, with the
+second a line stands for that formulation only. mu minimises sum(((V(mu) - V_i) / s_i)^2) with V(mu) simulated, s_i the
+deviation, or V_i itself.
 """
 
 from __future__ import annotations
@@ -30,10 +31,12 @@ from dembrick.scenario.model import FORMULATIONS, DisplacementControl, Scenario,
 
 CONFIDENCE = 0.95
 _COLUMNS = {"test": True, "scenario": True, "V": True, "deviation": False, "formulation": False}  # needed or not
-_START = 0.5  # of mu; any other number gives the same answer
+_SCANNED = tuple(0.04 * 2.0 ** (k / 2.0) for k in range(14))  # mu looked at first: V has kinks where a block tips over
 _STEP = 0.01  # relative change of mu for the slope of V
+_TELLS = 1e-6  # of V: a test whose V changes less with mu, relative change for relative change, does not slip
 _TOLERANCE = 1e-5  # of the simulated limit loads
 _ITERATIONS = 20
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,14 @@ def read(path: str | os.PathLike) -> list[Measurement]:
                 f"{place}: {scenario.path} has control.kind = {show(scenario.control.kind)}, and so no yield point; "
                 'give it "yield", or "displacement"'
             )
+        for one in scenario.joints:
+            for key in ("friction", "formulation"):
+                if getattr(one.law, key) != getattr(scenario.joint, key):
+                    between = " and ".join(map(show, one.between))
+                    raise ScenarioError(
+                        f"{place}: {scenario.path} gives the joints between {between} a {key} of their own, and one "
+                        f"for all joints is looked for; leave {key} out of [[joints]]"
+                    )
         found.append(Measurement(cells["test"], scenario, V, deviation, formulation))
     return found
 
@@ -124,22 +135,41 @@ def fit(
 
 
 def _fitted(name: str, group: list[Measurement]) -> Fit:
-    """Gauss-Newton on mu: two simulations of every test a round; V is nearly proportional to mu, so few are needed."""
+    """mu by Gauss and Newton from the best of `_SCANNED`: two simulations of every test a round; V is proportional to
+    mu where a block slides, so that few are needed. At a kink they go to and fro, and golden sections find it."""
     measured = np.array([m.V for m in group])
     scale = np.array([m.deviation or m.V for m in group])
-    mu = _START
+
+    def cost(mu: float) -> float:
+        return float((((_simulated(group, name, mu) - measured) / scale) ** 2).sum())
+
+    least, most = _allowed(group)
+    scanned = [mu for mu in _SCANNED if least <= mu <= most] or [least or most]
+    best = int(np.argmin([cost(mu) for mu in scanned]))
+    low = scanned[best - 1] if best else least
+    high = scanned[best + 1] if best + 1 < len(scanned) else most
+    mu = scanned[best]
     for _ in range(_ITERATIONS):
-        V = _simulated(group, name, mu)
-        slope = (_simulated(group, name, mu * (1.0 + _STEP)) - V) / (mu * _STEP)
+        V, slope = _with_slope(group, name, mu)
         weight = slope / scale
-        if not np.abs(slope * mu).max() > 1e-6 * V.max():
+        if not np.abs(slope * mu).max() > _TELLS * V.max():
             raise ScenarioError(f"{name}: no test slips, so that none of them tells anything about friction")
         change = float(weight @ ((measured - V) / scale) / (weight @ weight))
-        mu = max(mu + change, 0.1 * mu)
+        now, mu = mu, min(max(mu + change, 0.1 * mu, low), high)
+        change = mu - now
         if abs(change) <= 10.0 * _TOLERANCE * mu:
             break
     else:
-        raise NotConvergedError(f"{name}: no friction coefficient was found in {_ITERATIONS} rounds, the last {mu:.6g}")
+        if high == math.inf:
+            raise NotConvergedError(
+                f"{name}: no friction coefficient was found in {_ITERATIONS} rounds, the last {mu:.6g}"
+            )
+        mu, change = _least(cost, low, high), 0.0
+        V, slope = _with_slope(group, name, mu)
+        weight = slope / scale
+    if mu <= least != 0.0 or mu >= most:
+        ends = f"{least:g} (residual friction or dilation) and {most:g} (cohesion over tensile strength)"
+        raise ScenarioError(f"{name}: the best friction coefficient lies outside of what strengths allow, {ends}")
     V = V + slope * change
     scatter = half = None
     if len(group) > 1:
@@ -152,18 +182,50 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
             "V_measured": m.V,
             "V_fitted": float(v),
             "residual_percent": 100.0 * float(v / m.V - 1.0),
-            "mu": float(mu + (m.V - v) / s) if s else None,
+            "mu": float(mu + (m.V - v) / s) if abs(s * mu) > _TELLS * v else None,
         }
         for m, v, s in zip(group, V, slope, strict=True)
     ]
     return Fit(name, mu, half, scatter, tests)
 
 
+def _allowed(group: list[Measurement]) -> tuple[float, float]:
+    """Least and greatest friction coefficient that the other strengths of the joints leave room for."""
+    laws = [law for m in group for law in (m.scenario.joint, *(one.law for one in m.scenario.joints))]
+    least = max(max(law.residual_friction or 0.0, law.dilation) for law in laws)
+    most = min((law.cohesion / law.tensile_strength for law in laws if law.tensile_strength), default=math.inf)
+    return least, most / (1.0 + _STEP)
+
+
+def _with_slope(group: list[Measurement], name: str, mu: float) -> tuple[np.ndarray, np.ndarray]:
+    """V of the tests, and how it grows with mu."""
+    V = _simulated(group, name, mu)
+    return V, (_simulated(group, name, mu * (1.0 + _STEP)) - V) / (mu * _STEP)
+
+
+def _least(cost: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function is least between two numbers, by golden sections."""
+    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    of_left, of_right = cost(left), cost(right)
+    while high - low > _TOLERANCE * high:
+        if of_left <= of_right:
+            high, right, of_right = right, left, of_left
+            left = high - _GOLDEN * (high - low)
+            of_left = cost(left)
+        else:
+            low, left, of_left = left, right, of_right
+            right = low + _GOLDEN * (high - low)
+            of_right = cost(right)
+    return 0.5 * (low + high)
+
+
 def _simulated(group: list[Measurement], name: str, mu: float) -> np.ndarray:
     loads = []
     for m in group:
         law = replace(m.scenario.joint, formulation=m.formulation or name, friction=mu)
-        test = replace(m.scenario, joint=law, control=YieldControl(_TOLERANCE))
+        others = (replace(one.law, formulation=law.formulation, friction=mu) for one in m.scenario.joints)
+        joints = tuple(replace(one, law=own) for one, own in zip(m.scenario.joints, others, strict=True))
+        test = replace(m.scenario, joint=law, joints=joints, control=YieldControl(_TOLERANCE))
         loads.append(present(simulate(test, record=False).yield_point).V)
     return np.array(loads)
 

@@ -42,6 +42,7 @@ def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
         assert 2.0 * bar == pytest.approx(float(row["stands"]) - float(row["falls"]), rel=1e-9)
         assert int(row["runs"]) == 2 + math.ceil(math.log2(0.45 / (1e-3 * SLOPE)))
     assert [cell["half_width"] for cell in outcome.statistics] == [float(row["half_width"]) for row in rows]
+    assert {cell["falls"] for cell in outcome.statistics} == {"below"}
     assert studies.sweep(path, tmp_path / "out").ran == 0
 
 

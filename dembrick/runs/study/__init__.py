@@ -148,20 +148,25 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
     """Mean and scatter of the answers over the draws of each population, and how many cases have none."""
     cells: dict[str, tuple[dict, list, list]] = {}
     rows = stored(folder, study.columns)
-    found = {row["case"]: {name: row.get(name) for name in ("status", study.answer, *BAR)} for row in rows}
+    wanted = ("status", study.answer, *BAR, "stands", "falls")
+    found = {row["case"]: {name: row.get(name) for name in wanted} for row in rows}
     for case, row in sorted(found.items()):  # they are done in any order
         if row[study.answer] is not None and row["status"] not in UNANSWERED:
             fixed = study.cell(case)
             _, answers, bars = cells.setdefault(repr(fixed), (fixed, [], []))
             answers.append(row[study.answer])
-            bars.append({name: row[name] for name in BAR})
+            bars.append({name: row[name] for name in (*BAR, "stands", "falls")})
     statistics = []
     for fixed, answers, bars in cells.values():
         deviation = stdev(answers) if len(answers) > 1 else None
         error = None if deviation is None else deviation / math.sqrt(len(answers))
-        bar = {} if study.search is None else {"half_width": fmean(one["half_width"] or 0.0 for one in bars)}
-        if study.search is None and len(bars) == 1:
-            bar = {name: value for name, value in bars[0].items() if name != "half_width"}
+        bar = {}
+        if study.search is not None:
+            below = {one["falls"] < one["stands"] for one in bars}
+            falls = "at" if len(below) > 1 else "below" if True in below else "above"
+            bar = {"half_width": fmean(one["half_width"] or 0.0 for one in bars), "falls": falls}
+        elif len(bars) == 1:
+            bar = {name: bars[0][name] for name in BAR if name != "half_width"}
         numbers = {"count": len(answers), "mean": fmean(answers), "deviation": deviation, "standard_error": error}
         statistics.append({**fixed, **numbers, **bar})
     return statistics, sum(row["status"] in UNANSWERED for row in found.values())
