@@ -152,6 +152,7 @@ class _Runs:
         if not self.greatest > 0.0:
             raise ScenarioError("the measured curves have no force")
         self._known: dict[bytes, list[MeasuredCurve] | None] = {}
+        self._reason = ""  # why the last run that failed has no answer
         self._travels: list[dict[str, float]] = [{} for _ in given]
         self._reach()
 
@@ -193,10 +194,10 @@ class _Runs:
                     _curve(_with(scenario, document, travel | values), told=not self._known)
                     for scenario, document, travel in zip(self.given, self.documents, self._travels, strict=True)
                 ]
-            except DembrickError:
+            except DembrickError as error:
                 if not x.any():  # the scenario as it is given
                     raise
-                self._known[place] = None
+                self._known[place], self._reason = None, str(error)
         return self._known[place]
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
@@ -212,7 +213,8 @@ class _Runs:
         pairs = [(self.residuals(x + h), self.residuals(x - h)) for h in STEP * np.eye(len(x))]
         if not np.isfinite(pairs).all():
             raise NotConvergedError(
-                f"runs next to {self.told(x)} have no answer, and no fit goes on from there; start from other values"
+                f"runs next to {self.told(x)} have no answer, and no fit goes on from there; start from other values, "
+                f"or see to the reason: {self._reason}"
             )
         return np.stack([(above - below) / (2.0 * STEP) for above, below in pairs], axis=1)
 

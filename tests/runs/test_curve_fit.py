@@ -7,7 +7,7 @@ import pytest
 
 import dembrick
 from dembrick import cli
-from dembrick.errors import ScenarioError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs import curve_fit
 from dembrick.scenario import toml
 from dembrick.views.misfit import between
@@ -85,6 +85,20 @@ def test_a_start_that_is_too_strong_goes_as_far_as_the_measured_curve(curve):
     assert dembrick.simulate(strong).rows["displacement"][-1] < 0.95 * lab.displacement[-1]
     found = curve_fit.fit_curves([strong], [lab], ["joint.friction"]).keys["joint.friction"]
     assert found.value == pytest.approx(0.64, rel=1e-3) and found.lower < 0.64 < found.upper
+
+
+def test_why_runs_have_no_answer_is_passed_on(curve, start, monkeypatch):
+    """Most often it is the travel, and no other values would help."""
+    run, friction = curve_fit._curve, start.joint.friction
+
+    def fails(scenario, told=False):
+        if scenario.joint.friction != friction:
+            raise NotConvergedError("no limit load: lengthen control.travel")
+        return run(scenario, told)
+
+    monkeypatch.setattr(curve_fit, "_curve", fails)
+    with pytest.raises(NotConvergedError, match="start from other values, or see to the reason: no limit load"):
+        curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1)], list(TRUE))
 
 
 def test_a_misfit_that_runs_on_widens_the_intervals(curve):
