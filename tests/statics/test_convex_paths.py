@@ -12,7 +12,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl
 from dembrick.scenario.model import Block
 from dembrick.simulation.statics.load_system import Setup
-from dembrick.simulation.statics.paths.bounds import go_on_rocking, limit_bounds
+from dembrick.simulation.statics.paths.bounds import LEFT_OUT, go_on_rocking, limit_bounds
 from dembrick.simulation.statics.paths.path_following import PathFollower
 from dembrick.simulation.statics.paths.path_state import PathState
 from helpers.quasi_static import leaf, scene
@@ -26,6 +26,17 @@ def test_convex_joints_that_rock_are_predicted():
     assert result.run.steps <= 22 and result.run.settings["equilibria"] <= 21
 
 
+def test_estimates_that_agree_by_chance_are_no_bar():
+    """Shortfalls of a pushed arch of five stones, over its limit, at the marks of its last equilibria: estimates of the
+    limit cross one another there, 4e-4 below it."""
+    given = (1.8738e-4, 3.84499e-4, 7.794755e-4, 1.56994e-3)
+    short = (0.16588780832553784, 0.11605458128964108, 0.08168108387691464, 0.05769413885956054)
+    seen = [(0.0, 0.0, 0.0, 1e300, False)]
+    seen += [(g, 1.0 - s, 1.0 - s, 1.0 - s, False) for g, s in zip(given, short, strict=True)]
+    lower, upper, _ = limit_bounds(seen, 1e3, rocks_on=lambda V: True)
+    assert lower < 1.0 < upper and upper - lower < 2e-3
+
+
 @pytest.mark.parametrize("offset, shown", [(0.0, 1e-12), (0.04, 2e-4)])
 def test_the_limit_of_a_rocking_joint_is_read_off_its_shrinking_strip(offset, shown):
     """V = limit - c / sqrt(theta), and the joint has turned by an offset before the blocks give way."""
@@ -37,7 +48,7 @@ def test_the_limit_of_a_rocking_joint_is_read_off_its_shrinking_strip(offset, sh
     lower, upper, is_limit = limit_bounds(seen, 1e3, rocks_on=lambda V: True)
     assert is_limit and lower + 1e-6 <= limit + 1e-12 and limit <= upper - 2e-6 + 1e-12
     assert lower + upper - 1e-6 == pytest.approx(2.0 * limit, rel=shown)
-    assert upper - lower - 3e-6 <= 30.0 * limit * shown
+    assert upper - lower - 3e-6 <= max(30.0 * limit * shown, 2.0 * LEFT_OUT * (limit - V) ** 2 / limit)
 
 
 def test_a_limit_seen_with_its_first_correction_is_exact():

@@ -13,6 +13,8 @@ from dembrick.simulation.statics.paths.path_state import PathState
 
 APART = 3.0  # times that estimates of the limit differ: how far it may be from the last of them
 
+LEFT_OUT = 0.2  # times the square of how far V falls short of the limit, over the limit: no estimate is closer
+
 PUSHES, STILL_GROWS = 3, 0.05  # pushes that tell of V, and the part by which it may grow in the last of them
 BEYOND = 0.5  # of the range that pushes have shown: how far V may go beyond it at either end
 
@@ -92,7 +94,8 @@ def _beyond_the_strip(marks: list[Seen]) -> tuple[float, float] | None:
     The strip that a joint presses is w = sqrt(2 N / (k_n L theta)) wide when it has turned by theta, and the resultant
     stands w/3 inside the edge: V falls short by c / sqrt(theta). The rotation is g, what the blocks have given way, but
     for an offset from before they rocked: V = limit - c / sqrt(g) - d / g^(3/2). Three equilibria give all three. How
-    far the limits of two such sets differ, or else what the offset still does to the last, shows how good that is.
+    far the limits of two such sets differ, or else what the offset still does to the last, shows how good that is; both
+    may vanish by chance, and then what the series leaves out (`LEFT_OUT`) is the bar.
     """
     pairs = list(zip(marks, marks[1:], strict=False))
     if not marks[0][0] > 0.0 or not all(now[1] > before[1] and now[0] > before[0] for before, now in pairs):
@@ -106,7 +109,8 @@ def _beyond_the_strip(marks: list[Seen]) -> tuple[float, float] | None:
         (without[k + 1] * offset[k] - without[k] * offset[k + 1]) / (offset[k] - offset[k + 1]) for k in (0, 1)
     )
     _, V, lower, upper, _ = marks[-1]
-    apart = APART * max(abs(late - early), 0.5 * abs(late - without[-1]))
+    left = (late - V) ** 2 / max(abs(late), abs(V))
+    apart = max(APART * max(abs(late - early), 0.5 * abs(late - without[-1])), LEFT_OUT * left)
     return late - apart - (V - lower), late + apart + (upper - V)
 
 
