@@ -1,8 +1,8 @@
 """Loads of a stage that come in increments, as what slides under them depends on their way.
 
 Their way is straight, from the loads of the stage before to those of now. Each increment is an implicit step (backward
-Euler) from one equilibrium to the next, whose error goes with its length: there are twice as many of them, again and
-again, until that changes little.
+Euler) from one equilibrium to the next, whose error goes with its length: there are more and more of them, until that
+changes little.
 """
 
 from __future__ import annotations
@@ -12,32 +12,38 @@ from collections.abc import Callable
 
 import numpy as np
 
-INCREMENTS = 10  # at first
-DOUBLINGS = 4  # of these, at most
-SETTLED = 1e-3  # of the greatest force: what twice as many may change
+COUNTS = (8, 19, 43, 97, 220)  # no doublings: what happens at some share of the loads is seen elsewhere by each
+SETTLED = 1e-3  # of the greatest force: what more of them may change
 UNSEEN = 2.5e-4  # of it: what they leave of joints that begin to slide in the last of them
 LOUD = 2.0 * SETTLED + UNSEEN  # of it: error that is remarked on
+LINEAR = 1e-5  # of it: what they change where nothing depends on the way
 
 
 def by_increments(
-    go: Callable[[int], bool], carried: Callable[[], np.ndarray], slid: Callable[[], bool] = lambda: True
+    go: Callable[[int], bool], carried: Callable[[], np.ndarray], slid: Callable[[], bool], one_step: bool
 ) -> tuple[int, float]:
     """In how many increments the loads came, and the error that is left of the forces ``carried`` (N), over the
     greatest of them; infinite if there is none to be compared with.
 
     ``go`` goes through so many of them from the start, and leaves the last answer, if it says that one was not found.
-    Where nothing has ``slid`` the first are enough, and leave no error.
+    Where nothing has ``slid`` and more of them change nothing there is no error. ``one_step``: what is carried now is
+    the answer in one step.
     """
-    found, before = (1, math.inf), carried()
-    for count in (INCREMENTS * 2**k for k in range(DOUBLINGS + 1)):
+    found, before, last = (1, math.inf), carried() if one_step else None, 1
+    expected = 0.0  # change, from the one before
+    for i, count in enumerate(COUNTS):
         if not go(count):
             break
-        if not slid():
-            return count, 0.0
         now = carried()
-        changed = float(np.abs(now - before).max() / max(np.abs(now).max(), 1e-300))
-        # what a single step changed is no measure of it
-        found, before = (count, 2.0 * changed + UNSEEN if count > INCREMENTS else math.inf), now
+        if before is not None:
+            changed = float(np.abs(now - before).max() / max(np.abs(now).max(), 1e-300))
+            if changed <= LINEAR and not slid():
+                return count, 0.0
+            if i:
+                found = count, 2.0 * max(changed, expected) + UNSEEN
+            if i + 1 < len(COUNTS):
+                expected = changed * (1.0 / count - 1.0 / COUNTS[i + 1]) / (1.0 / last - 1.0 / count)
+        before, last = now, count
         if found[1] <= LOUD:
             break
     return found

@@ -11,8 +11,7 @@ from dembrick.simulation.statics.dead_load import DECIDES, does_not_stand, undec
 from dembrick.views.key_numbers import OF_LAWS, OF_WORK
 
 if TYPE_CHECKING:
-    from dembrick.simulation import load_increments
-from dembrick.simulation.statics.dead_load import Standing
+    from dembrick.simulation.statics.dead_load import Standing
 
 
 class RestResult(RunResult):

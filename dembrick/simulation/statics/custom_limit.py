@@ -21,7 +21,6 @@ from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive
 from dembrick.scenario.checks import present
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics.critical_step import critical_time_step
-from dembrick.simulation.statics.dead_load import inverse_inertia
 from dembrick.simulation.statics.elastic_factor import touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
 from dembrick.simulation.statics.load_system import (
@@ -36,6 +35,7 @@ from dembrick.simulation.statics.paths.limit_state import copy_of
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
 from dembrick.simulation.statics.stepper import Loop, Stepper
+from dembrick.simulation.statics.stiffness import inverse_inertia
 from dembrick.simulation.statics.yield_point import YieldPoint, read_off
 
 if TYPE_CHECKING:

@@ -9,9 +9,11 @@ it shows neither, the answer is undecided.
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,19 +23,28 @@ from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.block_forces import Memory
 from dembrick.kernels.statics.loop import Relaxing, advance
+from dembrick.kernels.statics.newton import remember
 from dembrick.simulation import interrupts, load_increments
-from dembrick.simulation.checkpoint_arrays import arrays_of, flattened, restored_state
+from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.session import DEAD_LOADS, Plan, Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself, whole_inertia
-from dembrick.simulation.statics.handover import starting_state
+from dembrick.simulation.statics.handover import (
+    carried,
+    changing,
+    come_to_rest,
+    depends_on_size,
+    put_back,
+    show_falling,
+    starting_state,
+)
 from dembrick.simulation.statics.recorder import Ended, Recorder
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State, for_kernels, initial_state
-from dembrick.simulation.statics.stiffness import block_stiffness
-from dembrick.simulation.statics.viscous_rest import ViscousMotion
+from dembrick.simulation.statics.stiffness import block_stiffness, inverse_inertia
+from dembrick.simulation.statics.viscous_rest import FreeEquilibria, ViscousMotion
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
 if TYPE_CHECKING:
@@ -44,24 +55,14 @@ UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
-FALLEN = 0.2  # of a joint's reach: how far blocks that fall have moved when they are shown
+ROUNDED = 1e-6  # of the motion of joints: a slip of so little where nothing moves is none
 FEW = 8  # steps in the first chunk, before the pace is known
-MOVING = ("displacement", "rotation", "velocity", "spin", "force", "torque", "guide")  # fields of blocks, and of joints
-CARRYING = ("relative", "opening", "step", "tilt", "resultant")  # that relaxation changes
 SNAPSHOT = "dead_load"  # what a checkpoint of it has, and no other
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 DECIDES = (
     "dembrick limit decides it where no forces within the strengths balance the loads (it falls) or where nothing "
     "slides; softer or stiffer joints may decide it too"
 )
-
-
-def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
-    """Generalised inertia (n, 6, 6), inverted for every free block."""
-    inverse = np.zeros_like(inertia)
-    free = state.blocks.free
-    inverse[free] = np.linalg.inv(inertia[free])
-    return ScaledInertia(inverse, np.ascontiguousarray(inertia), None)
 
 
 @dataclass(frozen=True)
@@ -178,65 +179,26 @@ def rest(
         relaxation.start_again()
         stands, ratio, more = relaxation.by_viscous_motion(session)
         steps += more
-    increments, error = 1, 0.0
-    if stands and memory.base.any() and not bonded and joint_families.slid(state, memory):
-        increments, error, more = relaxation.by_increments(session)
+    increments, error = 1, math.inf if relaxation.own_way else 0.0
+    if stands and bonded and joint_families.slid(state, memory):
+        error = math.inf  # as bonds break they take the loads at once
+    elif stands and not bonded and (memory.base.any() or depends_on_size(state)):
+        increments, error, more = relaxation.by_increments(session, memory)
         steps += more
-        load_increments.report_error(session.report, increments, error)
+    load_increments.report_error(session.report, increments, error)
     if stands is False:
         mechanism, moving = mechanism_of(state), moving_blocks(state)
-        _seen_falling(state)
+        show_falling(state)
     done = time.perf_counter()
     seconds = compiled - began, done - compiled
     if stands:
-        _come_to_rest(state)
+        come_to_rest(state)
     return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, error)
 
 
 def joint_memory(state: State) -> Memory:
     """`Memory` of the joints of ``state`` now."""
     return Memory(state.joints.relative.copy(), **joint_families.memory(state), counts=np.ones(1, np.int64))
-
-
-def _put(arrays: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    """Write into each array what goes with it."""
-    for array, values in arrays:
-        array[...] = values
-
-
-def _carried(state: State) -> np.ndarray:
-    """Forces of the joints (3 j,) and tensions of the ties (N)."""
-    tension = np.zeros(0) if state.ties is None else state.ties.tension
-    return np.append(state.joints.resultant[:, :3], tension)
-
-
-def _come_to_rest(state: State) -> None:
-    """Let nothing move any more in a state whose forces balance."""
-    blocks, joints = state.blocks, state.joints
-    ties.remember(state)
-    for array in (blocks.velocity, blocks.spin, joints.step, joints.tilt):
-        array[:] = 0.0
-
-
-def _seen_falling(state: State) -> None:
-    """Bring blocks that fall back along their way, which has no end, to where their mechanism is seen."""
-    blocks, joints = state.blocks, state.joints
-    reach = float(joint_families.reach(state).max())
-    moved = np.linalg.norm(blocks.displacement, axis=1) + reach * np.linalg.norm(blocks.rotation, axis=1)
-    share = FALLEN * reach / max(float(moved.max()), FALLEN * reach)
-    for array in (blocks.displacement, blocks.rotation, joints.relative):
-        array *= share
-
-
-def _changing(state: State) -> Iterator[np.ndarray]:
-    """Arrays of a state that relaxation may change, and so all that a new start needs."""
-    for part, fields in ((state.blocks, MOVING), (state.joints, CARRYING)):
-        for name in fields:
-            yield getattr(part, name)
-    yield from joint_families.changing(state)
-    yield from (state.blocks.dead_force, state.blocks.dead_torque)
-    if state.ties is not None:
-        yield from arrays_of(state.ties)
 
 
 class _Relaxation:
@@ -259,7 +221,8 @@ class _Relaxation:
         self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
         self._increments = False
-        self._start = [(array, array.copy()) for array in _changing(state)]
+        self.own_way = False  # whether friction remembers viscous motion
+        self._start = [(array, array.copy()) for array in changing(state)]
 
     def session_of(self, session: Session) -> Session:
         """The session that this works in; it goes on from what that resumes."""
@@ -304,7 +267,7 @@ class _Relaxation:
         )
         return float(relaxing.ratio[0])
 
-    def by_increments(self, session: Session) -> tuple[int, float, int]:
+    def by_increments(self, session: Session, memory: Memory) -> tuple[int, float, int]:
         """Go from the start to the equilibrium that was reached again, by loads that come in increments, each with the
         memory of the equilibrium before. Returns how many there were, `Rest.path_error`, and the steps of all. Where
         one of these equilibria is not found, the last answer stays.
@@ -315,21 +278,25 @@ class _Relaxation:
             reached = [(array, array.copy()) for array, _ in self._start]
             steps.append(self._in_increments(count, session))
             if not steps[-1]:
-                _put(reached)
+                put_back(reached)
             return steps[-1] > 0
 
-        return *load_increments.by_increments(go, lambda: _carried(self._state)), sum(steps)
+        slid = partial(joint_families.slid, self._state, memory)
+        found = load_increments.by_increments(go, lambda: carried(self._state), slid, one_step=True)
+        return *found, sum(steps)
 
     def _in_increments(self, count: int, session: Session) -> int:
         """`by_increments` with so many; the steps, zero if an equilibrium is not found."""
         state, free, steps = self._state, self._state.blocks.free, 0
         self._increments = True
-        _put(self._start)
+        put_back(self._start)
         self._memory, self._round, self._step = joint_memory(state), 0, 0
         self._relaxed(1, 0.0)
+        if joint_families.slid(state, self._memory, ROUNDED * float(np.abs(self._memory.base[:, :3]).max())):
+            return 0  # laws have become weaker than what joints bear, which no loads can be followed from
         loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
         change[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
-        _put(self._start)
+        put_back(self._start)
         for left in range(count - 1, -1, -1):
             ties.put_dead_loads(state, loads - left / count * change)
             self._memory, self._round, self._step = joint_memory(state), 0, 0
@@ -337,27 +304,46 @@ class _Relaxation:
             ratio, more = self.run(session)
             steps += more
             if not ratio <= UNBALANCED:
-                _put(begun)
+                put_back(begun)
                 if joint_families.is_custom(state):
                     return 0
                 stands, _, more = self.by_viscous_motion(session)
                 steps += more
                 if not stands:
                     return 0
-            _come_to_rest(state)
+            come_to_rest(state)
         return steps
 
     def by_viscous_motion(self, session: Session) -> tuple[bool | None, float, int]:
         """`ViscousMotion` from where the blocks are: whether they stand, what is out of balance, and the iterations."""
+        begun = [(array, array.copy()) for array, _ in self._start]
         motion = ViscousMotion(self._state, self._factor(), lambda: session.pause(self))
         with interrupts.deferred():
             stands = motion.run()
+        if stands and not self._bonded:
+            self.own_way = not self._in_one_step(begun)
         return stands, motion.unbalanced, motion.iterations
+
+    def _in_one_step(self, begun: list[tuple[np.ndarray, np.ndarray]]) -> bool:
+        """Answer to the loads in one implicit step from where it ``begun``, near the rest of now, which viscous motion
+        found on a way of its own; whether there is one, else all stays."""
+        state, free = self._state, self._state.blocks.free
+        moved = np.concatenate([state.blocks.displacement, state.blocks.rotation], axis=1)[free]
+        reached = [(array, array.copy()) for array, _ in begun]
+        put_back(begun)
+        search = FreeEquilibria(state, self._factor())
+        remember(search.trial, state.joints, state.points, state.areas)
+        motion = search.motion()
+        motion[search.rows] = moved
+        found, _ = search.find(motion, 0.0)
+        if found is None:
+            put_back(reached)
+        return found is not None
 
     def start_again(self) -> None:
         """Put everything as it was at the start; the relaxation is over, and a checkpoint of now begins there."""
         self._round, self._step = len(self._rounds), 0
-        _put(self._start)
+        put_back(self._start)
 
     @property
     def _kept(self) -> tuple[int, int]:

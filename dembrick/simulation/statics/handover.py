@@ -1,13 +1,15 @@
-"""The state that one quasi-static run left as the start of the next: motion of the blocks, and what joints remember."""
+"""States from which quasi-static runs go on, that of the run before first of all, and in which they come to rest."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import quaternion_product, rotation_vector
+from dembrick.simulation.checkpoint_arrays import arrays_of
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import to_joint
@@ -15,6 +17,10 @@ from dembrick.simulation.statics.stiffness import to_joint
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.stages import TiesBefore
+
+FALLEN = 0.2  # of a joint's reach: how far blocks that fall have moved when they are shown
+MOVING = ("displacement", "rotation", "velocity", "spin", "force", "torque", "guide")  # fields of blocks, and of joints
+CARRYING = ("relative", "opening", "step", "tilt", "resultant")  # that relaxation changes
 
 
 def starting_state(assembly: Assembly, left: State | None, before: TiesBefore | None = None) -> State:
@@ -55,3 +61,50 @@ def _remember(state: State, left: State) -> None:
         )
     for name, array in own.items():
         array[...] = given[name]
+
+
+def put_back(arrays: list[tuple[np.ndarray, np.ndarray]]) -> None:
+    """Write into each array what goes with it."""
+    for array, values in arrays:
+        array[...] = values
+
+
+def carried(state: State) -> np.ndarray:
+    """Forces of the joints (3 j,) and tensions of the ties (N)."""
+    tension = np.zeros(0) if state.ties is None else state.ties.tension
+    return np.append(state.joints.resultant[:, :3], tension)
+
+
+def depends_on_size(state: State) -> bool:
+    """Whether a tie's prestress or strength makes the answer to all loads no multiple of that to a part of them."""
+    found = state.ties
+    return found is not None and bool(found.prestress.any() or (np.abs(found.tension) >= found.strength).any())
+
+
+def come_to_rest(state: State) -> None:
+    """Let nothing move any more in a state whose forces balance."""
+    blocks, joints = state.blocks, state.joints
+    ties.remember(state)
+    for array in (blocks.velocity, blocks.spin, joints.step, joints.tilt):
+        array[:] = 0.0
+
+
+def show_falling(state: State) -> None:
+    """Bring blocks that fall back along their way, which has no end, to where their mechanism is seen."""
+    blocks, joints = state.blocks, state.joints
+    reach = float(joint_families.reach(state).max())
+    moved = np.linalg.norm(blocks.displacement, axis=1) + reach * np.linalg.norm(blocks.rotation, axis=1)
+    share = FALLEN * reach / max(float(moved.max()), FALLEN * reach)
+    for array in (blocks.displacement, blocks.rotation, joints.relative):
+        array *= share
+
+
+def changing(state: State) -> Iterator[np.ndarray]:
+    """Arrays of a state that relaxation may change, and so all that a new start needs."""
+    for part, fields in ((state.blocks, MOVING), (state.joints, CARRYING)):
+        for name in fields:
+            yield getattr(part, name)
+    yield from joint_families.changing(state)
+    yield from (state.blocks.dead_force, state.blocks.dead_torque)
+    if state.ties is not None:
+        yield from arrays_of(state.ties)

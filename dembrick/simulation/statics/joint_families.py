@@ -210,10 +210,10 @@ def crushing_work(state, before) -> float:
     )
 
 
-def slid(state, before) -> bool:
-    """Whether anything has slid since the memory ``before``."""
+def slid(state, before, least: float = 0.0) -> bool:
+    """Whether anything has slid by more than ``least`` (m) since the memory ``before``."""
     joints = ((getattr(state, name), getattr(before, name)) for name in FAMILIES)
-    return any(now is not None and (now.slip != then.slip).any() for now, then in joints)
+    return any(now is not None and (now.slip - then.slip > least).any() for now, then in joints)
 
 
 def friction_work(state, before) -> float:

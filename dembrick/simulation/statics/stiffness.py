@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.kernels.state import ScaledInertia
 from dembrick.simulation.statics import joint_families
 
 if TYPE_CHECKING:
@@ -108,3 +109,11 @@ def assembled_stiffness(state: State) -> np.ndarray:
         np.add.at(stiffness, (number[a], slice(None), number[b]), beside)
         np.add.at(stiffness, (number[b], slice(None), number[a]), beside.transpose(0, 2, 1))
     return stiffness.reshape(6 * len(free), 6 * len(free))
+
+
+def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
+    """Generalised inertia (n, 6, 6), inverted for every free block."""
+    inverse = np.zeros_like(inertia)
+    free = state.blocks.free
+    inverse[free] = np.linalg.inv(inertia[free])
+    return ScaledInertia(inverse, np.ascontiguousarray(inertia), None)

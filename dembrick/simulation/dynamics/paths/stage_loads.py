@@ -1,8 +1,8 @@
 """Rest in the deformed geometry under loads that the blocks did not bear before: those of another stage.
 
 Joints answer as in one implicit step from the last equilibrium (`kernels.dynamics.swings`), so that these loads come in
-increments (`load_increments`). What is still to come of them is held off by a force and a couple
-on every block: that part of what they put out of balance at the last equilibrium.
+increments (`load_increments`). What is still to come of them is held off by a force and a couple on every block: that
+part of what they put out of balance at the last equilibrium.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def rest_by_increments(
         return True
 
     path.increments, path.path_error = load_increments.by_increments(
-        go, lambda: _carried(moving), lambda: _slip(moving) != slip
+        go, lambda: _carried(moving), lambda: _slip(moving) != slip, one_step=False
     )
     if ratio is not None:
         load_increments.report_error(path.session.report, path.increments, path.path_error)
