@@ -6,7 +6,7 @@ import numpy as np
 
 MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism
 CARRIES_NOTHING = 1e-9  # of the heaviest block
-_PURE = 1e-7  # of the slip at the joint's rim: a part of the slip twist that is not there
+_PURE = 1e-5  # of the slip at the joint's rim: a part of the slip twist that is not there
 
 
 def joint_mechanism(twist, tilt, reach: float) -> tuple[tuple[float, float] | None, str]:
