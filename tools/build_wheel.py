@@ -85,6 +85,8 @@ def take_kernels(package: Path, cache: Path, settings: dict[str, str]) -> int:
     """
     compiler = python(package.parent, settings, "-c", COMPILER)
     folder = package / "_kernels"
+    if not (cache / compiler).is_dir():
+        sys.exit(f"error: {cache} holds no kernels of this compiler; run with DEMBRICK_CACHE_DIR={cache} first")
     shutil.copytree(cache / compiler, folder, ignore=shutil.ignore_patterns(".*"))
     about = {
         "numba": python(package.parent, settings, "-c", "import numba; print(numba.__version__)"),
