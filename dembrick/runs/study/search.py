@@ -3,7 +3,7 @@
 A study asks for it by a table::
 
     [search]
-    key       = "control.scale"   # any key of the scenario that holds a number
+    key       = "control.scale"   # any key of the scenario whose number need not be whole
     low       = 0.1
     high      = 2.0               # the run stands at one end and falls at the other
     tolerance = 0.01              # relative half-width of the bracket at which the search ends
