@@ -18,6 +18,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -140,8 +141,12 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
     measured = np.array([m.V for m in group])
     scale = np.array([m.deviation or m.V for m in group])
 
+    @cache
+    def simulated(mu: float) -> np.ndarray:
+        return _simulated(group, name, mu)
+
     def cost(mu: float) -> float:
-        return float((((_simulated(group, name, mu) - measured) / scale) ** 2).sum())
+        return float((((simulated(mu) - measured) / scale) ** 2).sum())
 
     least, most = _allowed(group)
     scanned = [mu for mu in _SCANNED if least <= mu <= most] or [least or most]
@@ -150,7 +155,7 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
     high = scanned[best + 1] if best + 1 < len(scanned) else most
     mu = scanned[best]
     for _ in range(_ITERATIONS):
-        V, slope = _with_slope(group, name, mu)
+        V, slope = _with_slope(simulated, mu)
         weight = slope / scale
         if not np.abs(slope * mu).max() > _TELLS * V.max():
             raise ScenarioError(f"{name}: no test slips, so that none of them tells anything about friction")
@@ -165,7 +170,7 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
                 f"{name}: no friction coefficient was found in {_ITERATIONS} rounds, the last {mu:.6g}"
             )
         mu, change = _least(cost, low, high), 0.0
-        V, slope = _with_slope(group, name, mu)
+        V, slope = _with_slope(simulated, mu)
         weight = slope / scale
     if mu <= least != 0.0 or mu >= most:
         ends = f"{least:g} (residual friction or dilation) and {most:g} (cohesion over tensile strength)"
@@ -197,10 +202,10 @@ def _allowed(group: list[Measurement]) -> tuple[float, float]:
     return least, most / (1.0 + _STEP)
 
 
-def _with_slope(group: list[Measurement], name: str, mu: float) -> tuple[np.ndarray, np.ndarray]:
+def _with_slope(simulated: Callable[[float], np.ndarray], mu: float) -> tuple[np.ndarray, np.ndarray]:
     """V of the tests, and how it grows with mu."""
-    V = _simulated(group, name, mu)
-    return V, (_simulated(group, name, mu * (1.0 + _STEP)) - V) / (mu * _STEP)
+    V = simulated(mu)
+    return V, (simulated(mu * (1.0 + _STEP)) - V) / (mu * _STEP)
 
 
 def _least(cost: Callable[[float], float], low: float, high: float) -> float:

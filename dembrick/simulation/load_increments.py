@@ -20,25 +20,29 @@ LINEAR = 1e-5  # of it: what they change where nothing depends on the way
 
 
 def by_increments(
-    go: Callable[[int], bool], carried: Callable[[], np.ndarray], slid: Callable[[], bool], one_step: bool
+    go: Callable[[int], bool | None], carried: Callable[[], np.ndarray], slid: Callable[[], bool], one_step: bool
 ) -> tuple[int, float]:
     """In how many increments the loads came, and the error that is left of the forces ``carried`` (N), over the
     greatest of them; infinite if there is none to be compared with.
 
-    ``go`` goes through so many of them from the start, and leaves the last answer, if it says that one was not found.
-    Where nothing has ``slid`` and more of them change nothing there is no error. ``one_step``: what is carried now is
-    the answer in one step.
+    ``go`` goes through so many of them from the start and says whether anything had slid before the last; None if one
+    was not found, and then the last answer is left. Where more of them change nothing, and nothing has ``slid``, there
+    is no error; where it slid before the last, that is enough. ``one_step``: what is carried now is the answer in one
+    step.
     """
     found, before, last = (1, math.inf), carried() if one_step else None, 1
     expected = 0.0  # change, from the one before
     for i, count in enumerate(COUNTS):
-        if not go(count):
+        early = go(count)
+        if early is None:
             break
         now = carried()
         if before is not None:
             changed = float(np.abs(now - before).max() / max(np.abs(now).max(), 1e-300))
             if changed <= LINEAR and not slid():
                 return count, 0.0
+            if changed <= LINEAR and early:
+                return count, 2.0 * changed + UNSEEN * max(1.0, COUNTS[1] / count) ** 2
             if i:
                 found = count, 2.0 * max(changed, expected) + UNSEEN
             if i + 1 < len(COUNTS):
@@ -53,11 +57,12 @@ def report_error(report: Callable[[str], None] | None, increments: int, error: f
     """Remark on forces that so many increments leave with a large ``error``, over the greatest of them."""
     if report is None or error <= LOUD:
         return
-    way = "what slides depends on the way of the loads"
+    way = "friction depends on the way of the loads"
+    more = "more [[stages]] follow it more closely"
     if error == math.inf:
-        report(f"{way}, which could not be followed in increments: forces are those of one step; split the stage")
+        report(f"{way}, which was not followed in increments: forces are those of one step; {more}")
     else:
-        report(f"{way}: in {increments} increments forces are known to {error:.1g} of the greatest; split the stage")
+        report(f"{way}: in {increments} increments forces are known to {error:.1g} of the greatest; {more}")
 
 
 def described(increments: int, error: float) -> dict[str, int | float | None]:

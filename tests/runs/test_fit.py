@@ -7,7 +7,11 @@ from scipy import stats
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.runs import fit
-from dembrick.scenario import shipped
+from dembrick.scenario import shipped, toml
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import YieldControl
+from dembrick.scenario.model import Actuator, Material
+from helpers.stone_scenes import law, of_stone
 
 FOLDER = shipped.folder()
 
@@ -119,38 +123,16 @@ def test_the_command(capsys):
     assert "convex" in capsys.readouterr().err
 
 
-def block(tmp_path, name, width, height, push_at, more=""):
-    """A block of 100 N, 0.2 m deep, pushed at a height: it slides at 100 mu, or tips over at 50 width / push_at N."""
-    text = f"""title = "test"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.5
-normal_stiffness = 1e10
-shear_stiffness = 4e9
-{more}
-[materials.stone]
-density = {100.0 / (9.81 * 0.2 * width * height)!r}
-[[blocks]]
-name = "lower"
-material = "stone"
-box = [1.0, 1.0, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
-[[blocks]]
-name = "upper"
-material = "stone"
-box = [{width}, 0.2, {height}]
-position = [0.0, 0.0, {height / 2.0}]
-[[actuators]]
-name = "push"
-block = "upper"
-point = [{-width / 2.0}, 0.0, {push_at}]
-direction = [1.0, 0.0, 0.0]
-[control]
-kind = "yield"
-"""
-    (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+def block(tmp_path, name, width, push_at, weight=100.0, **strengths):
+    """A block 0.2 m deep and 0.4 m high: it slides at mu W, or tips over at W width / (2 push_at)."""
+    blocks = (
+        Block("lower", "stone", box=(1.0, 1.0, 0.1), position=(0.0, 0.0, -0.05), fixed=True),
+        Block("upper", "stone", box=(width, 0.2, 0.4), position=(0.0, 0.0, 0.2)),
+    )
+    push = Actuator("push", "upper", (-0.5 * width, 0.0, push_at), (1.0, 0.0, 0.0))
+    materials = {"stone": Material(weight / (9.81 * 0.2 * width * 0.4))}
+    given = of_stone(law(friction=0.5, **strengths), YieldControl(), blocks, actuators=(push,), materials=materials)
+    (tmp_path / f"{name}.toml").write_text(toml.dumps(given), encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -162,10 +144,9 @@ kind = "yield"
     ],
 )
 def test_blocks_that_tip_over_have_a_friction_too(tmp_path, lines, mu, alone):
-    for name, width, push_at in (("tips", 0.1, 0.2), ("late", 0.2, 0.2), ("slides", 0.3, 0.02), ("heavy", 0.3, 0.02)):
-        block(tmp_path, name, width, 0.4, push_at)
-    heavy = (tmp_path / "heavy.toml").read_text()
-    (tmp_path / "heavy.toml").write_text(heavy.replace("gravity = [0.0, 0.0, -9.81]", "gravity = [0.0, 0.0, -29.43]"))
+    for name, width, push_at in (("tips", 0.1, 0.2), ("late", 0.2, 0.2), ("slides", 0.3, 0.02)):
+        block(tmp_path, name, width, push_at)
+    block(tmp_path, "heavy", 0.3, 0.02, weight=300.0)
     path = data(tmp_path, *(f"{one.split(',')[0]},{one.split(',')[0]}.toml,{one.split(',')[1]}" for one in lines))
     (found,) = fit.fit(fit.read(path), ("concave",))
     assert found.mu == pytest.approx(mu, rel=3e-3)
@@ -174,13 +155,13 @@ def test_blocks_that_tip_over_have_a_friction_too(tmp_path, lines, mu, alone):
 
 
 def test_what_other_strengths_exclude_is_no_answer(tmp_path):
-    block(tmp_path, "slides", 0.3, 0.4, 0.02, "residual_friction = 0.4")
+    block(tmp_path, "slides", 0.3, 0.02, residual_friction=0.4)
     with pytest.raises(ScenarioError, match=r"outside of what strengths allow, 0.4 \(residual"):
         fit.fit(fit.read(data(tmp_path, "1,slides.toml,30")), ("concave",))
 
 
 def test_joints_with_a_friction_of_their_own_are_refused(tmp_path):
-    block(tmp_path, "slides", 0.3, 0.4, 0.02)
+    block(tmp_path, "slides", 0.3, 0.02)
     path = tmp_path / "slides.toml"
     own = '[[joints]]\nbetween = ["lower", "upper"]\n'
     path.write_text(path.read_text() + own + "friction = 0.3\n")

@@ -185,7 +185,6 @@ def rest(
     elif stands and not bonded and (memory.base.any() or depends_on_size(state)):
         increments, error, more = relaxation.by_increments(session, memory)
         steps += more
-    load_increments.report_error(session.report, increments, error)
     if stands is False:
         mechanism, moving = mechanism_of(state), moving_blocks(state)
         show_falling(state)
@@ -273,31 +272,34 @@ class _Relaxation:
         one of these equilibria is not found, the last answer stays.
         """
         steps: list[int] = []
-
-        def go(count: int) -> bool:
-            reached = [(array, array.copy()) for array, _ in self._start]
-            steps.append(self._in_increments(count, session))
-            if not steps[-1]:
-                put_back(reached)
-            return steps[-1] > 0
-
         slid = partial(joint_families.slid, self._state, memory)
+
+        def go(count: int) -> bool | None:
+            reached = [(array, array.copy()) for array, _ in self._start]
+            more, early = self._in_increments(count, session, slid)
+            steps.append(more)
+            if not more:
+                put_back(reached)
+            return early if more else None
+
         found = load_increments.by_increments(go, lambda: carried(self._state), slid, one_step=True)
         return *found, sum(steps)
 
-    def _in_increments(self, count: int, session: Session) -> int:
-        """`by_increments` with so many; the steps, zero if an equilibrium is not found."""
+    def _in_increments(self, count: int, session: Session, slid: Callable[[], bool]) -> tuple[int, bool]:
+        """`by_increments` with so many: the steps, zero if an equilibrium is not found; whether any had ``slid`` before
+        the last."""
         state, free, steps = self._state, self._state.blocks.free, 0
         self._increments = True
         put_back(self._start)
         self._memory, self._round, self._step = joint_memory(state), 0, 0
         self._relaxed(1, 0.0)
         if joint_families.slid(state, self._memory, ROUNDED * float(np.abs(self._memory.base[:, :3]).max())):
-            return 0  # laws have become weaker than what joints bear, which no loads can be followed from
+            return 0, False  # laws have become weaker than what joints bear, which no loads can be followed from
         loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
         change[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
         put_back(self._start)
         for left in range(count - 1, -1, -1):
+            early = slid()
             ties.put_dead_loads(state, loads - left / count * change)
             self._memory, self._round, self._step = joint_memory(state), 0, 0
             begun = [(array, array.copy()) for array, _ in self._start]
@@ -306,13 +308,13 @@ class _Relaxation:
             if not ratio <= UNBALANCED:
                 put_back(begun)
                 if joint_families.is_custom(state):
-                    return 0
+                    return 0, False
                 stands, _, more = self.by_viscous_motion(session)
                 steps += more
                 if not stands:
-                    return 0
+                    return 0, False
             come_to_rest(state)
-        return steps
+        return steps, early
 
     def by_viscous_motion(self, session: Session) -> tuple[bool | None, float, int]:
         """`ViscousMotion` from where the blocks are: whether they stand, what is out of balance, and the iterations."""
@@ -396,6 +398,7 @@ def find_rest(assembly: Assembly, session: Session) -> Standing:
     state = starting_state(assembly, session.start, session.ties_before)
     factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
     found = rest(state, block_stiffness(state, shared=2.0), assembly.position, factor, session)
+    load_increments.report_error(session.report, found.increments, found.path_error)
     if session.observe is not None:
         recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
         recorder.write_equilibrium(state, 0, 0.0, np.zeros(2), framed=True)

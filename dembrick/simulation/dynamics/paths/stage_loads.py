@@ -77,18 +77,18 @@ def rest_by_increments(
         return rest()
     slip, ratio = _slip(moving), 1.0  # type: float, float | None
 
-    def go(count: int) -> bool:
+    def go(count: int) -> bool | None:
         nonlocal ratio
         path.past.go_back(kept)
         for left in range(count - 1, -1, -1):
-            to_come.share = left / count
+            to_come.share, early = left / count, _slip(moving) != slip
             moving.state.bodies.applied[:] = 0.0  # loads that are there put theirs, those that are gone leave nothing
             ratio = rest()
             if ratio is None:
                 to_come.share = 0.0
-                return False
+                return None
             keep_of_rest(moving, still())
-        return True
+        return early
 
     path.increments, path.path_error = load_increments.by_increments(
         go, lambda: _carried(moving), lambda: _slip(moving) != slip, one_step=False
