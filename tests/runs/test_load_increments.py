@@ -39,17 +39,23 @@ def scene(formulation, tie, loads, large=False):
     )
 
 
-def held_by_ties(tie, loads, increments):
-    """Force (2,) of the ties on the block, and how great any force gets: radial return, step by step."""
+def held_by_ties(tie, loads, increments, bond=0.0, after=0.0, residual=FRICTION):
+    """Force (2,) of the ties on the block, and how great any force gets: radial return, step by step.
+
+    ``bond``: strength (N) that friction has besides until it is overborne; ``after`` and ``residual`` friction: from
+    then on."""
+    friction = FRICTION
     moved, elastic, before = np.zeros(2), np.zeros(2), np.zeros(3)
     for load in np.array(loads):
         for part in np.linspace(0.0, 1.0, increments + 1)[1:]:
             force = before + part * (load - before)
-            strength = FRICTION * (WEIGHT - force[2])
+            strength = friction * (WEIGHT - force[2]) + bond
             driving = force[:2] - tie * moved
             slip = (driving - elastic) / (tie + SPRING)
             trial = elastic + SPRING * slip
             if np.hypot(*trial) > strength:
+                bond, friction = after, residual
+                strength = friction * (WEIGHT - force[2]) + bond
                 total = driving + tie / SPRING * elastic  # = trial (tie / spring + strength / |trial|)
                 size = (np.hypot(*total) - strength) * SPRING / tie
                 trial = total / np.hypot(*total) * size
@@ -131,12 +137,42 @@ def test_a_wall_that_a_block_closes_on_begins_without_shear():
     assert 2e-4 < found.run.rest.path_error < 5e-3
 
 
-@pytest.mark.parametrize("strength", [{"cohesion": 1e-3}, {"residual_friction": 0.499}])
-def test_strengths_leave_forces_of_one_step_and_say_so(strength):
-    given, heard = scene("concave", 1e6, ROUND), []
-    found = simulate(replace(given, joint=law("concave", FRICTION, stiffness=1e9, **strength)), report=heard.append)
-    assert found.as_dict()["statics"]["path_error"] is None
-    assert "which was not followed in increments" in heard[-1]
+WEAK, BRITTLE, LASTING = (1e-3, 0.0, 0.5), (1e3, 0.0, 0.3), (2e3, 2e3, 0.5)  # Pa, Pa, -: cohesion before and after
+HALVED, FALLING = (5e3, 1e3, 0.5), (0.0, 0.0, 0.3)  # and residual friction
+
+
+def with_bond(given, bond):
+    strengths = {"cohesion": bond[0], "residual_cohesion": bond[1], "residual_friction": bond[2]}
+    return replace(given, joint=law(given.joint.formulation, FRICTION, stiffness=1e9, **strengths))
+
+
+@pytest.mark.parametrize(
+    "formulation, tie, bond",
+    [
+        ("concave", 3e6, WEAK),
+        ("convex", 3e6, BRITTLE),
+        ("concave", 3e6, HALVED),
+        ("convex", 3e6, LASTING),
+        ("concave", 1e5, FALLING),
+        ("convex", 3e6, FALLING),
+    ],
+)
+@pytest.mark.parametrize("loads", [LATE[:1], LATE, ROUND])
+def test_bonds_that_break_are_followed(formulation, tie, bond, loads):
+    found = simulate(with_bond(scene(formulation, tie, loads), bond))
+    exact, greatest = held_by_ties(tie, loads, 5000, *(0.16 * strength for strength in bond[:2]), bond[2])
+    rest = found.run.rest
+    assert rest.path_error < 0.02
+    assert np.abs(found.rows["tension"][-1] - exact).max() / greatest <= rest.path_error + 1e-6
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("bond, loads", [(BRITTLE, LATE), (HALVED, ROUND), (FALLING, ROUND)])
+def test_bonds_that_break_are_followed_in_the_deformed_geometry_too(formulation, bond, loads):
+    found = simulate(with_bond(scene(formulation, 1.5e7, loads, large=True), bond))
+    exact, greatest = held_by_ties(1.5e7, loads, 5000, *(0.16 * strength for strength in bond[:2]), bond[2])
+    assert found.run.path_error < 0.02
+    assert np.abs(found.rows["tension"][-1] - exact).max() / greatest <= found.run.path_error + 1e-4
 
 
 def test_a_way_that_is_not_known_well_is_said(monkeypatch):

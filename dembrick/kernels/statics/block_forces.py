@@ -24,7 +24,6 @@ class Memory(NamedTuple):
     base: ndarray  # (j, 6) m, rad: their motion then
     points: object  # `Points` with a memory of their own, or None
     areas: object  # `Areas`, likewise
-    counts: ndarray  # (1,) int64, 1 while joints answer from there, 0 while from step to step
 
 
 @jit
@@ -85,11 +84,10 @@ def joint_forces(state, inertia, dt, viscous, energy, memory):
             j = joint_of(points, areas, family, i)
             motion = relative(blocks, joints, j, inertia, dt)
             if memory is not None:
-                if memory.counts[0] > 0:
-                    now, then = joints.relative[j], memory.base[j]
-                    motion = families.recalled_motion(
-                        points, areas, memory.points, memory.areas, family, i, motion.depth, then, now
-                    )
+                now, then = joints.relative[j], memory.base[j]
+                motion = families.recalled_motion(
+                    points, areas, memory.points, memory.areas, family, i, motion.depth, then, now
+                )
             more = joints.damping[j]
             own = more * viscous[0], more * viscous[1]
             found = families.forces(points, areas, family, i, joints.resultant[j], motion, own, energy)

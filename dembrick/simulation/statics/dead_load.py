@@ -137,10 +137,9 @@ def rest(
     and may go on from one. Raises Interrupted, and UndecidedError where relaxation does not balance the forces of a law
     of the user's own.
 
-    Where joints have bonds they hold until the blocks rest; those that bear too much then break, and the others must
-    carry the loads without them. Where nothing is bonded joints answer in one implicit step, which is what they carry
-    if all loads grow together from zero; where they bore others before and slide, loads come in increments
-    (`load_increments`).
+    Joints answer in one implicit step, which is what they carry if all loads grow together from zero; where they bore
+    others before and slide, or where bonds break, loads come in increments (`load_increments`). Bonds hold until the
+    blocks rest; those that bear too much then break, and the others must carry the loads without them.
     """
     blocks = state.blocks
     began = time.perf_counter()
@@ -161,10 +160,8 @@ def rest(
     compiled = time.perf_counter()
     # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
     # each step is
-    rounds = ((FIRST_STEPS, 0.0, False), (MOST_STEPS, MOMENTUM, False)) if alone else ((MOST_STEPS, MOMENTUM, False),)
-    if bonded:
-        rounds = (*((most, momentum, True) for most, momentum, _ in rounds), *rounds)
-    relaxation = _Relaxation(state, inertia, memory, rounds, relax, lambda: factor or elastic_factor(state, position))
+    rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
+    relaxation = _Relaxation(state, inertia, rounds, relax, lambda: factor or elastic_factor(state, position))
     session = relaxation.session_of(session or Session())
     ratio, steps = relaxation.run(session)
     stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
@@ -180,9 +177,8 @@ def rest(
         stands, ratio, more = relaxation.by_viscous_motion(session)
         steps += more
     increments, error = 1, math.inf if relaxation.own_way else 0.0
-    if stands and bonded and joint_families.slid(state, memory):
-        error = math.inf  # as bonds break they take the loads at once
-    elif stands and not bonded and (memory.base.any() or depends_on_size(state)):
+    alike = not (bonded and joint_families.gave_way(state, memory)) and not depends_on_size(state)
+    if stands and (memory.base.any() or not alike):
         increments, error, more = relaxation.by_increments(session, memory)
         steps += more
     if stands is False:
@@ -197,29 +193,26 @@ def rest(
 
 def joint_memory(state: State) -> Memory:
     """`Memory` of the joints of ``state`` now."""
-    return Memory(state.joints.relative.copy(), **joint_families.memory(state), counts=np.ones(1, np.int64))
+    return Memory(state.joints.relative.copy(), **joint_families.memory(state))
 
 
 class _Relaxation:
-    """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum, whether bonds are held), until one of them
-    balances the forces; where that was one with held bonds, until one does without, in which bonds break step by step,
-    and joints answer from step to step. ``memory``: of the start; ``relax``: the kernel; ``factor``: makes that of the
-    elastic stiffness."""
+    """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum), until one of them balances the forces, and
+    again without the bonds that then bear too much, until all that are left can bear it. ``relax``: the kernel;
+    ``factor``: makes that of the elastic stiffness."""
 
     def __init__(
         self,
         state: State,
         inertia: ScaledInertia,
-        memory: Memory,
-        rounds: tuple[tuple[int, float, bool], ...],
+        rounds: tuple[tuple[int, float], ...],
         relax: Callable,
         factor: Callable[[], Factors],
     ):
-        self._state, self._inertia, self._memory, self._rounds, self._relax = state, inertia, memory, rounds, relax
-        self._factor = factor
-        self._bonded = any(held for _, _, held in rounds)
+        self._state, self._inertia, self._rounds, self._relax, self._factor = state, inertia, rounds, relax, factor
+        self._memory = joint_memory(state)  # from which joints answer
         self._round = self._step = 0
-        self._increments = False
+        self._from_start = False  # whether a checkpoint of now begins there
         self.own_way = False  # whether friction remembers viscous motion
         self._start = [(array, array.copy()) for array in changing(state)]
 
@@ -234,25 +227,40 @@ class _Relaxation:
 
     def run(self, session: Session) -> tuple[float, int]:
         """The unbalanced-force ratio reached, and the steps of the last round."""
+        joint_families.hold_bonds(self._state, True)
+        ratio = self._to_rest(session)
+        while ratio <= UNBALANCED and self._bonds_break():
+            self._round = self._step = 0
+            ratio = self._to_rest(session)
+        joint_families.hold_bonds(self._state, False)
+        return ratio, self._step
+
+    def _to_rest(self, session: Session) -> float:
+        """`run` while no bond breaks."""
         ratio, pace = 1.0, FEW
         with interrupts.deferred():
             while self._round < len(self._rounds):
-                most, momentum, held = self._rounds[self._round]
-                if self._bonded:
-                    joint_families.hold_bonds(self._state, held)
+                most, momentum = self._rounds[self._round]
                 steps, began = min(pace, most - self._step), time.perf_counter()
-                self._memory.counts[0] = held or not self._bonded
                 ratio = self._relaxed(steps, momentum)
                 pace = max(1, min(int(steps * CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)), 16 * steps))
-                balanced, last = ratio <= UNBALANCED, self._round + 1 == len(self._rounds)
-                if (balanced and not held) or (self._step >= most and last):
-                    return ratio, self._step
-                if balanced:
-                    self._round, self._step = sum(held for _, _, held in self._rounds), 0
-                elif self._step >= most:
+                if ratio <= UNBALANCED or (self._step >= most and self._round + 1 == len(self._rounds)):
+                    return ratio
+                if self._step >= most:
                     self._round, self._step = self._round + 1, 0
                 session.pause(self)
-        return ratio, self._step
+        return ratio
+
+    def _bonds_break(self) -> bool:
+        """Let the bonds go that bear too much, in the memory from which joints answer too; whether there are any."""
+        if not joint_families.overborne(self._state).any():
+            return False
+        self._from_start = True
+        joint_families.hold_bonds(self._state, False)
+        self._relaxed(1, 0.0)
+        joint_families.hold_bonds(self._state, True)
+        joint_families.break_bonds(self._memory, joint_families.bonds(self._state))
+        return True
 
     def _relaxed(self, steps: int, momentum: float) -> float:
         """Relax by so many ``steps`` at most; returns the unbalanced-force ratio reached."""
@@ -272,34 +280,36 @@ class _Relaxation:
         one of these equilibria is not found, the last answer stays.
         """
         steps: list[int] = []
-        slid = partial(joint_families.slid, self._state, memory)
+        gave_way = partial(joint_families.gave_way, self._state, memory)
+        broke = partial(joint_families.broke, self._state, memory)
 
         def go(count: int) -> bool | None:
             reached = [(array, array.copy()) for array, _ in self._start]
-            more, early = self._in_increments(count, session, slid)
+            more, early = self._in_increments(count, session, gave_way)
             steps.append(more)
             if not more:
                 put_back(reached)
             return early if more else None
 
-        found = load_increments.by_increments(go, lambda: carried(self._state), slid, one_step=True)
+        found = load_increments.by_increments(go, lambda: carried(self._state), gave_way, broke, one_step=True)
         return *found, sum(steps)
 
-    def _in_increments(self, count: int, session: Session, slid: Callable[[], bool]) -> tuple[int, bool]:
-        """`by_increments` with so many: the steps, zero if an equilibrium is not found; whether any had ``slid`` before
-        the last."""
+    def _in_increments(self, count: int, session: Session, gave_way: Callable[[], bool]) -> tuple[int, bool]:
+        """`by_increments` with so many: the steps, zero if an equilibrium is not found; whether any joint ``gave_way``
+        before the last."""
         state, free, steps = self._state, self._state.blocks.free, 0
-        self._increments = True
+        self._from_start = True
         put_back(self._start)
         self._memory, self._round, self._step = joint_memory(state), 0, 0
         self._relaxed(1, 0.0)
-        if joint_families.slid(state, self._memory, ROUNDED * float(np.abs(self._memory.base[:, :3]).max())):
+        weaker = joint_families.slid(state, self._memory, ROUNDED * float(np.abs(self._memory.base[:, :3]).max()))
+        if weaker or joint_families.overborne(state).any():
             return 0, False  # laws have become weaker than what joints bear, which no loads can be followed from
         loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
         change[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
         put_back(self._start)
         for left in range(count - 1, -1, -1):
-            early = slid()
+            early = gave_way()
             ties.put_dead_loads(state, loads - left / count * change)
             self._memory, self._round, self._step = joint_memory(state), 0, 0
             begun = [(array, array.copy()) for array, _ in self._start]
@@ -322,7 +332,7 @@ class _Relaxation:
         motion = ViscousMotion(self._state, self._factor(), lambda: session.pause(self))
         with interrupts.deferred():
             stands = motion.run()
-        if stands and not self._bonded:
+        if stands:
             self.own_way = not self._in_one_step(begun)
         return stands, motion.unbalanced, motion.iterations
 
@@ -331,16 +341,20 @@ class _Relaxation:
         found on a way of its own; whether there is one, else all stays."""
         state, free = self._state, self._state.blocks.free
         moved = np.concatenate([state.blocks.displacement, state.blocks.rotation], axis=1)[free]
-        reached = [(array, array.copy()) for array, _ in begun]
+        reached, bonds = [(array, array.copy()) for array, _ in begun], joint_families.bonds(state)
         put_back(begun)
+        joint_families.break_bonds(state, bonds)
+        joint_families.hold_bonds(state, True)
         search = FreeEquilibria(state, self._factor())
         remember(search.trial, state.joints, state.points, state.areas)
         motion = search.motion()
         motion[search.rows] = moved
         found, _ = search.find(motion, 0.0)
-        if found is None:
+        joint_families.hold_bonds(state, False)
+        if found is None or joint_families.overborne(state).any():
             put_back(reached)
-        return found is not None
+            return False
+        return True
 
     def start_again(self) -> None:
         """Put everything as it was at the start; the relaxation is over, and a checkpoint of now begins there."""
@@ -350,7 +364,7 @@ class _Relaxation:
     @property
     def _kept(self) -> tuple[int, int]:
         """Round and step at which a checkpoint of now begins; one of increments begins at the start."""
-        if self._increments:
+        if self._from_start:
             return 0, 0
         return self._round, 0 if self._round == len(self._rounds) else self._step
 
@@ -364,7 +378,7 @@ class _Relaxation:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         state = flattened({"state": self._state})
-        if self._increments or self._round == len(self._rounds):
+        if self._from_start or self._round == len(self._rounds):
             starts = {id(array): start for array, start in self._start}
             state = {name: starts.get(id(array), array) for name, array in state.items()}
         return {SNAPSHOT: np.array(self._kept, float), **state}
@@ -372,7 +386,7 @@ class _Relaxation:
     def _restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError if it is of another."""
         at, step = snapshot.array(SNAPSHOT, np.zeros(2)).tolist()
-        steps = [most for most, _, _ in self._rounds] + [1]
+        steps = [most for most, _ in self._rounds] + [1]
         if not (at in range(len(steps)) and step in range(steps[int(at)])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self._round, self._step = int(at), int(step)

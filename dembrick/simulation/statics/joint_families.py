@@ -167,6 +167,22 @@ def hold_bonds(state, held: bool) -> None:
             joints.strengths.held[:] = held
 
 
+def bonds(state) -> list[np.ndarray]:
+    """A copy of which bonds of each family hold."""
+    return [bonds.bonded.copy() for bonds in _bonds(state)]
+
+
+def break_bonds(part, held: list[np.ndarray]) -> None:
+    """Let all bonds of the joints in the fields of ``part`` break that hold no more in ``held``, see `bonds`."""
+    for now, then in zip(_bonds(part), held, strict=True):
+        np.minimum(now.bonded, then, out=now.bonded)
+
+
+def _bonds(part) -> list:
+    """The bonds of each family in the fields of ``part`` that has any."""
+    return [joints.bonds for _, joints in present(part) if joints.bonds is not None]
+
+
 def reserves(state) -> np.ndarray:
     """Reserves of all bonds in tension and in shear (m, 2), infinite if there is none; N."""
     found = [module.reserve(joints) for module, joints in present(state) if joints.strengths is not None]
@@ -214,6 +230,17 @@ def slid(state, before, least: float = 0.0) -> bool:
     """Whether anything has slid by more than ``least`` (m) since the memory ``before``."""
     joints = ((getattr(state, name), getattr(before, name)) for name in FAMILIES)
     return any(now is not None and (now.slip - then.slip > least).any() for now, then in joints)
+
+
+def gave_way(state, before) -> bool:
+    """Whether anything has slid, broken or been crushed since the memory ``before``."""
+    deeper = any((now.crushed > then.crushed).any() for now, then in zip(_bonds(state), _bonds(before), strict=True))
+    return slid(state, before) or broke(state, before) or deeper
+
+
+def broke(state, before) -> bool:
+    """Whether any bond has broken since the memory ``before``."""
+    return any((now.bonded < then.bonded).any() for now, then in zip(_bonds(state), _bonds(before), strict=True))
 
 
 def friction_work(state, before) -> float:

@@ -184,6 +184,7 @@ class EquilibriumPath(ABC):
 
     def _rest_and_break(self, parameter: float, before: np.ndarray) -> float | None:
         """`_rest` with the bonds held; those that bear too much then break, and the blocks come to rest again."""
+        joint_families.hold_bonds(self.moving.state, self.bonded)
         ratio = self._rest(parameter, before)
         if not self.bonded or ratio is None:
             return ratio
@@ -253,8 +254,8 @@ class EquilibriumPath(ABC):
         self.recorder.compile()
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         ratio: float | None = float(past.unbalanced[0])
-        if self.bonded or not moving.settled:
-            joint_families.hold_bonds(self.moving.state, self.bonded)
+        if not moving.settled:
+            joint_families.hold_bonds(moving.state, self.bonded)
             self.advance(self._at(0.0), CHUNK)
         if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
             ratio = self._rest_again(0.0)
@@ -267,7 +268,7 @@ class EquilibriumPath(ABC):
         stood = standing(self.moving.state.bodies)
         joint_families.hold_bonds(self.moving.state, self.bonded)
         rest, still = partial(self._rest_and_break, parameter, places(stood)), partial(self._at, parameter)
-        ratio = rest() if self.bonded else rest_by_increments(self, still, rest)
+        ratio = rest_by_increments(self, still, rest) if self.moving.settled else rest()
         if ratio is None:
             self.falls_at_once(stood)
         return ratio

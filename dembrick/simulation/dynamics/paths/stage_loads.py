@@ -16,6 +16,7 @@ import numpy as np
 
 from dembrick.assembly.actuators import Attached
 from dembrick.simulation import load_increments
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.dead_load import CHUNK
 from dembrick.simulation.dynamics.integrator import Motion, joint_forces, keep_of_rest, look_first
 from dembrick.simulation.dynamics.loads import Driving
@@ -75,13 +76,19 @@ def rest_by_increments(
     if not to_come.on_others:
         path.advance(still(), CHUNK)
         return rest()
-    slip, ratio = _slip(moving), 1.0  # type: float, float | None
+    slip, bonds, ratio = _slip(moving), joint_families.bonded(moving.state), 1.0  # type: float, np.ndarray, float | None
+
+    def broke() -> bool:
+        return bool((joint_families.bonded(moving.state) < bonds).any())
+
+    def gave_way() -> bool:
+        return _slip(moving) != slip or broke()
 
     def go(count: int) -> bool | None:
         nonlocal ratio
         path.past.go_back(kept)
         for left in range(count - 1, -1, -1):
-            to_come.share, early = left / count, _slip(moving) != slip
+            to_come.share, early = left / count, gave_way()
             moving.state.bodies.applied[:] = 0.0  # loads that are there put theirs, those that are gone leave nothing
             ratio = rest()
             if ratio is None:
@@ -91,7 +98,7 @@ def rest_by_increments(
         return early
 
     path.increments, path.path_error = load_increments.by_increments(
-        go, lambda: _carried(moving), lambda: _slip(moving) != slip, one_step=False
+        go, lambda: _carried(moving), gave_way, broke, one_step=False
     )
     if ratio is not None:
         load_increments.report_error(path.session.report, path.increments, path.path_error)
