@@ -24,6 +24,7 @@ from dembrick.scenario.stages import at_stage, controls_of, laws_change, ties_be
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.joint_laws import has_strengths, strengths_of
+from dembrick.simulation.load_increments import left_by
 from dembrick.simulation.session import Kept, Prefixed, Session, Snapshot
 from dembrick.simulation.statics.state import State, initial_state
 
@@ -65,7 +66,11 @@ class Stages:
         last = self.done + 1
         check_laws(self.scenario, last, isinstance(self.left, Kept))
         return replace(
-            session, keep=self._keeping(session), start=self.left, ties_before=ties_before(self.scenario, last)
+            session,
+            keep=self._keeping(session),
+            start=self.left,
+            ties_before=ties_before(self.scenario, last),
+            force_error=left_by(self.results),
         )
 
     def _one(self, session: Session) -> None:
@@ -80,6 +85,7 @@ class Stages:
             report=session.report,
             start=self.left,
             ties_before=ties_before(self.scenario, number),
+            force_error=left_by(self.results),
         )
         try:
             assembly = assemblies.assemble(scenario)

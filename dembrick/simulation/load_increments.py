@@ -8,7 +8,7 @@ changes little.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -58,6 +58,14 @@ def by_increments(
     return found
 
 
+def both_errors(error: float, before: float, greatest: float) -> tuple[float, float]:
+    """An ``error`` of forces, over the ``greatest`` of them (N), with what the stages ``before`` leave (N), over it and
+    in N. Stable joints let no error of theirs grow."""
+    if greatest > 0.0 and before > 0.0:
+        error += before / greatest
+    return error, error * greatest if greatest > 0.0 else 0.0
+
+
 def report_error(report: Callable[[str], None] | None, increments: int, error: float) -> None:
     """Remark on forces that so many increments leave with a large ``error``, over the greatest of them."""
     if report is None or error <= LOUD:
@@ -70,6 +78,17 @@ def report_error(report: Callable[[str], None] | None, increments: int, error: f
         report(f"{way}: in {increments} increments forces are known to {error:.1g} of the greatest; {more}")
 
 
-def described(increments: int, error: float) -> dict[str, int | float | None]:
-    """Entries of ``statics`` in the JSON output; an ``error`` that is not known is null."""
-    return {"increments": increments, "path_error": error if math.isfinite(error) else None}
+def described(increments: int, error: float, force: float) -> dict[str, int | float | None]:
+    """Entries of ``statics`` in the JSON output: ``error`` over the greatest force, and as a ``force`` (N); null if it
+    is not known."""
+    known = math.isfinite(error)
+    return {"increments": increments, "path_error": error if known else None, "force_error": force if known else None}
+
+
+def left_by(results: Sequence[Mapping]) -> float:
+    """The error of forces (N) that stages with these ``results`` leave, infinite if it is not known."""
+    for result in reversed(results):
+        found = result.get("statics") or {}
+        if "force_error" in found:
+            return math.inf if found["force_error"] is None else float(found["force_error"])
+    return 0.0

@@ -175,6 +175,19 @@ def test_bonds_that_break_are_followed_in_the_deformed_geometry_too(formulation,
     assert np.abs(found.rows["tension"][-1] - exact).max() / greatest <= found.run.path_error + 1e-4
 
 
+@pytest.mark.parametrize("large", [False, True])
+def test_errors_of_stages_before_are_added(large):
+    """Nothing slides under loads that are halved: all that is wrong then was so before."""
+    turn = ROUND[-1]
+    found = simulate(scene("concave", 1.5e7, [*ROUND, tuple(0.9 * force for force in turn)], large))
+    before, now = found.stages[-1]["statics"], found.as_dict()["statics"]
+    exact, greatest = held_by_ties(1.5e7, [*ROUND, 0.9 * np.array(turn)], 5000)
+    error = np.abs(found.rows["tension"][-1] - exact).max()
+    assert 1e-4 * greatest < error < now["force_error"]
+    assert now["force_error"] == pytest.approx(before["force_error"], rel=1e-3)
+    assert now["path_error"] == pytest.approx(now["force_error"] / greatest, rel=0.2)
+
+
 def test_a_way_that_is_not_known_well_is_said(monkeypatch):
     monkeypatch.setattr(load_increments, "COUNTS", (8, 19))
     heard = []

@@ -279,6 +279,17 @@ def test_a_constant_rate_test_meets_the_peak_and_the_residual():
     assert B == 0.2
 
 
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_head_that_holds_back_what_a_dead_load_drives(formulation):
+    """As the bond has broken friction bears less than the dead shear, and V ends below zero: half of mu N, less that."""
+    given = scene(formulation, jacks=SHEAR, dead=(0.0, 350.0), step_factor=0.5)
+    law = dataclasses.replace(given.joint, cohesion=1e4, residual_friction=0.5)
+    control = DisplacementControl(rate=3e-4, travel=3e-5)
+    found = simulate(dataclasses.replace(given, joint=law, control=control)).yield_point
+    assert found.V == pytest.approx(0.5 * N - 350.0, abs=1.0)
+    assert found.V_lower - 1e-9 <= 0.5 * N - 350.0 <= found.V_upper < 0.0
+
+
 def test_dilation_against_a_spring_grows_with_the_slip():
     """N(s) = N + K' tan psi s, 1 / K' = 1 / K + 1 / (k_n A); V = mu N(s); rise = tan psi s - (N(s) - N) / (k_n A)."""
     given, K = scene("concave", jacks=SHEAR), 1e6

@@ -146,9 +146,10 @@ def instant_upper(state, v, moved, dt):
 
 @jit
 def instant_bounds(state, v, moved, dt):
-    """`instant_upper`, and for the lower bound V / (1 + out-of-balance over joint forces)."""
+    """`instant_upper`, and for the lower bound V / (1 + out-of-balance over joint forces), below V where that pulls."""
     upper = instant_upper(state, v, moved, dt)
-    lower = v / (1.0 + unbalanced_ratio(state.blocks, state.joints))
+    most = 1.0 + unbalanced_ratio(state.blocks, state.joints)
+    lower = v / most if v > 0.0 else v * most
     return min(lower, upper), max(upper, lower)
 
 
@@ -203,7 +204,7 @@ def judge(certificate, step, lower, upper, v, driven):
         mark[1] = min(mark[1], v)
         mark[2] = max(mark[2], v)
         bracket[1] += MISSING * max(v - mark[4], 0.0)
-        bracket[0] = max(0.0, bracket[0] - max(mark[5] - v, 0.0))
+        bracket[0] = max(min(0.0, v), bracket[0] - max(mark[5] - v, 0.0))
     width = 2.0 * certificate.tolerance * bracket[0]
     close = bracket[1] - bracket[0] <= width and abs(2.0 * v - bracket[0] - bracket[1]) <= width
     return limit and close and width > 0.0

@@ -227,7 +227,7 @@ class DeformedRestResult(RestResult, MotionResult):
         """The object ``statics`` of the JSON output."""
         fallen = self.run.collapse or {"mechanism": None, "blocks": []}
         found = {"stands": self.run.stands, "unbalanced": self.run.unbalanced}
-        way = load_increments.described(self.run.increments, self.run.path_error)
+        way = load_increments.described(self.run.increments, self.run.path_error, self.run.force_error)
         return found | {"mechanism": fallen["mechanism"], "blocks": fallen["blocks"]} | way
 
     @property

@@ -60,7 +60,7 @@ class StaticsResult(RestResult, SearchResult):
             "unbalanced": rest.unbalanced,
             "mechanism": rest.mechanism,
             "blocks": [self.assembly.names[i] for i in rest.blocks],
-            **load_increments.described(rest.increments, rest.path_error),
+            **load_increments.described(rest.increments, rest.path_error, rest.force_error),
         }
 
     @property

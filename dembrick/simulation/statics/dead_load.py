@@ -69,7 +69,8 @@ DECIDES = (
 class Rest:
     """Outcome of the dead loads: whether the blocks stand (None: undecided), the out-of-balance over the joint forces
     and the steps that took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing;
-    in how many ``increments`` the loads came, and the error of forces that this leaves, over the greatest joint force.
+    in how many ``increments`` the loads came, and the error of forces that this and the stages before leave, over the
+    greatest joint force (``path_error``) and in N (``force_error``).
     """
 
     stands: bool | None
@@ -81,6 +82,7 @@ class Rest:
     loop_seconds: float
     increments: int = 1
     path_error: float = 0.0
+    force_error: float = 0.0
 
 
 def dead_load_equilibrium(
@@ -142,7 +144,7 @@ def rest(
     blocks rest; those that bear too much then break, and the others must carry the loads without them.
     """
     blocks = state.blocks
-    began = time.perf_counter()
+    began, before = time.perf_counter(), 0.0 if session is None else session.force_error
     alone = not touches_itself(state)
     if not alone:
         if factor is None:
@@ -188,7 +190,8 @@ def rest(
     seconds = compiled - began, done - compiled
     if stands:
         come_to_rest(state)
-    return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, error)
+    errors = load_increments.both_errors(error, before, float(np.abs(carried(state)).max(initial=0.0)))
+    return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, *errors)
 
 
 def joint_memory(state: State) -> Memory:

@@ -22,11 +22,13 @@ import numpy as np
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import ACTUATORS, Control
+from dembrick.simulation import load_increments
 from dembrick.simulation.dynamics.dead_load import STEP
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import moved_most
 from dembrick.simulation.dynamics.paths.equilibria import FEWEST, EquilibriumPath, plan_of
+from dembrick.simulation.dynamics.paths.stage_loads import carried
 from dembrick.simulation.dynamics.pushover import STRONGEST
 from dembrick.simulation.dynamics.run import EquilibriaRun
 from dembrick.simulation.dynamics.state import joint_resultants
@@ -51,8 +53,9 @@ class LoadPathRun(EquilibriaRun):
     mechanism: str = "none"
     turns: tuple[int, ...] | None = None  # the equilibria at which the ways of a protocol end
     stands: bool = True
-    increments: int = 1  # of loads that came after others, and the error of forces that these leave
+    increments: int = 1  # of loads that came after others, and the error of forces: `Rest`
     path_error: float = 0.0
+    force_error: float = 0.0
 
 
 class LoadPath(EquilibriumPath):
@@ -111,7 +114,9 @@ class LoadPath(EquilibriumPath):
         if self.collapse is None:
             self.joint = moved_most(self.moving, self.past.at_rest)
         found = run_of(super().finished(), self.joint, "none" if self.collapse is None else self.collapse["mechanism"])
-        return replace(found, stands=self.stands, increments=self.increments, path_error=self.path_error)
+        greatest = float(np.abs(carried(self.moving)).max(initial=0.0))
+        error, force = load_increments.both_errors(self.path_error, self.session.force_error, greatest)
+        return replace(found, stands=self.stands, increments=self.increments, path_error=error, force_error=force)
 
 
 def run_of(found: EquilibriaRun, joint: int, how: str) -> LoadPathRun:

@@ -98,7 +98,7 @@ def rest_by_increments(
         return early
 
     path.increments, path.path_error = load_increments.by_increments(
-        go, lambda: _carried(moving), gave_way, broke, one_step=False
+        go, lambda: carried(moving), gave_way, broke, one_step=False
     )
     if ratio is not None:
         load_increments.report_error(path.session.report, path.increments, path.path_error)
@@ -113,6 +113,6 @@ def _slip(moving: Motion) -> float:
     return math.fsum(float(path.sum()) for path in paths)
 
 
-def _carried(moving: Motion) -> np.ndarray:
+def carried(moving: Motion) -> np.ndarray:
     """Forces of the joints (3 j,) and tensions of the ties (N)."""
     return np.append(moving.state.links.wrench[:, :3], moving.state.ties.now["tension"])
