@@ -92,7 +92,10 @@ def _text(study, outcome) -> str:
         own = {key: value for key, value in cell.items() if key in study.keys}
         fixed = ", ".join(f"{key} = {value if isinstance(value, str) else show(value)}" for key, value in own.items())
         if study.search is not None:
-            bar = f"{study.search.key} = {cell['mean']:.5g} +- {cell['half_width']:.1g}"
+            half = cell["half_width"]
+            bar = f"{study.search.key} = {cell['mean']:.5g} " + (
+                f"({cell['remark']})" if half is None else f"+- {half:.1g}"
+            )
             lines.append(f"{'falls ' + cell['falls']:13} {bar}  {fixed}".rstrip())
             continue
         lines.append(f"V             {_answer(cell, unit)}  {fixed}".rstrip())

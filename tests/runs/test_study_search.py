@@ -31,7 +31,7 @@ def write(tmp_path):
 
 def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
     """tan 20 deg, whatever the formulation; it falls below, so the bracket is the other way round."""
-    path = write('[grid]\n"joint.formulation" = ["concave", "convex"]\n' + SEARCH)
+    path = write('[grid]\n"joint.formulation" = ["concave", "convex", "distributed"]\n' + SEARCH)
     outcome = studies.sweep(path, tmp_path / "out")
     rows = read_csv(outcome.csv)
     for row in rows:
@@ -44,6 +44,19 @@ def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
     assert [cell["half_width"] for cell in outcome.statistics] == [float(row["half_width"]) for row in rows]
     assert {cell["falls"] for cell in outcome.statistics} == {"below"}
     assert studies.sweep(path, tmp_path / "out").ran == 0
+
+
+def test_no_bar_leaves_out_what_points_inside_the_edge_do(write, tmp_path, capsys):
+    """The least thickness of an arch, that of rigid stones which turn on their edges."""
+    arch = '[[arches]]\nname = "arch"\nmaterial = "stone"\nradius = 5.0\nthickness = 0.6\ndepth = 0.5\nvoussoirs = 7\n'
+    base = header(friction=0.9) + arch + '[control]\nkind = "statics"\n'
+    body = '[grid]\n"joint.formulation" = ["concave", "convex", "distributed"]\n'
+    body += '[search]\nkey = "arches.arch.thickness"\nlow = 0.3\nhigh = 1.2\ntolerance = 1e-3\n'
+    cli.main(["sweep", str(write(body, base)), "--out", str(tmp_path / "out")])
+    concave, convex, distributed = read_csv(tmp_path / "out" / "table.csv")
+    assert abs(float(convex["value"]) - float(concave["value"])) <= 2.0 * float(concave["half_width"])
+    assert float(distributed["value"]) > 1.03 * float(concave["value"]) and distributed["half_width"] == ""
+    assert "topples 5.6 % early" in distributed["remark"] and "topples 5.6 % early" in capsys.readouterr().out
 
 
 def test_the_pulse_that_overturns_a_block(write, tmp_path):

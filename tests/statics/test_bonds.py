@@ -281,7 +281,7 @@ def test_a_constant_rate_test_meets_the_peak_and_the_residual():
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_head_that_holds_back_what_a_dead_load_drives(formulation):
-    """As the bond has broken friction bears less than the dead shear, and V ends below zero: half of mu N, less that."""
+    """As the bond has broken, friction bears less than the dead shear, and V ends below zero."""
     given = scene(formulation, jacks=SHEAR, dead=(0.0, 350.0), step_factor=0.5)
     law = dataclasses.replace(given.joint, cohesion=1e4, residual_friction=0.5)
     control = DisplacementControl(rate=3e-4, travel=3e-5)

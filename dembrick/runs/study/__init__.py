@@ -142,20 +142,21 @@ def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
 
 
 BAR = ("V_lower", "V_upper", "bracket", "digits_open", "half_width")  # columns that tell how far an answer is known
+_OF_SEARCHES = ("stands", "falls", "remark")
 
 
 def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
     """Mean and scatter of the answers over the draws of each population, and how many cases have none."""
     cells: dict[str, tuple[dict, list, list]] = {}
     rows = stored(folder, study.columns)
-    wanted = ("status", study.answer, *BAR, "stands", "falls")
+    wanted = ("status", study.answer, *BAR, *_OF_SEARCHES)
     found = {row["case"]: {name: row.get(name) for name in wanted} for row in rows}
     for case, row in sorted(found.items()):  # they are done in any order
         if row[study.answer] is not None and row["status"] not in UNANSWERED:
             fixed = study.cell(case)
             _, answers, bars = cells.setdefault(repr(fixed), (fixed, [], []))
             answers.append(row[study.answer])
-            bars.append({name: row[name] for name in (*BAR, "stands", "falls")})
+            bars.append({name: row[name] for name in (*BAR, *_OF_SEARCHES)})
     statistics = []
     for fixed, answers, bars in cells.values():
         deviation = stdev(answers) if len(answers) > 1 else None
@@ -164,7 +165,8 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
         if study.search is not None:
             below = {one["falls"] < one["stands"] for one in bars}
             falls = "at" if len(below) > 1 else "below" if True in below else "above"
-            bar = {"half_width": fmean(one["half_width"] or 0.0 for one in bars), "falls": falls}
+            widths = [one["half_width"] for one in bars]
+            bar = {"half_width": None if None in widths else fmean(widths), "falls": falls, "remark": bars[0]["remark"]}
         elif len(bars) == 1:
             bar = {name: bars[0][name] for name in BAR if name != "half_width"}
         numbers = {"count": len(answers), "mean": fmean(answers), "deviation": deviation, "standard_error": error}

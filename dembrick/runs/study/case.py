@@ -57,6 +57,7 @@ TEXTS = (
     "digits_open",
     "collapse_mechanism",
     "history",
+    "remark",
     "error",
 )
 FAILED = "failed"
