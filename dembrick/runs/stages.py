@@ -86,6 +86,7 @@ class Stages:
             start=self.left,
             ties_before=ties_before(self.scenario, number),
             force_error=left_by(self.results),
+            hands_on=True,
         )
         try:
             assembly = assemblies.assemble(scenario)
@@ -112,7 +113,7 @@ class Stages:
             )
         told = {"stage": number, "kind": scenario.control.kind, **answer}
         self.results.append(json.loads(json.dumps(told)))  # as a checkpoint gives it back
-        left = getattr(run, "left", None) or getattr(run, "state", None)  # of a search the state at its limit
+        left = getattr(run, "reached", None) or getattr(run, "left", None) or getattr(run, "state", None)
         self.done, self.left, self.auditor = number, present(left), Auditor()
 
     def _audit(self, rows: Mapping, _) -> None:

@@ -35,9 +35,9 @@ from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.elastic_factor import equations, touches_itself
 from dembrick.simulation.statics.load_system import After, LoadSystem, Replay, Setup, rough_strength
 from dembrick.simulation.statics.lone_joint import MOST_EQUILIBRIA, LoneSearch, is_lone
-from dembrick.simulation.statics.paths.limit_state import carrying
+from dembrick.simulation.statics.paths.limit_state import NEAR, carrying
 from dembrick.simulation.statics.paths.path_following import PathFollower
-from dembrick.simulation.statics.paths.path_state import Path
+from dembrick.simulation.statics.paths.path_state import Path, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.yield_point import (
@@ -139,6 +139,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         yield_point=point,
         state=limit,
         left=state,
+        reached=follower.limit.reached if path.converged and _rocks_on(point, state, follower.way) else None,
         after=_after(state, limit, at_start, follower.way.limit < path.equilibria),
         # bounds that are proven close, or are said to be open
         converged=(path.converged or path.unlimited or (path.wanders and not certificate.strict))
@@ -154,6 +155,12 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         moved=limit.blocks.displacement - at_start,
         phases=phases,
     )
+
+
+def _rocks_on(point: YieldPoint, state: State, way: PathState) -> bool:
+    """Whether convex joints rock at the end of a path, and carry what they did at most, but for a little."""
+    rocks = point.mechanism == "rocking" and joint_families.has_areas(state)
+    return rocks and way.V * (1.0 + NEAR) >= way.limit_load > 0.0
 
 
 def _lost_its_way(state: State, point: YieldPoint) -> bool:
@@ -216,6 +223,7 @@ def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Re
         yield_point=replace(carried_by(point, limit), limit_at=float(equilibria), actuator_load=point.V),
         state=limit,
         left=state,
+        reached=_reached_alone(assembly, tolerance, session, point) if session.hands_on else None,
         converged=True,
         steps=int(search.found["iterations"]),
         time_step=1.0,
@@ -227,6 +235,16 @@ def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Re
         settings={"equilibria": equilibria, "inertia": "none"},
         moved=search.moved,
     )
+
+
+def _reached_alone(assembly: Assembly, tolerance: float, session: Session, point: YieldPoint) -> State | None:
+    """The first equilibrium of a lone convex joint that carries V of its ``point``, but for a little; None unless it
+    rocks."""
+    state = LoadSystem(assembly, session).state
+    if point.mechanism != "rocking" or not joint_families.has_areas(state):
+        return None
+    LoneSearch(state, tolerance).run_to(present(point.V) / (1.0 + NEAR))
+    return state
 
 
 def plan(assembly: Assembly, control: YieldControl, output: Output) -> Plan:

@@ -71,7 +71,8 @@ class Replay(Ended):
     energy: Energy | None = None
     settings: dict = field(default_factory=dict)
     moved: np.ndarray | None = None  # (n, 3) m, since the dead-load equilibrium
-    left: State | None = None
+    left: State | None = None  # where it ended
+    reached: State | None = None  # of convex joints that rock: where they first carried nearly as much
     after: After | None = None
     phases: dict | None = None  # s, of the loop, where it was timed by phase
     turns: tuple[int, ...] | None = None  # rows at which the ways of a protocol end

@@ -128,6 +128,13 @@ class LoneSearch:
         self._rest()
         self._follow(MOST_EQUILIBRIA)
 
+    def run_to(self, load: float) -> None:
+        """`run` until the joint carries a ``load`` (N), and leave it in the state."""
+        self._rest()
+        while self.found["status"] == RUNNING and self.found["load"] < load:
+            self._follow(1)
+            self.show()
+
     def _rest(self) -> None:
         """The equilibrium under the dead load, from which displacements of the actuators count."""
         self._follow(0)

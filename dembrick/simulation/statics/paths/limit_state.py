@@ -12,7 +12,8 @@ from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, load_vectors
 
 SAME = 1e-6  # of V: a mechanism that moves on carries no more than that above what it did
-_PREFIX = "limit."
+NEAR = 0.02  # of V: what the equilibrium that is handed on may lack of it
+_PREFIX, _REACHED = "limit.", "reached."
 
 
 class LimitState:
@@ -20,10 +21,14 @@ class LimitState:
 
     It is the one that surely carried most. Once the bracket is narrow enough, it is the one that made it so, until
     another carries more: a block that comes off later, at a load no greater, is none of the mechanism.
+
+    With ``hands_on`` the first equilibrium that carried nearly as much is kept too (`reached`), on which another search
+    can start: a convex joint that rocks takes up the last of its limit over metres.
     """
 
-    def __init__(self, state: State):
+    def __init__(self, state: State, hands_on: bool):
         self.state = copy_of(state)
+        self.reached = copy_of(state) if hands_on else None
 
     def look_at(self, state: State, way: PathState, judged: bool, within: float) -> None:
         """Keep the ``state`` of the last equilibrium if it is the limit; ``judged``: the bracket is narrow enough,
@@ -35,6 +40,8 @@ class LimitState:
         else:
             better = sure > way.limit_load or (judged and sure >= (1.0 - within) * way.limit_load)
         way.limit_found = way.limit_found or judged
+        if self.reached is not None and sure > (1.0 + NEAR) * way.reached_load:
+            self.reached, way.reached_load = copy_of(state), sure
         if better:
             self.state, way.limit, way.limit_load = copy_of(state), way.equilibria, sure
 
@@ -56,11 +63,18 @@ class LimitState:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All of it by name, as a checkpoint has it; nothing is copied, as a state that is kept never changes."""
-        return {f"{_PREFIX}{name}": array for name, array in flattened({"state": self.state}).items()}
+        kept = {_PREFIX: self.state} | ({} if self.reached is None else {_REACHED: self.reached})
+        return {
+            f"{prefix}{name}": array
+            for prefix, state in kept.items()
+            for name, array in flattened({"state": state}).items()
+        }
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError if it is of another."""
         self.state = restored_state(copy_of(self.state), Prefixed(snapshot, _PREFIX))
+        if self.reached is not None:
+            self.reached = restored_state(copy_of(self.reached), Prefixed(snapshot, _REACHED))
 
 
 def copy_of(state):

@@ -100,7 +100,7 @@ class PathFollower:
         if state.ties is not None or joint_families.has_strengths(state):
             self.patience = math.inf  # driven relaxation knows neither
         self.session, self.turn_began = session, {}
-        self.way, self.limit, self.ties_hold = self._at_start(0.0), LimitState(state), False
+        self.way, self.limit, self.ties_hold = self._at_start(0.0), LimitState(state, session.hands_on), False
         self.search.pause = lambda: session.pause(self, within=True)
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
         self.elsewhere = 0.0  # s, with whoever gets the record, and with checkpoints

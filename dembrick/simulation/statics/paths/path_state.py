@@ -80,6 +80,7 @@ class PathState:
     yielding: float = 0.0  # J, of ties
     limit: int = 0  # number of the equilibrium that is the limit so far
     limit_load: float = 0.0  # N, what it surely carried
+    reached_load: float = 0.0  # N, what the equilibrium carried that is handed on
     limit_found: bool = False  # whether the bracket has been narrow enough
     framed: int = 0  # number of the last equilibrium with a frame in the record
     broke: bool = False  # whether bonds broke at the last equilibrium, so that the next is not a step on from it
