@@ -7,9 +7,9 @@ The measurements come as a CSV file, one test a line::
 
 ``scenario`` is the test as a scenario file, seen from the folder of the CSV; its own friction is not looked at, so that
 all its joints must have one. ``V [N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's actuators.
-``deviation`` and ``formulation`` may be left out: without the first every test counts by its relative error, with the
-second a line stands for that formulation only. mu minimises sum(((V(mu) - V_i) / s_i)^2) with V(mu) simulated, s_i the
-deviation, or V_i itself.
+``deviation``, of all lines or of none, and ``formulation`` may be left out: without the first every test counts by its
+relative error, with the second a line stands for that formulation only. mu minimises sum(((V(mu) - V_i) / s_i)^2) with
+V(mu) simulated, s_i the deviation, or V_i itself.
 """
 
 from __future__ import annotations
@@ -100,6 +100,12 @@ def read(path: str | os.PathLike) -> list[Measurement]:
                         f"for all joints is looked for; leave {key} out of [[joints]]"
                     )
         found.append(Measurement(cells["test"], scenario, V, deviation, formulation))
+    missing = [number for (number, _), one in zip(table.lines, found, strict=True) if one.deviation is None]
+    if 0 < len(missing) < len(found):
+        raise ScenarioError(
+            f"{path}, line {missing[0]}: deviation is empty here and not elsewhere, so that nothing tells how much "
+            "this test counts beside the others; give one to all, or to none"
+        )
     return found
 
 
@@ -230,7 +236,8 @@ def _simulated(group: list[Measurement], name: str, mu: float) -> np.ndarray:
         law = replace(m.scenario.joint, formulation=m.formulation or name, friction=mu)
         others = (replace(one.law, formulation=law.formulation, friction=mu) for one in m.scenario.joints)
         joints = tuple(replace(one, law=own) for one, own in zip(m.scenario.joints, others, strict=True))
-        test = replace(m.scenario, joint=law, joints=joints, control=YieldControl(_TOLERANCE))
+        control = YieldControl(_TOLERANCE, getattr(m.scenario.control, "large_displacements", False))
+        test = replace(m.scenario, joint=law, joints=joints, control=control)
         loads.append(present(simulate(test, record=False).yield_point).V)
     return np.array(loads)
 

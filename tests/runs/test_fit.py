@@ -1,5 +1,7 @@
 """Friction out of measured yield points."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -123,7 +125,7 @@ def test_the_command(capsys):
     assert "convex" in capsys.readouterr().err
 
 
-def block(tmp_path, name, width, push_at, weight=100.0, **strengths):
+def block(tmp_path, name, width, push_at, weight=100.0, control=None, **strengths):
     """A block 0.2 m deep and 0.4 m high: it slides at mu W, or tips over at W width / (2 push_at)."""
     blocks = (
         Block("lower", "stone", box=(1.0, 1.0, 0.1), position=(0.0, 0.0, -0.05), fixed=True),
@@ -131,7 +133,9 @@ def block(tmp_path, name, width, push_at, weight=100.0, **strengths):
     )
     push = Actuator("push", "upper", (-0.5 * width, 0.0, push_at), (1.0, 0.0, 0.0))
     materials = {"stone": Material(weight / (9.81 * 0.2 * width * 0.4))}
-    given = of_stone(law(friction=0.5, **strengths), YieldControl(), blocks, actuators=(push,), materials=materials)
+    given = of_stone(
+        law(friction=0.5, **strengths), control or YieldControl(), blocks, actuators=(push,), materials=materials
+    )
     (tmp_path / f"{name}.toml").write_text(toml.dumps(given), encoding="utf-8")
 
 
@@ -152,6 +156,27 @@ def test_blocks_that_tip_over_have_a_friction_too(tmp_path, lines, mu, alone):
     assert found.mu == pytest.approx(mu, rel=3e-3)
     if alone is not None:
         assert [test["mu"] for test in found.tests] == [None if one is None else pytest.approx(one) for one in alone]
+
+
+def test_a_deviation_is_given_to_all_tests_or_to_none(tmp_path):
+    block(tmp_path, "slides", 0.3, 0.02)
+    lines = ("1,slides.toml,30,2", "2,slides.toml,31,")
+    with pytest.raises(ScenarioError, match="line 3: deviation is empty here and not elsewhere"):
+        fit.read(data(tmp_path, *lines, header="test,scenario,V [N],deviation [N]"))
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_a_test_is_fitted_in_the_geometry_that_it_states(tmp_path, monkeypatch, large):
+    asked = []
+
+    def simulated(scenario, **_):
+        asked.append(scenario.control.large_displacements)
+        return SimpleNamespace(yield_point=SimpleNamespace(V=100.0 * scenario.joint.friction))
+
+    block(tmp_path, "slides", 0.3, 0.02, control=YieldControl(1e-3, large))
+    monkeypatch.setattr(fit, "simulate", simulated)
+    (found,) = fit.fit(fit.read(data(tmp_path, "1,slides.toml,30")), ("concave",))
+    assert found.mu == pytest.approx(0.3, rel=1e-6) and set(asked) == {large}
 
 
 def test_what_other_strengths_exclude_is_no_answer(tmp_path):
