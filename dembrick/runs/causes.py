@@ -99,7 +99,7 @@ class Motion(NamedTuple):
 class Cause:
     """Motions that open the same joints. ``share``: how likely it is beside all that were tried; ``weight`` of its best
     motion over the best of all; ``velocity`` (n, 6) of the blocks in that; ``opening`` (j,) of the joints over the
-    greatest."""
+    greatest; ``slides``: whether joints slide in it by so much that their rise, which stones do not have, tells."""
 
     motions: tuple[Motion, ...]
     share: float
@@ -109,6 +109,7 @@ class Cause:
     false_alarms: tuple[str, ...]
     velocity: np.ndarray
     opening: np.ndarray
+    slides: bool
 
     @property
     def supports(self) -> tuple[str, ...]:
@@ -135,6 +136,7 @@ class Cause:
             "hits": self.hits,
             "misses": list(self.misses),
             "false_alarms": list(self.false_alarms),
+            "slides": self.slides,
         }
 
 
@@ -208,6 +210,11 @@ class Causes:
             lines.append(
                 f"ambiguous     what was seen does not tell {' from '.join(names)}: look at more joints or blocks"
             )
+        if any(cause.slides for cause in self.likely):
+            lines.append(
+                "slides        joints slide in likely causes, and limit analysis has them rise with it, which may open "
+                "others: target.paths = true follows the motions"
+            )
         if self.causes and (self.causes[0].misses or self.causes[0].false_alarms):
             lines.append("unexplained   no motion of one support opens exactly these joints")
         return "\n".join(lines)
@@ -241,7 +248,7 @@ def find(target: Target | str | os.PathLike, *, report: Callable[[str], None] | 
             if followed is None:
                 locked += 1
                 continue
-            moved, opening = followed
+            moved, opening, slides = followed
             opens = opening > OPENS
             weight, amount = _agreement(opening, judged, target.doubt), None
             if seen is not None:
@@ -250,7 +257,7 @@ def find(target: Target | str | os.PathLike, *, report: Callable[[str], None] | 
                     continue
                 weight -= 0.5 * (misfit / SCATTER) ** 2
             motion = Motion(assembly.names[support], velocity, amount)
-            patterns.setdefault(opens.tobytes(), []).append((weight, motion, moved, opening))
+            patterns.setdefault(opens.tobytes(), []).append((weight, motion, moved, opening, slides))
     return Causes(target, assembly, _ranked(patterns, judged, assembly), judged, tried, locked, perf_counter() - began)
 
 
@@ -323,17 +330,18 @@ def _motions(structure: Structure, support: int) -> list[np.ndarray]:
 
 def _by_limit_analysis(
     structure: Structure, stands: Standing, support: int, velocity: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Velocities (n, 6) of all blocks as a support begins to move, and the openings (j,) of joints; None if locked."""
+) -> tuple[np.ndarray, np.ndarray, bool] | None:
+    """Velocities (n, 6) of all blocks as a support begins to move, the openings (j,) of joints, and whether these rise
+    by sliding; None if locked."""
     from dembrick.simulation.limit_analysis.reactions import first_motion
 
     mechanism = first_motion(structure, stands, support, velocity)
-    return None if mechanism is None else (mechanism.velocity, _opening(structure.assembly, mechanism.relative))
+    return None if mechanism is None else (mechanism.velocity, *_opening(structure.assembly, mechanism.relative))
 
 
 def _followed(
     scenario: Scenario, assembly: Assembly, _: Standing, support: int, velocity: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
+) -> tuple[np.ndarray, np.ndarray, bool] | None:
     """The same of a path of equilibria in the deformed geometry, by a small part of the structure's size; None if the
     structure comes down on the way or finds no rest."""
     amount = FOLLOWED * float(np.ptp(assembly.position, axis=0).max())
@@ -357,25 +365,27 @@ def _followed(
     skew = 0.5 * (turn - np.swapaxes(turn, 1, 2))  # of small turns the vector
     moved[:, 3:] = skew[:, [2, 0, 1], [1, 2, 0]]
     moved /= amount
-    return moved, _opening(assembly, joint_motions(assembly, moved), slides=False)
+    return moved, *_opening(assembly, joint_motions(assembly, moved), slides=False)
 
 
-def _opening(assembly: Assembly, relative: np.ndarray, slides: bool = True) -> np.ndarray:
-    """How far each joint opens at its widest corner over the widest of all (j,), by motions (j, 6) as of `Mechanism`.
+def _opening(assembly: Assembly, relative: np.ndarray, slides: bool = True) -> tuple[np.ndarray, bool]:
+    """How far each joint opens at its widest corner over the widest of all (j,), by motions (j, 6) as of `Mechanism`;
+    and whether any rises by sliding as far as would be an opening.
 
     Limit analysis lets joints that slide rise by friction times their slip, which stones do not: that is taken off
     if ``slides``.
     """
     joints = assembly.joints
     friction = np.array([law.friction if slides else 0.0 for law in joints.law])
-    widest = np.zeros(len(joints))
+    widest, risen = np.zeros(len(joints)), 0.0
     for numbers, outlines in joints.by_corners():
         d1, d2, dn, r1, r2, rn = relative[numbers].T[:, :, None]
         x, y = outlines[:, :, 0], outlines[:, :, 1]
         rise = friction[numbers][:, None] * np.hypot(d1 - rn * y, d2 + rn * x)
+        risen = max(risen, float(rise.max(initial=0.0)))
         widest[numbers] = (dn + r1 * y - r2 * x - rise).max(axis=1)
     most = float(widest.max(initial=0.0))
-    return widest / most if most > 0.0 else widest
+    return widest / most if most > 0.0 else widest, risen > OPENS * most
 
 
 def _agreement(opening: np.ndarray, judged: np.ndarray, doubt: float) -> float:
@@ -406,7 +416,7 @@ def _ranked(patterns: dict[bytes, list], judged: np.ndarray, assembly: Assembly)
     causes = []
     for found in patterns.values():
         found.sort(key=lambda one: (-one[0], *_plain(one[1].velocity, assembly.gravity)))
-        weight, _, velocity, opening = found[0]
+        weight, _, velocity, opening, slides = found[0]
         opens = opening > OPENS
 
         def of(chosen: np.ndarray) -> tuple[str, ...]:
@@ -423,6 +433,7 @@ def _ranked(patterns: dict[bytes, list], judged: np.ndarray, assembly: Assembly)
                 false_alarms=of(opens & (judged == 0)),
                 velocity=velocity,
                 opening=opening,
+                slides=slides,
             )
         )
     return tuple(sorted(causes, key=lambda cause: (-cause.weight, -cause.share)))

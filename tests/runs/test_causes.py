@@ -14,6 +14,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.runs.study.target import Target, asks_for_causes, read
 from dembrick.scenario import toml
 from helpers.places import SCENARIOS, tool_module
+from helpers.scenario_text import block, header
 
 ARCH = SCENARIOS / "arch_spread.toml"
 SPREAD = '[["arch.3", "arch.4"], ["arch.10", "arch.11"], ["arch.17", "arch.18"]]'
@@ -44,6 +45,22 @@ def test_a_springing_that_sinks_is_told_from_one_that_spreads(tmp_path):
     assert {motion.support for cause in found.causes for motion in cause.motions} == {"arch.right"}
     np.testing.assert_allclose(found.causes[0].motions[0].velocity, [0.0, 0.0, -1.0, 0.0, 0.0, 0.0], atol=1e-12)
     assert not found.ambiguous and found.causes[0].opening.argmax() != spread.opening.argmax()
+
+
+def test_a_lintel_that_slides_is_said_to(tmp_path):
+    """Drawn off one support it slides, and by limit analysis rises there, which opens the joint on the other."""
+    blocks = block("left", [-0.5, 0.0, 0.5], [0.3, 0.3, 1.0], "fixed = true")
+    blocks += block("right", [0.5, 0.0, 0.5], [0.3, 0.3, 1.0], "fixed = true")
+    blocks += block("lintel", [0.0, 0.0, 1.1], [1.3, 0.3, 0.2])
+    (tmp_path / "lintel.toml").write_text(header(friction=0.6) + blocks + '[control]\nkind = "statics"\n')
+    text = 'title = "?"\nbase = "lintel.toml"\n[target]\nopen = [["left", "lintel"]]\n'
+    (tmp_path / "cracks.toml").write_text(text)
+    found = causes.find(tmp_path / "cracks.toml")
+    assert found.causes[0].slides and "target.paths = true" in found.text()
+    (tmp_path / "cracks.toml").write_text(text + "paths = true\n")
+    assert not any(cause.slides for cause in causes.find(tmp_path / "cracks.toml").causes)
+    arch = causes.find(asked(tmp_path, f"open = {SPREAD}"))
+    assert not arch.causes[0].slides and "slides " not in arch.text()
 
 
 def test_a_displacement_that_was_seen_says_how_far(tmp_path):
