@@ -60,7 +60,7 @@ class Variant:
             n = min(steps, TURN)
             began = time.perf_counter()
             status, self.done = advance(
-                self.done, n, self.dt, for_kernels(self.state), None, self.inertia, self.drive, None,
+                self.done, n, self.dt, for_kernels(self.state), None, self.inertia, self.drive,
                 self.certificate, self.recorder.record, self.energy, self.guard,
             )  # fmt: skip
             spent += time.perf_counter() - began

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from dembrick.kernels.math.multifrontal import Fronts, Rounded
+from dembrick.kernels.math.multifrontal import Rounded
 
 
 class Blocks(NamedTuple):
@@ -44,8 +44,7 @@ class WholeInertia(NamedTuple):
     """Artificial inertia of small motion in one piece: the elastic stiffness of the assembly, factorised."""
 
     place: ndarray  # (f,) int64, first of the six rows of each free block
-    fronts: Fronts | None  # its LU factors, see `math.multifrontal`
-    rounded: Rounded | None  # or the same in single precision
+    rounded: Rounded  # its LU factors in single precision, see `math.multifrontal`
     work: ndarray  # (1, 6 f) scratch
 
 

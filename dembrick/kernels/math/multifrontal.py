@@ -364,13 +364,6 @@ def substitute_back(fronts, x):
                 z[row + i] = (z[row + i] - known) / a[at + i]
 
 
-@jit
-def solve_in_place(fronts, x):
-    """Solve A y = x for each row of ``x`` (m, 6 n) in place, in the order of elimination."""
-    substitute_forward(fronts, x)
-    substitute_back(fronts, x)
-
-
 @entry
 def energy_norm(fronts, x):
     """x . A^-1 x of a symmetric A whose rows stayed where they are, A = L D L^T; ``x`` (1, 6 n) is lost."""

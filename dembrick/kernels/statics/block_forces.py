@@ -5,9 +5,6 @@ motion, it stays that of the start.
 """
 
 from math import isnan, nan, sqrt
-from typing import NamedTuple
-
-from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
@@ -16,14 +13,6 @@ from dembrick.kernels.math.vectors import NO_MOMENT, columns_times, cross, put_v
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
 from dembrick.kernels.statics.small_displacement import small_actuator, small_relative
-
-
-class Memory(NamedTuple):
-    """What the joints remembered at one moment."""
-
-    base: ndarray  # (j, 6) m, rad: their motion then
-    points: object  # `Points` with a memory of their own, or None
-    areas: object  # `Areas`, likewise
 
 
 @jit
@@ -72,9 +61,8 @@ def relative(blocks, joints, j, inertia, dt):
 
 
 @jit
-def joint_forces(state, inertia, dt, viscous, energy, memory):
-    """Forces of all joints, put on the blocks; ``viscous`` (2) times the joint's own ``damping``. With a ``memory``, a
-    `Memory` or None, they answer to the whole motion since, whatever the way."""
+def joint_forces(state, inertia, dt, viscous, energy):
+    """Forces of all joints, put on the blocks; ``viscous`` (2) times the joint's own ``damping``."""
     blocks = state.blocks
     joints = state.joints
     points = state.points
@@ -83,11 +71,6 @@ def joint_forces(state, inertia, dt, viscous, energy, memory):
         for i in range(joint_count(points, areas, family)):
             j = joint_of(points, areas, family, i)
             motion = relative(blocks, joints, j, inertia, dt)
-            if memory is not None:
-                now, then = joints.relative[j], memory.base[j]
-                motion = families.recalled_motion(
-                    points, areas, memory.points, memory.areas, family, i, motion.depth, then, now
-                )
             more = joints.damping[j]
             own = more * viscous[0], more * viscous[1]
             found = families.forces(points, areas, family, i, joints.resultant[j], motion, own, energy)
@@ -166,17 +149,6 @@ def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
         load = v * actuators.weight[i]
         add_force(blocks, actuators.block[i], load, actuators.direction[i], NO_MOMENT, actuators.arm[i])
     return v, moved
-
-
-@jit
-def unbalanced_power(blocks):
-    """Power of the out-of-balance forces on the velocities of the free blocks (W)."""
-    power = 0.0
-    for f in range(blocks.free.size):
-        b = blocks.free[f]
-        for i in range(3):
-            power += blocks.force[b, i] * blocks.velocity[b, i] + blocks.torque[b, i] * blocks.spin[b, i]
-    return power
 
 
 @jit

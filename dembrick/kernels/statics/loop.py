@@ -1,6 +1,6 @@
-"""The compiled time loop of relaxation and of constant-rate tests. Nothing is allocated in it; what a scene does not
-have is passed as None, and numba then leaves its code out: a family of joints, the record, the energy terms, and either
-the scaled or the physical inertia.
+"""The compiled time loop of driven relaxation and of constant-rate tests. Nothing is allocated in it; what a scene does
+not have is passed as None, and numba then leaves its code out: a family of joints, the record, the energy terms, and
+either the scaled or the physical inertia.
 
 It is watched by guards: a step too far or not a number, energy from nothing, a restless load.
 
@@ -14,16 +14,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.statics.block_forces import (
-    Memory,
-    actuator_forces,
-    clear_forces,
-    hold,
-    joint_forces,
-    tie_forces,
-    unbalanced_power,
-    unbalanced_ratio,
-)
+from dembrick.kernels.statics.block_forces import actuator_forces, clear_forces, hold, joint_forces, tie_forces
 from dembrick.kernels.statics.energy import (
     balance,
     begin_energy,
@@ -58,14 +49,6 @@ class Drive(NamedTuple):
     mean_weight: float  # of the latest step in that mean
     until: ndarray  # (w,) int64, steps at which the ways of a protocol end; none if the head does not turn
     ways: ndarray  # (w,) m, of the head on each
-
-
-@jit
-def viscous_of(drive):
-    """Dashpot over spring force at contacts (2); ``drive`` is None if nothing is driven."""
-    if drive is not None:
-        return drive.viscous_n, drive.viscous_s
-    return 0.0, 0.0
 
 
 @jit
@@ -107,42 +90,6 @@ def head_rate(drive, step, dt):
     return drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
 
 
-class Relaxing(NamedTuple):
-    """How blocks come to rest under the dead loads, where nothing is driven."""
-
-    tolerance: float  # out-of-balance over joint forces
-    momentum: float  # part of the last move that is kept, while that goes along with the forces
-    ratio: ndarray  # (1,) out-of-balance over joint forces that was reached
-    memory: Memory  # of the start: blocks swing past their rest, and friction must not keep that
-
-
-@jit
-def memory_of(relaxing):
-    """The `Memory` of `Relaxing`, None if nothing relaxes."""
-    if relaxing is not None:
-        return relaxing.memory
-    return None
-
-
-@jit
-def at_rest(relaxing, state, step):
-    """Whether the forces balance, after the first step; else keeps the momentum of the blocks or lets it go."""
-    if relaxing is not None:
-        blocks = state.blocks
-        ratio = unbalanced_ratio(blocks, state.joints)
-        relaxing.ratio[0] = ratio
-        if step > 0 and ratio <= relaxing.tolerance:
-            return True
-        # the first step is the elastic answer, and no start for a swing; what works against the forces has swung over
-        keep = relaxing.momentum if step > 1 and unbalanced_power(blocks) > 0.0 else 0.0
-        for f in range(blocks.free.size):
-            b = blocks.free[f]
-            for i in range(3):
-                blocks.velocity[b, i] *= keep
-                blocks.spin[b, i] *= keep
-    return False
-
-
 @jit
 def bounds_now(certificate, state, v, moved, dt):
     """Bounds of the limit load from this instant."""
@@ -152,55 +99,46 @@ def bounds_now(certificate, state, v, moved, dt):
 
 
 @entry
-def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certificate, record, energy, guard):
-    """Advance a `State` from step ``first`` until ``n_steps`` more are done, or it has come to where it should.
+def advance(first, n_steps, dt, state, scaled, inertia, drive, certificate, record, energy, guard):
+    """Advance a `State` that is driven (``drive``) from step ``first`` until ``n_steps`` more are done, or the bracket
+    of the limit load is narrow enough, which is formed with a ``certificate``.
 
     ``scaled`` inertia moves the blocks by small motion, physical ``inertia`` by finite motion; the other is None.
-    Either they are driven (``drive``), and with a ``certificate`` the bracket of the limit load is formed; or they come
-    to rest (``relaxing``) under the dead loads, each moved by its artificial inertia's answer to the out-of-balance:
-    for one block on a fixed base a step is a Newton step. ``record``, ``energy`` and ``guard`` may be None.
+    ``certificate``, ``record``, ``energy`` and ``guard`` may be None.
     Returns the status (RUNNING when all steps are done, CONVERGED, DIVERGED where a block jumped or is no number,
     RUNAWAY where there is more energy than was put in, FULL when the record has no room) and the number of steps done.
     """
     blocks = state.blocks
-    viscous = viscous_of(drive)
-    memory = memory_of(relaxing)
-    damping = mean_weight = v = moved = rate = 0.0
+    viscous = drive.viscous_n, drive.viscous_s
     if first == 0 and n_steps > 0:
         begin_energy(energy, state)
         open_guard(guard, state)
     for step in range(first, first + n_steps):
         clear_forces(blocks)
-        joint_forces(state, inertia, dt, viscous, energy, memory)
+        joint_forces(state, inertia, dt, viscous, energy)
         tie_forces(state.ties, blocks)
-        if drive is not None:
-            rate = head_rate(drive, step, dt)
-            v, moved = actuator_forces(blocks, state.actuators, drive, inertia, rate, dt, energy)
-            damping = drive.damping
-            mean_weight = drive.mean_weight
+        rate = head_rate(drive, step, dt)
+        v, moved = actuator_forces(blocks, state.actuators, drive, inertia, rate, dt, energy)
         hold(blocks)
         if energy is not None:
             energy.work[0].torques += dead_torque_work(energy.turned, blocks, dt)
             energy.work[0].yielding += yielded_in_step(state.ties)
-        if at_rest(relaxing, state, step):
-            return CONVERGED, step
         done = False
-        if drive is not None:
-            driven = state.actuators.driven[0]
-            if certificate is not None:
-                if step % certificate.every == 0:
-                    lower, upper = bounds_now(certificate, state, v, moved, dt)
-                    done = judge(certificate, step // certificate.every, lower, upper, v, driven.displacement)
-            note_extremes(driven, v)
-            if record is not None:
-                if step % record.every[0] == 0 or done:
-                    if energy is not None and record.count[0] < record.row.shape[0]:
-                        now = balance(energy, state, drive, scaled, inertia, dt)
-                        for i in range(record.energy.shape[1]):
-                            record.energy[record.count[0], i] = now[i]
-                    bounds = certificate.bracket[0], certificate.bracket[1]
-                    if not write_row(record, step, step * dt, state, v, viscous[1], bounds, done):
-                        return FULL, step
+        driven = state.actuators.driven[0]
+        if certificate is not None:
+            if step % certificate.every == 0:
+                lower, upper = bounds_now(certificate, state, v, moved, dt)
+                done = judge(certificate, step // certificate.every, lower, upper, v, driven.displacement)
+        note_extremes(driven, v)
+        if record is not None:
+            if step % record.every[0] == 0 or done:
+                if energy is not None and record.count[0] < record.row.shape[0]:
+                    now = balance(energy, state, drive, scaled, inertia, dt)
+                    for i in range(record.energy.shape[1]):
+                        record.energy[record.count[0], i] = now[i]
+                bounds = certificate.bracket[0], certificate.bracket[1]
+                if not write_row(record, step, step * dt, state, v, viscous[1], bounds, done):
+                    return FULL, step
         if done:
             return CONVERGED, step + 1
         if not watch(guard, step, v, rate, blocks, scaled, inertia, dt):
@@ -209,7 +147,7 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, relaxing, certifi
         if inertia is not None:
             longest = finite_step(blocks, inertia, dt)
         if scaled is not None:
-            longest = small_step(blocks, scaled, dt, damping, mean_weight, energy)
+            longest = small_step(blocks, scaled, dt, drive.damping, drive.mean_weight, energy)
         if jumped(guard, longest):
             return DIVERGED, step + 1
     return RUNNING, first + n_steps

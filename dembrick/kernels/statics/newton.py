@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
-from dembrick._jit import jit
+from dembrick._jit import entry, jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.math.vectors import NO_MOMENT, put_vector
 from dembrick.kernels.statics import joint_families as families
@@ -128,7 +128,7 @@ def try_joint(trial, state, family, index, j, with_tangent):
     react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip)
 
 
-@jit
+@entry
 def try_motion(trial, state, v, with_tangent):
     """Out-of-balance of the blocks for their displacements and rotations and the load ``v``; and the tangents."""
     blocks = state.blocks

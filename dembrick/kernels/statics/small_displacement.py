@@ -6,7 +6,7 @@ nothing drifts.
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.geometry import Motion
-from dembrick.kernels.math.multifrontal import solve_in_place, solve_rounded_in_place
+from dembrick.kernels.math.multifrontal import solve_rounded_in_place
 from dembrick.kernels.math.vectors import cross, put_vector, rows_times
 
 
@@ -62,15 +62,6 @@ def small_actuator(blocks, actuators, i):
 
 
 @jit
-def solve(fronts, rounded, work):
-    """Solve with the factors of the elastic stiffness, which are given in either precision."""
-    if rounded is not None:
-        solve_rounded_in_place(rounded, work[0])
-    if fronts is not None:
-        solve_in_place(fronts, work)
-
-
-@jit
 def accelerate_together(blocks, whole, dt):
     """Change the velocities of all free blocks by dt M^-1 force, M that of the whole assembly."""
     x = whole.work[0]
@@ -80,7 +71,7 @@ def accelerate_together(blocks, whole, dt):
         for i in range(3):
             x[row + i] = blocks.force[b, i]
             x[row + 3 + i] = blocks.torque[b, i]
-    solve(whole.fronts, whole.rounded, whole.work)
+    solve_rounded_in_place(whole.rounded, x)
     for f in range(blocks.free.size):
         b = blocks.free[f]
         row = whole.place[f]

@@ -14,23 +14,19 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick._jit import ready
 from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
-from dembrick.kernels.state import ScaledInertia
-from dembrick.kernels.statics.block_forces import Memory
-from dembrick.kernels.statics.loop import Relaxing, advance
-from dembrick.kernels.statics.newton import remember
 from dembrick.simulation import interrupts, load_increments
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.session import DEAD_LOADS, Plan, Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
-from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself, whole_inertia
+from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself
 from dembrick.simulation.statics.handover import (
     carried,
     changing,
@@ -40,10 +36,11 @@ from dembrick.simulation.statics.handover import (
     show_falling,
     starting_state,
 )
+from dembrick.simulation.statics.newton import Trials
 from dembrick.simulation.statics.recorder import Ended, Recorder
-from dembrick.simulation.statics.sparse_equations import Factors
-from dembrick.simulation.statics.state import State, for_kernels, initial_state
-from dembrick.simulation.statics.stiffness import block_stiffness, inverse_inertia
+from dembrick.simulation.statics.sparse_equations import Factors, inner
+from dembrick.simulation.statics.state import State, initial_state
+from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.simulation.statics.viscous_rest import FreeEquilibria, ViscousMotion
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
@@ -146,24 +143,18 @@ def rest(
     blocks = state.blocks
     began, before = time.perf_counter(), 0.0 if session is None else session.force_error
     alone = not touches_itself(state)
-    if not alone:
-        if factor is None:
-            raise ValueError("free blocks that touch each other need the factor of their stiffness")
-        none = np.zeros((0, 6, 6))
-        inertia = ScaledInertia(none, none, whole_inertia(factor))
-    else:
-        inertia = inverse_inertia(state, stiffness)
+    if not alone and factor is None:
+        raise ValueError("free blocks that touch each other need the factor of their stiffness")
     bonded = joint_families.has_strengths(state)
     if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
         return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
-    memory = joint_memory(state)
-    relaxing = Relaxing(UNBALANCED, MOMENTUM, np.ones(1), memory)
-    relax = ready(advance, 0, 0, 1.0, for_kernels(state), inertia, None, None, relaxing, None, None, None, None)
-    compiled = time.perf_counter()
+    carries, memory = bool(state.joints.relative.any()), SimpleNamespace(**joint_families.memory(state))
     # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
     # each step is
     rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
-    relaxation = _Relaxation(state, inertia, rounds, relax, lambda: factor or elastic_factor(state, position))
+    answer = _answer_alone(state, stiffness) if factor is None else factor.answer
+    relaxation = _Relaxation(state, answer, rounds, lambda: factor or elastic_factor(state, position))
+    compiled = time.perf_counter()
     session = relaxation.session_of(session or Session())
     ratio, steps = relaxation.run(session)
     stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
@@ -180,7 +171,7 @@ def rest(
         steps += more
     increments, error = 1, math.inf if relaxation.own_way else 0.0
     alike = not (bonded and joint_families.gave_way(state, memory)) and not depends_on_size(state)
-    if stands and (memory.base.any() or not alike):
+    if stands and (carries or not alike):
         increments, error, more = relaxation.by_increments(session, memory)
         steps += more
     if stands is False:
@@ -194,30 +185,32 @@ def rest(
     return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, *errors)
 
 
-def joint_memory(state: State) -> Memory:
-    """`Memory` of the joints of ``state`` now."""
-    return Memory(state.joints.relative.copy(), **joint_families.memory(state))
+def _answer_alone(state: State, stiffness: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The motion (f, 6) by which free blocks that touch only fixed ones answer to loads (f, 6)."""
+    inverse = np.linalg.inv(stiffness[state.blocks.free])
+    return lambda load: np.einsum("fij,fj->fi", inverse, load)
 
 
 class _Relaxation:
     """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum), until one of them balances the forces, and
-    again without the bonds that then bear too much, until all that are left can bear it. ``relax``: the kernel;
-    ``factor``: makes that of the elastic stiffness."""
+    again without the bonds that then bear too much, until all that are left can bear it.
+
+    ``answer``: the elastic motion (f, 6) to loads (f, 6); ``factor``: makes that of the elastic stiffness."""
 
     def __init__(
         self,
         state: State,
-        inertia: ScaledInertia,
+        answer: Callable[[np.ndarray], np.ndarray],
         rounds: tuple[tuple[int, float], ...],
-        relax: Callable,
         factor: Callable[[], Factors],
     ):
-        self._state, self._inertia, self._rounds, self._relax, self._factor = state, inertia, rounds, relax, factor
-        self._memory = joint_memory(state)  # from which joints answer
+        self._state, self._answer, self._rounds, self._factor = state, answer, rounds, factor
+        self._start = [(array, array.copy()) for array in changing(state)]
+        self._trials = Trials(state, 6 * np.arange(len(state.blocks.free)))
+        self._trials.remember()
         self._round = self._step = 0
         self._from_start = False  # whether a checkpoint of now begins there
         self.own_way = False  # whether friction remembers viscous motion
-        self._start = [(array, array.copy()) for array in changing(state)]
 
     def session_of(self, session: Session) -> Session:
         """The session that this works in; it goes on from what that resumes."""
@@ -260,24 +253,41 @@ class _Relaxation:
             return False
         self._from_start = True
         joint_families.hold_bonds(self._state, False)
-        self._relaxed(1, 0.0)
+        self._trials.go_to(self._trials.motion(), 0.0)
         joint_families.hold_bonds(self._state, True)
-        joint_families.break_bonds(self._memory, joint_families.bonds(self._state))
+        joint_families.break_bonds(self._trials.trial, joint_families.bonds(self._state))
         return True
 
     def _relaxed(self, steps: int, momentum: float) -> float:
         """Relax by so many ``steps`` at most; returns the unbalanced-force ratio reached."""
-        if self._state.ties is not None:
-            ties.pull(self._state)
-            steps = 1  # their forces follow every step
-        relaxing = Relaxing(UNBALANCED, momentum, np.ones(1), self._memory)
-        state = for_kernels(self._state)
-        _, self._step = self._relax(
-            self._step, steps, 1.0, state, self._inertia, None, None, relaxing, None, None, None, None
-        )
-        return float(relaxing.ratio[0])
+        trials, blocks, free = self._trials, self._state.blocks, self._state.blocks.free
+        for _ in range(steps):
+            trials.go_to(trials.motion(), 0.0)
+            ratio = self._unbalanced()
+            if self._step > 0 and ratio <= UNBALANCED:
+                break
+            load = trials.trial.residual.reshape(-1, 6)
+            velocity = np.concatenate([blocks.velocity[free], blocks.spin[free]], axis=1)
+            # the first step is the elastic answer, and no start for a swing; what works against forces has swung over
+            keep = momentum if self._step > 1 and inner(load, velocity) > 0.0 else 0.0
+            velocity = keep * velocity + self._answer(load)
+            blocks.velocity[free], blocks.spin[free] = velocity[:, :3], velocity[:, 3:]
+            blocks.displacement[free] += velocity[:, :3]
+            blocks.rotation[free] += velocity[:, 3:]
+            self._step += 1
+        return ratio
 
-    def by_increments(self, session: Session, memory: Memory) -> tuple[int, float, int]:
+    def _unbalanced(self) -> float:
+        """Greatest out-of-balance force, or moment at the longest lever of a joint, over the greatest joint force."""
+        joints, residual = self._state.joints, self._trials.trial.residual.reshape(-1, 6)
+        force, moment = (float((part**2).sum(axis=1).max()) for part in (residual[:, :3], residual[:, 3:]))
+        lever = max(float((arm**2).sum(axis=1).max()) for arm in (joints.arm_a, joints.arm_b))
+        largest = float((joints.resultant[:, :3] ** 2).sum(axis=1).max())
+        if math.isnan(force + moment):
+            return math.nan
+        return math.sqrt(max(force, moment / lever) / largest) if largest > 0.0 else 1.0
+
+    def by_increments(self, session: Session, memory: SimpleNamespace) -> tuple[int, float, int]:
         """Go from the start to the equilibrium that was reached again, by loads that come in increments, each with the
         memory of the equilibrium before. Returns how many there were, `Rest.path_error`, and the steps of all. Where
         one of these equilibria is not found, the last answer stays.
@@ -303,9 +313,10 @@ class _Relaxation:
         state, free, steps = self._state, self._state.blocks.free, 0
         self._from_start = True
         put_back(self._start)
-        self._memory, self._round, self._step = joint_memory(state), 0, 0
-        self._relaxed(1, 0.0)
-        weaker = joint_families.slid(state, self._memory, ROUNDED * float(np.abs(self._memory.base[:, :3]).max()))
+        self._begin()
+        self._trials.go_to(self._trials.motion(), 0.0)
+        trial = self._trials.trial
+        weaker = joint_families.slid(state, trial, ROUNDED * float(np.abs(trial.base[:, :3]).max()))
         if weaker or joint_families.overborne(state).any():
             return 0, False  # laws have become weaker than what joints bear, which no loads can be followed from
         loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
@@ -314,7 +325,7 @@ class _Relaxation:
         for left in range(count - 1, -1, -1):
             early = gave_way()
             ties.put_dead_loads(state, loads - left / count * change)
-            self._memory, self._round, self._step = joint_memory(state), 0, 0
+            self._begin()
             begun = [(array, array.copy()) for array, _ in self._start]
             ratio, more = self.run(session)
             steps += more
@@ -328,6 +339,11 @@ class _Relaxation:
                     return 0, False
             come_to_rest(state)
         return steps, early
+
+    def _begin(self) -> None:
+        """Let joints answer from what they are now, in the first round."""
+        self._trials.remember()
+        self._round = self._step = 0
 
     def by_viscous_motion(self, session: Session) -> tuple[bool | None, float, int]:
         """`ViscousMotion` from where the blocks are: whether they stand, what is out of balance, and the iterations."""
@@ -349,7 +365,7 @@ class _Relaxation:
         joint_families.break_bonds(state, bonds)
         joint_families.hold_bonds(state, True)
         search = FreeEquilibria(state, self._factor())
-        remember(search.trial, state.joints, state.points, state.areas)
+        search.remember()
         motion = search.motion()
         motion[search.rows] = moved
         found, _ = search.find(motion, 0.0)

@@ -70,13 +70,8 @@ def elastic_factor(state: State, position: np.ndarray) -> Factors:
     return factors
 
 
-def whole_inertia(factors: Factors) -> WholeInertia:
-    """The elastic stiffness as artificial inertia."""
-    return WholeInertia(factors.pattern.place, factors.fronts, None, np.zeros((1, factors.pattern.rows)))
-
-
 def rounded_inertia(factors: Factors) -> WholeInertia:
-    """The same in single precision."""
+    """The elastic stiffness as artificial inertia, in single precision."""
     pattern, fronts = factors.pattern, factors.fronts
     pivots = 6 * np.diff(fronts.first)
     count = pivots * (pivots - 1) // 2 + pivots * 6 * np.diff(fronts.edge)
@@ -90,7 +85,7 @@ def rounded_inertia(factors: Factors) -> WholeInertia:
         near=np.empty_like(fronts.near),
     )
     round_factors(fronts, rounded)
-    return WholeInertia(pattern.place, None, rounded, np.zeros((1, pattern.rows)))
+    return WholeInertia(pattern.place, rounded, np.zeros((1, pattern.rows)))
 
 
 RIGID = 1e18  # times the stiffness of the block on its joints

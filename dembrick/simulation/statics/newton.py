@@ -8,7 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dembrick.kernels.statics.newton import Trial, try_motion
+from dembrick._jit import ready
+from dembrick.kernels.statics.newton import Trial, remember, try_motion
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.statics import elastic_factor, joint_families, ties
 from dembrick.simulation.statics.sparse_equations import Factors, inner
@@ -72,31 +73,23 @@ def _new_trial(state: State, place: np.ndarray) -> Trial:
     )
 
 
-class Equilibria:
-    """Finds equilibria of ``state`` under V times the unit ``load`` (n, 6) at a given driven displacement.
+class Trials:
+    """Forces of trial motions of a ``state``, each an implicit step from what its joints remembered last (`remember`).
 
-    ``balanced``: the out-of-balance over the joint forces that is none. ``iterations``: of Newton's method so far;
-    ``pause`` is called before each. ``most_short``: so many short parts of steps after one another lead nowhere.
-    ``phases``: seconds that went into joint forces and into equations.
+    ``place`` (f,): first row of each free block in the equations. ``phases``: seconds that went into joint forces and
+    into equations.
     """
 
-    most_short = 3
-
-    def __init__(self, state: State, load: np.ndarray, factor: Factors, balanced: float):
-        self.state, self.factor, self.balanced = state, factor, balanced
-        self.free = state.blocks.free
-        pattern = factor.pattern
-        self.rows = pattern.place[:, None] + np.arange(6)
-        self.trial = _new_trial(state, pattern.place)
-        self.load = pattern.to_rows(load[self.free])
-        self.answers = np.zeros((2, pattern.rows))  # of the tangent to the out-of-balance and to the unit load
-        self.tangent, self._none = Factors(pattern, factor.fronts.room), np.zeros(pattern.rows)
-        self.heaviest = float(np.linalg.norm(state.blocks.dead_force[self.free], axis=1).max())
-        self.heaviest = max(self.heaviest, LITTLE * float(joint_families.greatest_strength(state).max()))
-        self.smooth = joint_families.has_areas(state)  # forces of contact points have kinks in place of curves
-        self.iterations = 0
+    def __init__(self, state: State, place: np.ndarray):
+        self.state, self.free = state, state.blocks.free
+        self.rows = place[:, None] + np.arange(6)
+        self.trial = _new_trial(state, place)
         self.phases = {"joint_forces": 0.0, "equations": 0.0}
-        self.pause: Callable[[], None] = lambda: None
+        self._try_motion = ready(try_motion, self.trial, for_kernels(state), 0.0, False)
+
+    def remember(self) -> None:
+        """Let trials start from the state of now."""
+        remember(self.trial, self.state.joints, self.state.points, self.state.areas)
 
     def motion(self) -> np.ndarray:
         """Displacements and rotations of the free blocks now, in the order of the equations (6 f,)."""
@@ -105,15 +98,7 @@ class Equilibria:
         motion[self.rows] = np.concatenate([blocks.displacement[self.free], blocks.rotation[self.free]], axis=1)
         return motion
 
-    def attempt(self, motion: np.ndarray, V: float) -> float:
-        """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
-        self._go_to(motion, V)
-        began = time.perf_counter()
-        energy = self.factor.energy(self.trial.residual)
-        self.phases["equations"] += time.perf_counter() - began
-        return math.sqrt(max(0.0, not_nan(energy, "what is out of balance")))
-
-    def _go_to(self, motion: np.ndarray, V: float) -> None:
+    def go_to(self, motion: np.ndarray, V: float) -> None:
         """Put the blocks where a motion has them, under the load V, and find the forces."""
         began = time.perf_counter()
         self._move(motion)
@@ -125,6 +110,40 @@ class Equilibria:
         blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
         ties.pull(self.state)
 
+    def _try(self, V: float, with_tangent: bool) -> None:
+        self._try_motion(self.trial, for_kernels(self.state), V, with_tangent)
+
+
+class Equilibria(Trials):
+    """Finds equilibria of ``state`` under V times the unit ``load`` (n, 6) at a given driven displacement.
+
+    ``balanced``: the out-of-balance over the joint forces that is none. ``iterations``: of Newton's method so far;
+    ``pause`` is called before each. ``most_short``: so many short parts of steps after one another lead nowhere.
+    """
+
+    most_short = 3
+
+    def __init__(self, state: State, load: np.ndarray, factor: Factors, balanced: float):
+        pattern = factor.pattern
+        super().__init__(state, pattern.place)
+        self.factor, self.balanced = factor, balanced
+        self.load = pattern.to_rows(load[self.free])
+        self.answers = np.zeros((2, pattern.rows))  # of the tangent to the out-of-balance and to the unit load
+        self.tangent, self._none = Factors(pattern, factor.fronts.room), np.zeros(pattern.rows)
+        self.heaviest = float(np.linalg.norm(state.blocks.dead_force[self.free], axis=1).max())
+        self.heaviest = max(self.heaviest, LITTLE * float(joint_families.greatest_strength(state).max()))
+        self.smooth = joint_families.has_areas(state)  # forces of contact points have kinks in place of curves
+        self.iterations = 0
+        self.pause: Callable[[], None] = lambda: None
+
+    def attempt(self, motion: np.ndarray, V: float) -> float:
+        """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
+        self.go_to(motion, V)
+        began = time.perf_counter()
+        energy = self.factor.energy(self.trial.residual)
+        self.phases["equations"] += time.perf_counter() - began
+        return math.sqrt(max(0.0, not_nan(energy, "what is out of balance")))
+
     def differentiate(self, V: float) -> None:
         """Tangents of the joints at the motion of now."""
         began, state = time.perf_counter(), self.state
@@ -133,9 +152,6 @@ class Equilibria:
             self.trial.tangent[first : first + len(state.ties.stiffness)] = ties.tangent(state.ties)
         self._try(V, with_tangent=True)
         self.phases["joint_forces"] += time.perf_counter() - began
-
-    def _try(self, V: float, with_tangent: bool) -> None:
-        try_motion(self.trial, for_kernels(self.state), V, with_tangent)
 
     def out_of_balance(self) -> float:
         """Out-of-balance force or moment over the greatest joint force or dead load of a block, the worst block."""
@@ -196,7 +212,7 @@ class Equilibria:
             self.tangent.solve(self.answers[:1])
             change, change_V = self._at_held_displacement()
             self.phases["equations"] += time.perf_counter() - began
-            self._go_to(motion + change, V + change_V)
+            self.go_to(motion + change, V + change_V)
             before, left = left, self.out_of_balance()
             if not left < before:
                 break

@@ -52,7 +52,7 @@ class Loop:
         """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
         arguments = (
             self.step, n_steps, self.dt, for_kernels(self.state, self.ties), self.scaled, self.inertia, self.drive,
-            None, self.certificate, self.record, self.energy, self.guard,
+            self.certificate, self.record, self.energy, self.guard,
         )  # fmt: skip
         if self._advance is None:
             self._advance = ready(advance, *arguments)

@@ -15,7 +15,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dembrick.kernels.statics.newton import remember
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.newton import DIFFERENCE, HELD, Equilibria, elastic_moves
 from dembrick.simulation.statics.sparse_equations import Factors
@@ -166,7 +165,7 @@ class ViscousMotion:
         """Make the motion of now the one from which joints and ties go on."""
         state, trial = self.state, self.search.trial
         ties.remember(state)
-        remember(trial, state.joints, state.points, state.areas)
+        self.search.remember()
         trial.move[:] = DIFFERENCE * elastic_moves(state)
 
     def _show(self, now: np.ndarray, change: np.ndarray) -> None:

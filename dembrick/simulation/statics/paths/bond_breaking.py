@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.kernels.statics.energy import elastic_energy
-from dembrick.kernels.statics.newton import remember
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.newton import Equilibria
 from dembrick.simulation.statics.paths.path_state import PathState
@@ -73,7 +72,7 @@ class BondBreaking:
         search.attempt(way.motion, way.V)
         joint_families.hold_bonds(state, True)
         way.fracture += before - elastic_energy(for_kernels(state), None)
-        remember(search.trial, state.joints, state.points, state.areas)
+        search.remember()
         self.reserves = joint_families.reserves(state)
         way.broke, way.step = True, AFTER * way.usual
         return True

@@ -24,7 +24,6 @@ from dembrick.errors import DivergedError
 from dembrick.kernels.state import Energy, ScaledInertia
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import Drive, advance
-from dembrick.kernels.statics.newton import remember
 from dembrick.kernels.statics.state import State as KernelState
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.elastic_factor import rounded_inertia
@@ -89,7 +88,7 @@ class DrivenRelaxation:
         elastic = max(way.V / self.slope, way.elastic)
         far = min(max(FAR * elastic, way.seen[-1][0]), FARTHEST * elastic)
         pushed = self.pushed = self.drive(far, search.motion, search.pause)
-        remember(search.trial, state.joints, state.points, state.areas)
+        search.remember()
         way.pushes, way.step = way.pushes + 1, pushed.driven - way.driven
         way.friction, way.lost = way.friction + pushed.friction, way.lost + pushed.lost
         weights = float(np.abs(state.actuators.weight).sum())
@@ -105,7 +104,7 @@ class DrivenRelaxation:
 
     def _advance(self, step: int, steps: int, state: KernelState, drive: Drive, energy: Energy) -> None:
         """Do so many steps more, whatever the blocks do."""
-        advance(step, steps, self.dt, state, self.inertia, None, drive, None, None, None, energy, None)
+        advance(step, steps, self.dt, state, self.inertia, None, drive, None, None, energy, None)
 
     def show_what_moves(self, rows: np.ndarray) -> None:
         """Let the state hold the motion of the last part of the push, which is that of the mechanism; ``rows`` (f, 6)

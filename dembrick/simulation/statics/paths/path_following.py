@@ -25,7 +25,6 @@ import numpy as np
 
 from dembrick.kernels.statics.energy import elastic_energy
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
-from dembrick.kernels.statics.newton import remember
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.expected_cost import LEAST_WASTED, WASTED
@@ -107,8 +106,7 @@ class PathFollower:
 
     def prepare(self) -> None:
         """Call every kernel once, at the motion of now, to compile it or load it; the state stays as it is."""
-        state = self.state
-        remember(self.trial, state.joints, state.points, state.areas)
+        self.search.remember()
         self.search.attempt(self.search.motion(), 0.0)
         self.search.differentiate(0.0)
         self.search.prepare()
@@ -128,7 +126,7 @@ class PathFollower:
         if self.session.resumed is not None:
             self._restore(self.session.resumed)
         else:
-            remember(self.trial, self.state.joints, self.state.points, self.state.areas)
+            self.search.remember()
             self._record()
         converged, unlimited, wanders, more = False, False, False, True
         with interrupts.deferred():
@@ -368,7 +366,7 @@ class PathFollower:
         self.way.friction += joint_families.friction_work(state, self.trial)
         self.way.yielding += ties.remember(state)
         self.way.crushing += joint_families.crushing_work(state, trial)
-        remember(trial, state.joints, state.points, state.areas)
+        self.search.remember()
         self.search.attempt(drift.motion, drift.V)
         if self.search.out_of_balance() <= self.search.balanced:
             self.way.drift = None
@@ -391,7 +389,7 @@ class PathFollower:
         closing = joint_families.closes_gaps(state, self.trial.base)
         hidden = 0.0 if self.certificate.strict else self.instant.hidden(V, moved, way.closest)
         way.balanced = self.search.balanced
-        remember(self.trial, state.joints, state.points, state.areas)
+        self.search.remember()
         before, way.V, way.driven = way.V, V, way.driven + step
         move_actuators(state)
         now = state.actuators.driven[0]
