@@ -20,11 +20,12 @@ from dembrick.scenario.model import (
     DisplacementControl,
     JointLaw,
     Load,
+    Output,
     Solver,
 )
 from dembrick.simulation.statics import guards
 from dembrick.simulation.statics.handover import starting_state
-from helpers.stone_scenes import of_stone
+from helpers.stone_scenes import law, of_stone
 
 SETS = ("2a", "2b", "4a", "4b")
 TRAVEL = 2.5e-5
@@ -93,6 +94,23 @@ def test_a_travel_that_is_too_short_is_told_how_long_it_must_be(formulation, tra
             assert 2.0 * travel * (1.0 - 1e-9) <= float(said[1]) <= 500.0 * travel
             travel = float(said[1])
     assert result.yield_point.V == pytest.approx(result.theory.V, rel=5e-3)
+
+
+def test_the_answer_does_not_hang_on_the_rows_that_are_written():
+    """With 20 rows the bounds were looked at too seldom to hold still, and the block was said not to slip."""
+    blocks = (
+        Block("floor", "stone", box=(1.0, 1.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
+        Block("cube", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2)),
+    )
+    given = of_stone(
+        law(friction=0.4),
+        DisplacementControl(1e-3, 2e-4),
+        blocks,
+        actuators=(Actuator("jack", "cube", (0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),),
+    )
+    points = [simulate(dataclasses.replace(given, output=Output(rows=n, frames=1))).yield_point for n in (7, 20, 4000)]
+    assert points[0].V == pytest.approx(0.4 * 0.064 * 2000.0 * 9.81, rel=1e-3)
+    assert len({(point.V_lower, point.V_upper) for point in points}) == 1
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex", "corrected", "corrected-shear"])

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 
 ENOUGH = 20.0  # elastic slips of a joint: a travel on which most loads become steady
 LOOKS = 8  # on each way at whether the joints are still those of the start
+BOUNDS = 1000  # looks at the bounds of the load, over some of which these must hold still, whatever rows are written
 CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
 
 
@@ -90,7 +91,7 @@ def push_at_constant_rate(
     frames_every = max(1, min(steps_wanted, output.rows) // output.frames)
     watched = assembly.control_points
     recorder = Recorder(state, session, chunk, rows_every, frames_every, watched) if session.observe else None
-    setup.certificate = setup.certificate._replace(every=rows_every)
+    setup.certificate = setup.certificate._replace(every=max(1, _steps(protocol, dt) // BOUNDS))
     energy = new_energy(state) if recorder else None
     guard = new_guard(assembly, state, steps_wanted)
     record = recorder.record if recorder else None
