@@ -311,6 +311,33 @@ def test_whether_a_block_stands_where_a_settlement_has_brought_it():
         simulate(staged(turns(20.0), STATICS, ALONG_Y, more=load), record=False)
 
 
+SINKS = 'kind = "settlement"\nsupports = ["floor"]\ndisplacement = [0.0, 0.0, -1e-6]\n'
+
+
+@pytest.mark.parametrize("control", [STATICS + "large_displacements = true\n", SINKS])
+def test_joints_do_not_forget_shear_as_the_first_loads_come(control):
+    """Two cubes, the upper one held along y, and a push on the lower one: two joints share it by their springs. Left to
+    fall onto one another from where they are drawn, they swung open, and forgot 3 % of it."""
+    size, push, k_n = 0.4, 200.0, 1e9
+    area, k_s = size**2, 0.4e9
+    blocks = (
+        FLOOR
+        + block("lower", (0.0, 0.0, 0.2), (size,) * 3)
+        + block("upper", (0.0, 0.0, 0.6), (size,) * 3, 'held = ["y"]')
+    )
+    load = f'[[loads]]\nblock = "lower"\nforce = [0.0, {push}, 0.0]\n'
+    found = simulate(staged(control, blocks=blocks, more=load, kn=k_n, friction=0.8), record=False)
+    # of (u, theta, phi): the way of the lower cube, the turns of both about x; four points stand at the corners
+    slips = np.array([[1.0, 0.5 * size, 0.0], [1.0, -0.5 * size, -0.5 * size]])
+    tilts = np.array([[0.0, 1.0, 0.0], [0.0, 1.0, -1.0]])
+    stiffness = k_s * area * slips.T @ slips + k_n * area * (0.5 * size) ** 2 * tilts.T @ tilts
+    motion = np.linalg.solve(stiffness, [push, 0.0, 0.0])
+    shear = k_s * area * slips @ motion
+    assert shear[0] / push == pytest.approx(19.0 / 30.0)
+    assert found.reactions["floor"][1] == pytest.approx(-shear[0], rel=2e-4)
+    assert found.reactions["upper"][1] == pytest.approx(-shear[1], rel=2e-4)
+
+
 @pytest.mark.parametrize("controls", [(turns(1.0), STATICS), (STATICS + "large_displacements = true\n",)])
 def test_how_blocks_fall_that_do_not_stand(controls):
     """A slender block that is pushed at its top overturns, after a settlement and as drawn."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import HistoryError, ScenarioError
+from dembrick.errors import DembrickError, HistoryError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
 from dembrick.kernels.joint.ties import TIE
 from dembrick.scenario.stages import TiesBefore
@@ -21,7 +21,7 @@ from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.outcome import PEAK_TENSIONS, Extremes
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
-from dembrick.simulation.session import DEAD_LOADS, GoesOn, Kept, Progress, Snapshot, step_at
+from dembrick.simulation.session import DEAD_LOADS, GoesOn, Kept, Progress, Session, Snapshot, step_at
 
 if TYPE_CHECKING:
     from dembrick.kernels.dynamics.rigid_bodies import Bodies
@@ -168,6 +168,25 @@ def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = Non
         _go_on_from(moving, left, before)
     else:
         _take(moving, left, before)
+
+
+def start_at_rest(moving: Motion) -> None:
+    """Put the blocks where they rest in the geometry of the start, and give their joints what they remember there.
+
+    Where they find no such rest they stay as drawn; so they do where the joints are others, as parts of blocks have
+    their own here. From there they would fall onto one another, and what opens as they swing forgets its shear.
+    """
+    from dembrick.simulation.statics.dead_load import find_rest  # and its kernels
+
+    bodies = moving.state.bodies
+    drawn = bodies.position.copy()
+    try:
+        found = find_rest(moving.assembly, Session())
+        if found.rest.stands:
+            _take(moving, found.state, None)
+            bodies.start[:] = drawn
+    except DembrickError:
+        return
 
 
 def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:

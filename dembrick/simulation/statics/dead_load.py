@@ -40,7 +40,7 @@ from dembrick.simulation.statics.newton import Trials
 from dembrick.simulation.statics.recorder import Ended, Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State, initial_state
-from dembrick.simulation.statics.stiffness import block_stiffness
+from dembrick.simulation.statics.stiffness import answer_alone, block_stiffness
 from dembrick.simulation.statics.viscous_rest import FreeEquilibria, ViscousMotion
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
@@ -152,7 +152,7 @@ def rest(
     # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
     # each step is
     rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
-    answer = _answer_alone(state, stiffness) if factor is None else factor.answer
+    answer = answer_alone(state, stiffness) if factor is None else factor.answer
     relaxation = _Relaxation(state, answer, rounds, lambda: factor or elastic_factor(state, position))
     compiled = time.perf_counter()
     session = relaxation.session_of(session or Session())
@@ -183,12 +183,6 @@ def rest(
         come_to_rest(state)
     errors = load_increments.both_errors(error, before, float(np.abs(carried(state)).max(initial=0.0)))
     return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, *errors)
-
-
-def _answer_alone(state: State, stiffness: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """The motion (f, 6) by which free blocks that touch only fixed ones answer to loads (f, 6)."""
-    inverse = np.linalg.inv(stiffness[state.blocks.free])
-    return lambda load: np.einsum("fij,fj->fi", inverse, load)
 
 
 class _Relaxation:

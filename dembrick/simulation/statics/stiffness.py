@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -117,3 +117,9 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
     free = state.blocks.free
     inverse[free] = np.linalg.inv(inertia[free])
     return ScaledInertia(inverse, np.ascontiguousarray(inertia), None)
+
+
+def answer_alone(state: State, stiffness: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The motion (f, 6) by which free blocks that touch only fixed ones answer to loads (f, 6)."""
+    inverse = np.linalg.inv(stiffness[state.blocks.free])
+    return lambda load: np.einsum("fij,fj->fi", inverse, load)

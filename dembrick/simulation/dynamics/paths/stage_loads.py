@@ -27,12 +27,13 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
 
 
+LITTLE = 2.5e-4  # of the greatest joint force: new loads that need no increments, as the turn of blocks to their rest
 NOTHING = 1e-6  # of the forces of new loads: joints that bear less bear but the rounding of drawn positions
 
 
 class LoadsToCome:
     """Loads of ``driving`` that have not come yet: ``share`` of them, none to begin with. ``on_others``: whether joints
-    bear others already, at the last equilibrium."""
+    bear others already, at the last equilibrium, and their ``part`` of the greatest joint force then."""
 
     def __init__(self, moving: Motion, driving: Driving):
         joint_forces(moving, driving)
@@ -47,7 +48,9 @@ class LoadsToCome:
         self._at = Attached(block, arms, np.einsum("kji,kj->ki", bodies.rotation[block], arms))
         self._force = np.concatenate([force, couple, -couple])
         borne = np.abs(moving.state.links.wrench[:, :3]).max(initial=0.0)
-        self.on_others = bool(borne > NOTHING * np.abs(self._force).max(initial=0.0))
+        greatest = float(np.abs(self._force).max(initial=0.0))
+        self.on_others = bool(borne > NOTHING * greatest)
+        self.part = greatest / borne if borne > 0.0 else math.inf
 
     def held_off(self, driving: Driving) -> Driving:
         """``driving`` without the share that is to come."""
@@ -74,6 +77,7 @@ def rest_by_increments(
     kept = Kept(path.past.snapshot() | moving.contact_detection.snapshot())
     path.to_come = to_come = LoadsToCome(moving, still())
     if not to_come.on_others:
+        path.path_error = math.inf  # blocks that fall onto one another swing open
         path.advance(still(), CHUNK)
         return rest()
     slip, bonds, ratio = _slip(moving), joint_families.bonded(moving.state), 1.0  # type: float, np.ndarray, float | None
@@ -83,6 +87,11 @@ def rest_by_increments(
 
     def gave_way() -> bool:
         return _slip(moving) != slip or broke()
+
+    if to_come.part <= LITTLE:
+        ratio = rest()
+        path.path_error = 2.0 * to_come.part if gave_way() else 0.0
+        return ratio
 
     def go(count: int) -> bool | None:
         nonlocal ratio
