@@ -23,7 +23,7 @@ def by_increments(
     go: Callable[[int], bool | None],
     carried: Callable[[], np.ndarray],
     slid: Callable[[], bool],
-    broke: Callable[[], bool],
+    erratic: Callable[[], bool],
     one_step: bool,
 ) -> tuple[int, float]:
     """In how many increments the loads came, and the error that is left of the forces ``carried`` (N), over the
@@ -31,8 +31,8 @@ def by_increments(
 
     ``go`` goes through so many of them from the start and says whether anything had slid before the last; None if one
     was not found, and then the last answer is left. Where more of them change nothing, and nothing has ``slid``, there
-    is no error; where it slid before the last, that is enough. Where anything ``broke`` there are three counts at
-    least: in which increment it does changes what slides then, and two may agree by chance. ``one_step``: what is
+    is no error; where it slid before the last, that is enough. Where their error is ``erratic``, as bonds break in one
+    of them or joints swing open, there are three counts at least: two may agree by chance. ``one_step``: what is
     carried now is the answer in one step.
     """
     found, before, last = (1, math.inf), carried() if one_step else None, 1
@@ -46,14 +46,14 @@ def by_increments(
             changed = float(np.abs(now - before).max() / max(np.abs(now).max(), 1e-300))
             if changed <= LINEAR and not slid():
                 return count, 0.0
-            if changed <= LINEAR and early and not broke():
+            if changed <= LINEAR and early and not erratic():
                 return count, 2.0 * changed + UNSEEN * max(1.0, COUNTS[1] / count) ** 2
             if i:
                 found = count, 2.0 * max(changed, expected) + UNSEEN
             if i + 1 < len(COUNTS):
                 expected = changed * (1.0 / count - 1.0 / COUNTS[i + 1]) / (1.0 / last - 1.0 / count)
         before, last = now, count
-        if found[1] <= LOUD and (i >= 2 or not broke()):
+        if found[1] <= LOUD and (i >= 2 or not erratic()):
             break
     return found
 

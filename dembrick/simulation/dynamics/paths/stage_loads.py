@@ -82,11 +82,8 @@ def rest_by_increments(
         return rest()
     slip, bonds, ratio = _slip(moving), joint_families.bonded(moving.state), 1.0  # type: float, np.ndarray, float | None
 
-    def broke() -> bool:
-        return bool((joint_families.bonded(moving.state) < bonds).any())
-
     def gave_way() -> bool:
-        return _slip(moving) != slip or broke()
+        return _slip(moving) != slip or bool((joint_families.bonded(moving.state) < bonds).any())
 
     if to_come.part <= LITTLE:
         ratio = rest()
@@ -107,7 +104,7 @@ def rest_by_increments(
         return early
 
     path.increments, path.path_error = load_increments.by_increments(
-        go, lambda: carried(moving), gave_way, broke, one_step=False
+        go, lambda: carried(moving), gave_way, gave_way, one_step=False
     )
     if ratio is not None:
         load_increments.report_error(path.session.report, path.increments, path.path_error)
