@@ -62,7 +62,15 @@ def read(path: str, scale: float) -> list[Solid]:
         named = readers[ending](path)
     else:
         named = [_Named("solid", *mesh_file.read_surface(path))]
-    found = [part for solid in named for part in _closed_parts(solid)]
+    found = []
+    for solid in named:
+        parts = list(_closed_parts(solid))
+        if _is_hollow(parts):
+            raise ScenarioError(
+                f"{path}: solid {solid.name!r} is hollow: a closed part of its surface lies inside another; a block is "
+                "full, so cut it into pieces around the hollow and join them by united"
+            )
+        found += parts
     if not found:
         raise ScenarioError(f"{path}: there is no surface in the file; every block needs one that is closed")
     if len(found) > MOST_SOLIDS:
@@ -118,6 +126,29 @@ def _closed_parts(solid: _Named) -> Iterator[_Named]:
         ends = np.cumsum([0, *map(len, faces)])
         own = [tuple(local.reshape(-1)[a:b].tolist()) for a, b in zip(ends[:-1], ends[1:], strict=True)]
         yield _Named(solid.name, points[used], own, solid.fixed)
+
+
+def _is_hollow(parts: list[_Named]) -> bool:
+    """Whether any of the closed surfaces lies inside another."""
+    if len(parts) < 2:
+        return False
+    low, high = (np.array([getattr(part.points, end)(axis=0) for part in parts]) for end in ("min", "max"))
+    for outer, part in enumerate(parts):
+        for inner in np.flatnonzero((low > low[outer]).all(axis=1) & (high < high[outer]).all(axis=1)):
+            if _winds_about(part, parts[inner].points[0]):
+                return True
+    return False
+
+
+def _winds_about(part: _Named, point: np.ndarray) -> bool:
+    """Whether a closed surface goes round a ``point`` (3,), by the solid angle under which it is seen from there (van
+    Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125)."""
+    corners = np.array([(face[0], *face[i : i + 2]) for face in part.faces for i in range(1, len(face) - 1)])
+    a, b, c = np.moveaxis(part.points[corners] - point, 1, 0)
+    lengths = [np.linalg.norm(arm, axis=1) for arm in (a, b, c)]
+    products = [(p * q).sum(axis=1) * lengths[r] for p, q, r in ((a, b, 2), (b, c, 0), (c, a, 1))]
+    angle = 2.0 * np.arctan2((a * np.cross(b, c)).sum(axis=1), np.prod(lengths, axis=0) + sum(products)).sum()
+    return abs(angle) > 2.0 * np.pi
 
 
 def _connected(faces: Faces) -> list[Faces]:

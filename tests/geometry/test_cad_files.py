@@ -211,3 +211,35 @@ def test_the_parts_of_a_solid_bear_its_name(tmp_path):
     found = cad_file.read(str(tmp_path / "l.obj"), 0.1)
     assert [solid.name for solid in found] == ["foot", "foot"]
     assert sum(solid.shape.volume for solid in found) == pytest.approx(4e-3, rel=1e-12)
+
+
+def test_a_hollow_solid_is_refused(tmp_path):
+    """Its inner surface would be a block in a block, and both full."""
+    shell = {"outer": ((0.0, 0.0, 0.0), (3.0, 3.0, 3.0)), "inner": ((1.0, 1.0, 1.0), (2.0, 2.0, 2.0))}
+    binary_stl(tmp_path / "shell.stl", shell)
+    with pytest.raises(ScenarioError, match=r"solid 'solid' is hollow: .* cut it into pieces"):
+        cad_file.read(str(tmp_path / "shell.stl"), 1.0)
+    legs = [((x, y, 0.0), (x + 1.0, y + 1.0, 3.0)) for x in (0.0, 3.0) for y in (0.0, 3.0)]
+    table = {str(i): leg for i, leg in enumerate([*legs, ((-1.0, -1.0, 3.0), (5.0, 5.0, 4.0))])}
+    binary_stl(tmp_path / "table.stl", table)
+    assert len(cad_file.read(str(tmp_path / "table.stl"), 1.0)) == 5
+
+
+def test_a_solid_in_the_opening_of_another_is_no_hollow(tmp_path):
+    """A stone in the arms of a U lies within its box, and not inside of it."""
+    corners = [(0, 0), (5, 0), (5, 3), (4, 3), (4, 1), (1, 1), (1, 3), (0, 3)]
+    count = len(corners)
+    lines = ["o both"] + [f"v {x} {y} {z}" for z in (0, 3) for x, y in corners]
+    lines += [
+        f"f {' '.join(str(i) for i in range(count, 0, -1))}",
+        f"f {' '.join(str(count + i + 1) for i in range(count))}",
+    ]
+    lines += [f"f {i + 1} {(i + 1) % count + 1} {(i + 1) % count + count + 1} {i + count + 1}" for i in range(count)]
+    first = 2 * count
+    box = [(x, y, z) for z in (1, 2) for y in (1.5, 2.5) for x in (2, 3)]
+    lines += [f"v {x} {y} {z}" for x, y, z in box]
+    faces = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
+    lines += ["f " + " ".join(str(first + 1 + i) for i in face) for face in faces]
+    (tmp_path / "u.obj").write_text("\n".join(lines))
+    found = cad_file.read(str(tmp_path / "u.obj"), 0.1)
+    assert sum(solid.shape.volume for solid in found) == pytest.approx((15.0 - 6.0) * 3e-3 + 1e-3, rel=1e-9)
