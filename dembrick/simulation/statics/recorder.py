@@ -22,12 +22,12 @@ BUFFER_BYTES = 4 << 20  # memory that the rows of a chunk may take, and again it
 
 
 class Recorder:
-    """Rows and frames of a run; the session's ``observe(rows, frames)`` gets copies of what each chunk brought.
+    """Rows and frames of a run; the session's ``observe(rows, frames)``, if there is one, gets copies of what each
+    chunk brought.
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
     reaction (T, s, 6), energy (name: (T,)), with ties tension and yielded (T, t), with control points control_point
-    (T, w, 3), and with the channel "joints"
-    joint (T, j, 7).
+    (T, w, 3), and with the channel "joints" joint (T, j, 7).
     ``frames`` with the channel "frames": time (F,),
     displacement (F, n, 3), orientation (F, n, 4); "velocity" adds velocity and spin (F, n, 3), "contacts"
     contact_force (F, c, 3); joints with strengths add bond (F, j). A row is taken every ``rows_every`` steps, a frame
@@ -44,7 +44,7 @@ class Recorder:
         frames_every: int = 1,
         watched: ControlPoints = NO_CONTROL_POINTS,
     ):
-        channels = session.output.channels
+        channels = session.output.channels if session.observe else ()
         n_block, n_joint = len(state.blocks.displacement), len(state.joints.block_a)
         support, n_tie = support_numbers(state), 0 if state.ties is None else len(state.ties.stiffness)
         n_point, moving = joint_families.contact_points(state), "velocity" in channels
@@ -127,6 +127,8 @@ class Recorder:
         record = self.record
         n, f = (int(c) for c in record.count)
         record.count[:] = 0
+        if self._observe is None:
+            return
         rows = {name: record.row[name][:n].copy() for name in ROW.names or ()}
         rows["actuator_force"] = rows["load"][:, None] * self._weight
         rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))
