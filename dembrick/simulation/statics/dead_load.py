@@ -202,6 +202,8 @@ class _Relaxation:
         self._start = [(array, array.copy()) for array in changing(state)]
         self._trials = Trials(state, 6 * np.arange(len(state.blocks.free)))
         self._trials.remember()
+        levers = ((arm**2).sum(axis=1).max() for arm in (state.joints.arm_a, state.joints.arm_b))
+        self._arms = np.array([1.0, 1.0 / max(*levers)])  # of a force and of a moment, 1 and 1/m2
         self._round = self._step = 0
         self._from_start = False  # whether a checkpoint of now begins there
         self.own_way = False  # whether friction remembers viscous motion
@@ -247,7 +249,7 @@ class _Relaxation:
             return False
         self._from_start = True
         joint_families.hold_bonds(self._state, False)
-        self._trials.go_to(self._trials.motion(), 0.0)
+        self._trials.stay()
         joint_families.hold_bonds(self._state, True)
         joint_families.break_bonds(self._trials.trial, joint_families.bonds(self._state))
         return True
@@ -255,31 +257,27 @@ class _Relaxation:
     def _relaxed(self, steps: int, momentum: float) -> float:
         """Relax by so many ``steps`` at most; returns the unbalanced-force ratio reached."""
         trials, blocks, free = self._trials, self._state.blocks, self._state.blocks.free
+        load = trials.trial.residual.reshape(-1, 6)
+        velocity = np.concatenate([blocks.velocity[free], blocks.spin[free]], axis=1)
         for _ in range(steps):
-            trials.go_to(trials.motion(), 0.0)
+            trials.stay()
             ratio = self._unbalanced()
             if self._step > 0 and ratio <= UNBALANCED:
                 break
-            load = trials.trial.residual.reshape(-1, 6)
-            velocity = np.concatenate([blocks.velocity[free], blocks.spin[free]], axis=1)
             # the first step is the elastic answer, and no start for a swing; what works against forces has swung over
             keep = momentum if self._step > 1 and inner(load, velocity) > 0.0 else 0.0
             velocity = keep * velocity + self._answer(load)
-            blocks.velocity[free], blocks.spin[free] = velocity[:, :3], velocity[:, 3:]
             blocks.displacement[free] += velocity[:, :3]
             blocks.rotation[free] += velocity[:, 3:]
             self._step += 1
+        blocks.velocity[free], blocks.spin[free] = velocity[:, :3], velocity[:, 3:]
         return ratio
 
     def _unbalanced(self) -> float:
         """Greatest out-of-balance force, or moment at the longest lever of a joint, over the greatest joint force."""
-        joints, residual = self._state.joints, self._trials.trial.residual.reshape(-1, 6)
-        force, moment = (float((part**2).sum(axis=1).max()) for part in (residual[:, :3], residual[:, 3:]))
-        lever = max(float((arm**2).sum(axis=1).max()) for arm in (joints.arm_a, joints.arm_b))
-        largest = float((joints.resultant[:, :3] ** 2).sum(axis=1).max())
-        if math.isnan(force + moment):
-            return math.nan
-        return math.sqrt(max(force, moment / lever) / largest) if largest > 0.0 else 1.0
+        squares = (self._trials.trial.residual.reshape(-1, 2, 3) ** 2).sum(axis=2).max(axis=0)
+        largest = float((self._state.joints.resultant[:, :3] ** 2).sum(axis=1).max())
+        return 1.0 if largest == 0.0 else math.sqrt(float(np.maximum(*(squares * self._arms))) / largest)
 
     def by_increments(self, session: Session, memory: SimpleNamespace) -> tuple[int, float, int]:
         """Go from the start to the equilibrium that was reached again, by loads that come in increments, each with the
@@ -308,7 +306,7 @@ class _Relaxation:
         self._from_start = True
         put_back(self._start)
         self._begin()
-        self._trials.go_to(self._trials.motion(), 0.0)
+        self._trials.stay()
         trial = self._trials.trial
         weaker = joint_families.slid(state, trial, ROUNDED * float(np.abs(trial.base[:, :3]).max()))
         if weaker or joint_families.overborne(state).any():

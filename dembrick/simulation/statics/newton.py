@@ -105,6 +105,11 @@ class Trials:
         self._try(V, with_tangent=False)
         self.phases["joint_forces"] += time.perf_counter() - began
 
+    def stay(self) -> None:
+        """Find the forces where the blocks are, without any actuator."""
+        ties.pull(self.state)
+        self._try(0.0, with_tangent=False)
+
     def _move(self, motion: np.ndarray) -> None:
         blocks, rows = self.state.blocks, motion[self.rows]
         blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
