@@ -105,8 +105,9 @@ class Auditor:
             )
         if isinstance(energy, Sums):
             return _of_motion(residual, max(scale, energy.floor, energy.rounding / MOTION), energy)
-        relative = residual / scale if scale else 0.0
         by_law = float(energy.work[0].by_law)
+        scale = max(scale, by_law)  # of few rows none may know what was put in
+        relative = residual / scale if scale else 0.0
         result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(energy.work[0].least))
         if not relative <= LIMIT:
             raise EnergyAuditError(

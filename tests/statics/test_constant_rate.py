@@ -108,7 +108,7 @@ def test_the_answer_does_not_hang_on_the_rows_that_are_written():
         blocks,
         actuators=(Actuator("jack", "cube", (0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),),
     )
-    points = [simulate(dataclasses.replace(given, output=Output(rows=n, frames=1))).yield_point for n in (7, 20, 4000)]
+    points = [simulate(dataclasses.replace(given, output=Output(rows=n, frames=1))).yield_point for n in (1, 20, 4000)]
     assert points[0].V == pytest.approx(0.4 * 0.064 * 2000.0 * 9.81, rel=1e-3)
     assert len({(point.V_lower, point.V_upper) for point in points}) == 1
 
