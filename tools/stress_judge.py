@@ -26,9 +26,9 @@ from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.statics import constant_rate, limit_load, load_system, ties
 from dembrick.simulation.statics.critical_step import critical_time_step
-from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
+from dembrick.simulation.statics.rest.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness, inverse_inertia

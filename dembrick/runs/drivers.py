@@ -44,8 +44,9 @@ from dembrick.scenario.regimes import (
 from dembrick.simulation.expected_cost import LONG, WITHIN, longest_search, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
-from dembrick.simulation.statics import constant_rate, custom_limit, dead_load, limit_load
+from dembrick.simulation.statics import constant_rate, custom_limit, limit_load
 from dembrick.simulation.statics.load_system import Replay
+from dembrick.simulation.statics.rest import dead_load
 from dembrick.simulation.statics.state import State
 
 if TYPE_CHECKING:
@@ -227,7 +228,7 @@ def _set_up(scenario: Scenario, assembly: Assembly, session: Session | None = No
     if session is not None and session.start is not None:
         checkpoint.start_on(moving, session.start, session.ties_before)
     elif session is not None and scenario.control.regime.counts_equilibria:
-        checkpoint.start_at_rest(moving)
+        session.force_error = checkpoint.start_at_rest(moving)
     return moving, loads.driving_of(scenario, moving)
 
 

@@ -24,8 +24,8 @@ from dembrick.runs.outcomes.error_estimate import RATIOS, with_laws, with_ratio
 from dembrick.scenario.checks import present
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import dead_load
 from dembrick.simulation.statics.paths.other_paths import grazing_joints, greatest_on_any_path, statically_determinate
+from dembrick.simulation.statics.rest import dead_load
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.yield_point import YieldPoint, last_moves, slides
 from dembrick.views.summary import known, start_text

@@ -15,7 +15,7 @@ from dembrick.scenario.controls import StaticsControl
 from dembrick.scenario.model import Load
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.simulation import load_increments
-from dembrick.simulation.statics import dead_load
+from dembrick.simulation.statics.rest import relaxation
 from helpers.stone_scenes import law, of_stone
 
 FRICTION, WEIGHT, SPRING = 0.5, 0.4**3 * 2000.0 * 9.81, 4e8 * 0.16  # -, N, N/m
@@ -167,12 +167,47 @@ def test_bonds_that_break_are_followed(formulation, tie, bond, loads):
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
-@pytest.mark.parametrize("bond, loads", [(BRITTLE, LATE), (HALVED, ROUND), (FALLING, ROUND)])
+@pytest.mark.parametrize("bond, loads", [(BRITTLE, LATE), (HALVED, ROUND), (FALLING, ROUND), (BRITTLE, ROUND[:1])])
 def test_bonds_that_break_are_followed_in_the_deformed_geometry_too(formulation, bond, loads):
+    """In the first stage its bar is that of the rest in the geometry of the start, where it begins."""
     found = simulate(with_bond(scene(formulation, 1.5e7, loads, large=True), bond))
+    if len(loads) == 1:
+        alone = simulate(with_bond(scene(formulation, 1.5e7, loads), bond)).run.rest
+        assert found.run.force_error == alone.force_error > 0.0
     exact, greatest = held_by_ties(1.5e7, loads, 5000, *(0.16 * strength for strength in bond[:2]), bond[2])
     assert found.run.path_error < 0.02
     assert np.abs(found.rows["tension"][-1] - exact).max() / greatest <= found.run.path_error + 1e-4
+
+
+@pytest.mark.parametrize("stages", [1, 10])
+def test_bonds_that_bear_too_much_go_one_by_one(stages):
+    """Three blocks in a row between walls, each on a bond: what one step throws down stands, as the first bond that
+    breaks relieves others; in one stage as in ten."""
+    boxes = {"floor": ((5.0, 3.0, 0.2), (0.0, 0.0, -0.1)), "left": ((0.2, 0.6, 0.4), (-0.3, 0.0, 0.2))}
+    boxes |= {"right": ((0.2, 0.6, 0.3), (1.1, 0.0, 0.15))} | {
+        f"b{i}": ((0.4,) * 3, (0.4 * i, 0.0, 0.2)) for i in range(3)
+    }
+    blocks = tuple(
+        Block(name, "stone", box=box, position=place, fixed=not name.startswith("b"))
+        for name, (box, place) in boxes.items()
+    )
+    forces = (
+        ((78.3, 50.3, -1764.8), (-0.075, -0.031, 0.25)),
+        ((-108.3, -1069.4, -1255.7), (0.397, 0.062, 0.25)),
+        ((289.5, -1600.0, -1884.9), (0.747, 0.032, 0.197)),
+    )
+    control, bond = StaticsControl(), {"cohesion": 947.156, "tensile_strength": 721.01}
+    loads = tuple(
+        Load(f"b{i}", tuple((k + 1) / stages * np.array(force)), point, stages=(k + 1,))
+        for i, (force, point) in enumerate(forces)
+        for k in range(stages)
+    )
+    joint = law("corrected", 0.6, stiffness=1e9, **bond)
+    more = {"gravity": (0.0, 0.0, 0.0), "stages": (control,) * (stages - 1), "loads": loads}
+    found = simulate(of_stone(joint, control, blocks, **more), record=False)
+    assert found.status == "stands"
+    rest = found.run.rest
+    np.testing.assert_allclose(found.reactions["floor"][:3], [-41.0, 2130.0, 4590.7], atol=rest.force_error + 0.5)
 
 
 @pytest.mark.parametrize("large", [False, True])
@@ -193,7 +228,7 @@ def test_a_way_that_is_not_known_well_is_said(monkeypatch):
     heard = []
     simulate(scene("concave", 1e5, ROUND), report=heard.append)
     assert any("in 19 increments forces are known to" in sentence for sentence in heard)
-    monkeypatch.setattr(dead_load._Relaxation, "_in_increments", lambda *_: (0, False))
+    monkeypatch.setattr(relaxation.Relaxation, "_in_increments", lambda *_: (0, False))
     found = simulate(scene("concave", 1e5, ROUND), report=heard.append)
     assert "which was not followed in increments" in heard[-1]
     assert found.as_dict()["statics"]["path_error"] is None

@@ -21,10 +21,10 @@ from dembrick.scenario.generators import Arch, Dome, Wall
 from dembrick.scenario.model import Actuator, Block, Load, Scenario
 from dembrick.scenario.toml import load
 from dembrick.simulation.statics import limit_load
-from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor
 from dembrick.simulation.statics.load_system import Setup
 from dembrick.simulation.statics.paths.path_following import PathFollower
+from dembrick.simulation.statics.rest.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.sparse_equations import inner
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness

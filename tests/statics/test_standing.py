@@ -222,8 +222,8 @@ def test_blocks_fall_early_whatever_the_stiffness():
 
 def test_what_neither_stands_nor_falls_is_undecided(monkeypatch, tmp_path, capsys):
     """Within too little effort nothing is claimed, by any control, and a search takes it for neither."""
-    monkeypatch.setattr("dembrick.simulation.statics.dead_load.MOST_STEPS", 3)
-    monkeypatch.setattr("dembrick.simulation.statics.viscous_rest.MOST_STEPS", 3)
+    monkeypatch.setattr("dembrick.simulation.statics.rest.dead_load.MOST_STEPS", 3)
+    monkeypatch.setattr("dembrick.simulation.statics.rest.viscous_rest.MOST_STEPS", 3)
     weak = diamond(5, 6.12, "convex")
     result = simulate(weak, tmp_path / "run.h5")
     told = result.as_dict()

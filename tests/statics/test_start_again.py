@@ -8,8 +8,8 @@ from dembrick.scenario.controls import StaticsControl
 from dembrick.scenario.model import Block, JointLaw, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.simulation.checkpoint_arrays import flattened
-from dembrick.simulation.statics import dead_load
 from dembrick.simulation.statics.elastic_factor import elastic_factor
+from dembrick.simulation.statics.rest import dead_load, relaxation
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
 from helpers.stone_scenes import of_stone
@@ -52,7 +52,7 @@ def test_everything_is_as_it_was(kind, monkeypatch):
     def begin(state, *_):
         raise Begun({name: array.copy() for name, array in flattened({"state": state}).items()})
 
-    monkeypatch.setattr(dead_load, "ViscousMotion", begin)
+    monkeypatch.setattr(relaxation, "ViscousMotion", begin)
     assembly = assemble(SCENES[kind])
     state = initial_state(assembly)
     start = {name: array.copy() for name, array in flattened({"state": state}).items()}

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from dembrick.runs.path_dependence import OtherPaths
     from dembrick.simulation.dynamics.run import MotionRun
-    from dembrick.simulation.statics.dead_load import Standing
+    from dembrick.simulation.statics.rest.dead_load import Standing
 
 
 ROUNDING = 1e-7  # of the largest: a force or a moment that is none

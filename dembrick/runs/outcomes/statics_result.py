@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from dembrick.runs.outcomes.result import RunResult, SearchResult
 from dembrick.simulation import load_increments
-from dembrick.simulation.statics.dead_load import DECIDES, does_not_stand, undecided
+from dembrick.simulation.statics.rest.dead_load import DECIDES, does_not_stand, undecided
 from dembrick.views.key_numbers import OF_LAWS, OF_WORK
 
 if TYPE_CHECKING:
-    from dembrick.simulation.statics.dead_load import Standing
+    from dembrick.simulation.statics.rest.dead_load import Standing
 
 
 class RestResult(RunResult):

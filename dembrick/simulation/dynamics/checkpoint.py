@@ -170,23 +170,26 @@ def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = Non
         _take(moving, left, before)
 
 
-def start_at_rest(moving: Motion) -> None:
+def start_at_rest(moving: Motion) -> float:
     """Put the blocks where they rest in the geometry of the start, and give their joints what they remember there.
+    Returns by how much (N) their forces may be off.
 
     Where they find no such rest they stay as drawn; so they do where the joints are others, as parts of blocks have
     their own here. From there they would fall onto one another, and what opens as they swing forgets its shear.
     """
-    from dembrick.simulation.statics.dead_load import find_rest  # and its kernels
+    from dembrick.simulation.statics.rest.dead_load import find_rest  # and its kernels
 
     bodies = moving.state.bodies
     drawn = bodies.position.copy()
     try:
         found = find_rest(moving.assembly, Session())
-        if found.rest.stands:
-            _take(moving, found.state, None)
-            bodies.start[:] = drawn
+        if not found.rest.stands:
+            return 0.0
+        _take(moving, found.state, None)
     except DembrickError:
-        return
+        return 0.0
+    bodies.start[:] = drawn
+    return found.rest.force_error
 
 
 def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:

@@ -169,7 +169,9 @@ class _Attempt:
 
 def _falls_as_drawn(motion: Motion, driving: Driving) -> bool:
     """Whether statics proves that the blocks fall under constant loads in the geometry of the start."""
-    from dembrick.simulation.statics.dead_load import find_rest  # and its kernels: for blocks that find no rest only
+    from dembrick.simulation.statics.rest.dead_load import (
+        find_rest,  # and its kernels: for blocks that find no rest only
+    )
 
     if any(curve is not None for curve in driving.factor):
         return False

@@ -22,6 +22,8 @@ from dembrick.simulation.statics import area_joints, point_joints
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
+MANY = 0.1  # of the bonds that bear too much: so many may go at once
+ALIKE = 1e-6  # of the loads: bonds that bear too much as early as another
 FAMILIES: dict[str, ModuleType] = {"points": point_joints, "areas": area_joints}  # fields of a state
 
 
@@ -170,6 +172,21 @@ def hold_bonds(state, held: bool) -> None:
 def bonds(state) -> list[np.ndarray]:
     """A copy of which bonds of each family hold."""
     return [bonds.bonded.copy() for bonds in _bonds(state)]
+
+
+def without_first(state, before: np.ndarray) -> list[np.ndarray]:
+    """`bonds` without those that bear too much first, as loads grow by which their reserves (m, 2) in N have become
+    what they are from what they were ``before``: one and its like, or a tenth of many."""
+    now = reserves(state)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(now < 0.0, np.maximum(before, 0.0) / (np.maximum(before, 0.0) - now), np.inf)
+    share = np.where(np.isnan(share), 1.0, share).min(axis=1)
+    most = np.sort(share)[max(1, int(MANY * np.isfinite(share).sum())) - 1]
+    goes, found, first = share <= (1.0 + ALIKE) * most, bonds(state), 0
+    for held in found:
+        held[goes[first : first + len(held)]] = 0.0
+        first += len(held)
+    return found
 
 
 def break_bonds(part, held: list[np.ndarray]) -> None:

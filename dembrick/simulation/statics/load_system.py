@@ -18,11 +18,11 @@ from dembrick.simulation.expected_cost import loop_seconds
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, dashpots
-from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.handover import starting_state
 from dembrick.simulation.statics.paths.limit_state import carrying
 from dembrick.simulation.statics.recorder import Ended
+from dembrick.simulation.statics.rest.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.state import State, load_vectors, zero_actuators
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness

@@ -68,8 +68,9 @@ class ViscousMotion:
     def run(self) -> bool | None:
         """True at rest, False if the blocks fall, None if neither shows.
 
-        Bonds hold until the blocks rest; those that bear too much then break, and the motion goes on.
+        Bonds hold until the blocks rest; those that bear too much first then break, and the motion goes on.
         """
+        self._reserves = joint_families.reserves(self.state)
         bonded = joint_families.has_strengths(self.state)
         joint_families.hold_bonds(self.state, bonded)
         stands = self._move()
@@ -79,12 +80,11 @@ class ViscousMotion:
         return stands
 
     def _bonds_break(self) -> bool:
-        """Let the bonds go that bear too much; whether there are any."""
-        if not (joint_families.reserves(self.state) < 0.0).any():
+        """Let the bonds go that bear too much first; whether there are any."""
+        if not joint_families.overborne(self.state).any():
             return False
-        joint_families.hold_bonds(self.state, False)
+        joint_families.break_bonds(self.search.trial, joint_families.without_first(self.state, self._reserves))
         self.search.attempt(self.search.motion(), 0.0)
-        joint_families.hold_bonds(self.state, True)
         self._keep()
         return True
 

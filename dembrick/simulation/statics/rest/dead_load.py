@@ -1,0 +1,215 @@
+"""Equilibrium under the dead loads, before any actuator moves: found directly, not waited for.
+
+Relaxation by the elastic answer to what is out of balance finds most in a few steps. Where it does not, the blocks
+start again from where they were, by viscous motion (`viscous_rest`), which ends at rest or proves that they fall. Where
+it shows neither, the answer is undecided.
+
+`find_rest` asks whether a structure stands under its dead loads: one equilibrium, no actuator.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.errors import NotConvergedError, UndecidedError
+from dembrick.simulation import load_increments
+from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
+from dembrick.simulation.floating_point import not_nan
+from dembrick.simulation.session import Plan, Session
+from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself
+from dembrick.simulation.statics.handover import (
+    carried,
+    come_to_rest,
+    depends_on_size,
+    show_falling,
+    starting_state,
+)
+from dembrick.simulation.statics.recorder import Ended, Recorder
+from dembrick.simulation.statics.rest.relaxation import UNBALANCED, Relaxation
+from dembrick.simulation.statics.sparse_equations import Factors
+from dembrick.simulation.statics.state import State, initial_state
+from dembrick.simulation.statics.stiffness import answer_alone, block_stiffness
+from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
+
+MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
+FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
+MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
+DECIDES = (
+    "dembrick limit decides it where no forces within the strengths balance the loads (it falls) or where nothing "
+    "slides; softer or stiffer joints may decide it too"
+)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Outcome of the dead loads: whether the blocks stand (None: undecided), the out-of-balance over the joint forces
+    and the steps that took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing;
+    in how many ``increments`` the loads came, and the error of forces that this and the stages before leave, over the
+    greatest joint force (``path_error``) and in N (``force_error``).
+    """
+
+    stands: bool | None
+    unbalanced: float
+    steps: int
+    mechanism: str | None
+    blocks: tuple[int, ...]
+    compile_seconds: float
+    loop_seconds: float
+    increments: int = 1
+    path_error: float = 0.0
+    force_error: float = 0.0
+
+
+def dead_load_equilibrium(
+    state: State,
+    stiffness: np.ndarray,
+    assembly: Assembly,
+    factor: Factors | None = None,
+    session: Session | None = None,
+) -> Rest:
+    """`rest` of blocks that must stand: NotConvergedError, which names those that do not; UndecidedError if they are
+    seen neither to stand nor to fall."""
+    found = rest(state, stiffness, assembly.position, factor, session)
+    if found.stands is None:
+        raise UndecidedError(f"{undecided(found)}; no actuator has moved yet. {DECIDES}")
+    if not found.stands:
+        raise NotConvergedError(
+            f"{does_not_stand(found, assembly.names)} before any actuator moves; no equilibrium under the dead loads: "
+            f"along this mechanism {found.unbalanced:.2g} of the joint forces is never balanced. Check loads, friction "
+            "and supports"
+        )
+    return found
+
+
+def does_not_stand(found: Rest, names) -> str:
+    """The sentence that says which blocks fall, and how."""
+    moving = [names[i] for i in found.blocks]
+    more = f" and {len(moving) - 5} more" if len(moving) > 5 else ""
+    falls = "falls" if len(moving) == 1 else "fall"
+    return f"does not stand: {', '.join(moving[:5])}{more} {falls} by {found.mechanism}"
+
+
+def undecided(found: Rest) -> str:
+    """The sentence that says that it is not known whether the blocks stand."""
+    return (
+        f"undecided under the dead loads: neither an equilibrium nor a mechanism of a fall was found in {found.steps} "
+        f"steps; {found.unbalanced:.2g} of the joint forces is still out of balance"
+    )
+
+
+def rest(
+    state: State,
+    stiffness: np.ndarray,
+    position: np.ndarray,
+    factor: Factors | None = None,
+    session: Session | None = None,
+) -> Rest:
+    """The equilibrium of ``state`` under its dead loads, or the mechanism by which it falls.
+
+    It is relaxed until the out-of-balance forces are ``UNBALANCED`` of the joint forces. Where free blocks touch only
+    fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its out-of-balance: a single
+    Newton step is enough. Else the whole assembly moves by its elastic answer, ``factor`` is that of its stiffness,
+    first in one go and then with momentum, which is dropped whenever it works against the forces. What does not come to
+    rest so starts again, by viscous motion; ``position`` (n, 3) of the centroids. ``session`` keeps checkpoints of it,
+    and may go on from one. Raises Interrupted, and UndecidedError where relaxation does not balance the forces of a law
+    of the user's own.
+
+    Joints answer in one implicit step, which is what they carry if all loads grow together from zero; where they bore
+    others before and slide, or where bonds break, loads come in increments (`load_increments`). Bonds hold until the
+    blocks rest; those that bear too much first then break, and the others must carry the loads without them.
+    """
+    blocks = state.blocks
+    began, before = time.perf_counter(), 0.0 if session is None else session.force_error
+    alone = not touches_itself(state)
+    if not alone and factor is None:
+        raise ValueError("free blocks that touch each other need the factor of their stiffness")
+    bonded = joint_families.has_strengths(state)
+    if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
+        return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
+    carries, memory = bool(state.joints.relative.any()), SimpleNamespace(**joint_families.memory(state))
+    # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
+    # each step is
+    rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
+    answer = answer_alone(state, stiffness) if factor is None else factor.answer
+    relaxation = Relaxation(state, answer, rounds, lambda: factor or elastic_factor(state, position))
+    compiled = time.perf_counter()
+    session = relaxation.session_of(session or Session())
+    ratio, steps = relaxation.run(session)
+    stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
+    if not stands and steps and not moving_blocks(state):
+        stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
+    if not stands and joint_families.is_custom(state):
+        raise UndecidedError(
+            f"undecided under the dead loads: after {steps} steps of relaxation {ratio:.2g} of the joint forces is "
+            "still out of balance, and Newton's method, which would decide it, knows no joint law of one's own"
+        )
+    if not stands:
+        relaxation.start_again()
+        stands, ratio, more = relaxation.by_viscous_motion(session)
+        steps += more
+    increments, error = 1, math.inf if relaxation.own_way else 0.0
+    alike = not (bonded and joint_families.gave_way(state, memory)) and not depends_on_size(state)
+    if carries or not alike:  # what one step throws down may stand if its loads come little by little
+        increments, error, more = relaxation.by_increments(session, memory, bool(stands))
+        steps += more
+        if not stands and increments > 1:
+            stands, ratio = True, relaxation.unbalanced()
+    if stands is False:
+        mechanism, moving = mechanism_of(state), moving_blocks(state)
+        show_falling(state)
+    done = time.perf_counter()
+    seconds = compiled - began, done - compiled
+    if stands:
+        come_to_rest(state)
+    errors = load_increments.both_errors(error, before, float(np.abs(carried(state)).max(initial=0.0)))
+    return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, *errors)
+
+
+@dataclass
+class Standing(Ended):
+    """Result of a search for rest: `Rest`, the state in which it ended, and seconds of compiling and of relaxing."""
+
+    rest: Rest
+    state: State
+    settings: dict
+    compile_seconds: float
+    loop_seconds: float
+    energy = None
+    yield_point = None  # no load was increased
+    phases = None
+
+
+def find_rest(assembly: Assembly, session: Session) -> Standing:
+    """The equilibrium of an assembly under its dead loads, the blocks that fall, or neither; recorded in one row."""
+    state = starting_state(assembly, session.start, session.ties_before)
+    factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
+    found = rest(state, block_stiffness(state, shared=2.0), assembly.position, factor, session)
+    load_increments.report_error(session.report, found.increments, found.path_error)
+    if session.observe is not None:
+        recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
+        recorder.write_equilibrium(state, 0, 0.0, np.zeros(2), framed=True)
+        recorder.drain()
+    return Standing(found, state, {"steps": found.steps}, found.compile_seconds, found.loop_seconds)
+
+
+def plan(assembly: Assembly) -> Plan:
+    """The plan of it, without running any of it."""
+    n, j = len(assembly.names), len(assembly.joints)
+    points = sum(len(p.area) for p in assembly.contact_points if p is not None)
+    memory = 8 * (100 * n + 100 * j + 12 * points)
+    state = initial_state(assembly)
+    if not touches_itself(state):
+        return Plan(1.0, 1.0, 1, memory, relaxation_seconds(1, j))
+    memory += equations(state, assembly.position).bytes(factors=1)
+    return Plan(1.0, 1.0, STATICS_STEPS, memory, relaxation_seconds(STATICS_STEPS, j))
