@@ -74,6 +74,8 @@ class DomainJoint:
             raise ScenarioError(
                 f"a domain is that of one joint, and this scenario has {len(assembly.joints)}: give one with two blocks"
             )
+        if len(assembly.ties):
+            raise ScenarioError("a domain is that of a joint alone, and this scenario has [[ties]]: leave them out")
         joint = assembly.joints[0]
         free = joint.block_a if assembly.fixed[joint.block_b] else joint.block_b
         arm = joint.arm_a if free == joint.block_a else joint.arm_b

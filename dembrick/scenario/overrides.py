@@ -11,6 +11,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from typing import Any
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import nearest, show
@@ -39,6 +40,18 @@ def assign(document: dict, changes: Mapping[str, object]) -> None:
             _assign(document, _parse_path(key), value)
         except ScenarioError as error:
             raise ScenarioError(f"{key} = {show(value)}: {error}") from None
+
+
+def resolved(document: dict, key: str) -> tuple[str | int, ...]:
+    """The path of a key of a ``document``, entries of lists by their index, whatever way they are named."""
+    node: Any = document
+    path: list[str | int] = []
+    parts = _parse_path(key)
+    for depth, part in enumerate(parts):
+        step: Any = _find(node, part, parts[:depth]) if isinstance(node, dict | list) else part
+        node = node.get(step) if isinstance(node, dict) else node[step] if isinstance(node, list) else None
+        path.append(step)
+    return tuple(path)
 
 
 @lru_cache(maxsize=256)

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 
 from dembrick.errors import ScenarioError
 
+_SAME = 1e-12  # of a polygon's size: corners, or a corner and an edge, that lie no further apart
+
 
 def as_polygon(vertices: ArrayLike) -> np.ndarray:
     """The vertices as a counter-clockwise (m, 2) float array; refuses what has no area."""
@@ -112,13 +114,15 @@ def convex_hull(points: ArrayLike) -> np.ndarray:
 def distance_to_exit(hull: np.ndarray, start: ArrayLike, direction: ArrayLike) -> float:
     """How many times ``direction`` fits from ``start`` to the boundary of a convex hull: inf if it never leaves.
 
-    Negative when ``start`` is outside already.
+    Negative when ``start`` is outside already. Corners that differ by rounding are one: no edge lies between them.
     """
     start, direction = np.asarray(start, float), np.asarray(direction, float)
-    edges = np.roll(hull, -1, axis=0) - hull
-    outward = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
-    room = np.sum(outward * (hull - start), axis=1)
-    if np.any(room < 0.0):
+    edges, size = np.roll(hull, -1, axis=0) - hull, float(np.ptp(hull, axis=0).max())
+    length = np.hypot(*edges.T)
+    there = length > _SAME * size
+    outward = np.stack([edges[there, 1], -edges[there, 0]], axis=1) / length[there, None]
+    room = np.sum(outward * (hull[there] - start), axis=1)
+    if np.any(room < -_SAME * size):
         return -1.0
     speed = outward @ direction
     leaving = speed > 0.0

@@ -129,4 +129,7 @@ def test_a_bonded_scenario_has_the_domain_of_its_theory():
     with pytest.raises(ScenarioError, match="keeps its strength"):
         domain.DomainJoint.of_assembly(build.assemble(brittle))
     ends = TieEnd("lower", (0.0, 0.0, -0.1)), TieEnd("upper", (0.0, 0.0, 0.1))
-    assert theory_of(build.assemble(dataclasses.replace(given, ties=(Tie(ends, 1e6),)))) is None
+    tied = build.assemble(dataclasses.replace(given, ties=(Tie(ends, 1e6),)))
+    assert theory_of(tied) is None
+    with pytest.raises(ScenarioError, match="leave them out"):
+        domain.DomainJoint.of_assembly(tied)

@@ -112,6 +112,22 @@ def test_a_sweep_says_what_the_run_of_a_case_says(tmp_path, capsys):
         assert float(row["V_lower"]) <= float(row["V_2"]) <= float(row["V_upper"])
 
 
+@pytest.mark.parametrize("more", ["tie", "large"])
+def test_cases_of_a_sweep_keep_ties_and_the_deformed_geometry(more, tmp_path):
+    """Cases that are searched together know neither: the limit of a block with a tie was that without, "certified"."""
+    ends = '{ block = "lower", point = [0.0, -0.1, -0.01] }, { block = "upper", point = [0.0, 0.1, 0.05] }'
+    tie = f"[[ties]]\nbetween = [{ends}]\nstiffness = 1e6\nstrength = 50.0\n"
+    large = BLOCKS.replace('kind = "yield"', 'kind = "yield"\nlarge_displacements = true')
+    text = BLOCKS + tie if more == "tie" else large
+    (tmp_path / "base.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "study.toml").write_text('base = "base.toml"\n[list]\n"joint.friction" = [0.5]\n', encoding="utf-8")
+    assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    (row,) = plot.read_study(tmp_path / "out").rows
+    point = dembrick.simulate(toml.loads(text.replace("0.62", "0.5")), record=False).yield_point
+    assert row["bracket"] == point.bracket
+    assert float(row["V"]) == pytest.approx(point.V, rel=1e-9)
+
+
 def test_a_sweep_says_of_one_path_what_a_run_says(tmp_path):
     cell = {"count": 1, "mean": 0.2946, "V_lower": 0.2937, "V_upper": 0.2955, "bracket": "indicator"}
     assert _answer(cell | {"digits_open": "true"}, "") == "about 0.29 (of this path)"

@@ -110,6 +110,8 @@ def test_a_case_draws_the_same_whatever_was_drawn_before():
         ('[grid]\n"actuators.jock.weight" = [0.5]\n', ["jock", "jack"]),
         ('[grid]\n"joint.friction" = []\n', ["joint.friction", "empty"]),
         (THREE + '[list]\n"joint.friction" = [0.5]\n', ["two columns", "joint.friction"]),
+        (THREE + "[list]\njoint = [{ friction = 0.5 }]\n", ["'joint.friction' and 'joint' set the same"]),
+        ('[list]\n"actuators.0.weight" = [1.0]\n"actuators.jack.weight" = [2.0]\n', ["set the same"]),
         ('[list]\n"joint.friction" = [0.5]\n"control.tolerance" = [1e-3, 1e-4]\n', ["one length"]),
         ("", ["nothing changes"]),
         ('[grdi]\n"joint.friction" = [0.5]\n', ["grdi", "grid"]),

@@ -11,7 +11,7 @@ from dembrick.theory import convex, formulation_law, gauge, limit_load, limit_lo
 from dembrick.theory.formulations import pressure_plane, rectangle_formulation, spring_forces
 from dembrick.theory.limit_load import _kinks, _minimise, _Problem
 from dembrick.theory.overturning import closed_until
-from dembrick.theory.polygons import centroid, rectangle
+from dembrick.theory.polygons import centroid, convex_hull, distance_to_exit, rectangle
 from helpers import paper_equations as equations
 
 A, B, FRICTION, NORMAL = 0.3, 0.2, 0.64, 467.0
@@ -261,3 +261,13 @@ def test_a_joint_is_closed_as_far_as_a_linear_pressure_presses_all_of_it(name):
             pressed = np.maximum(level + (joint.parts[0] - centre) @ slope, 0.0)
         assert bool((pressed > 0.0).all()) == closed
     assert closed_until(joint, 467.0, np.array([0.14, 0.09]), lever) == 0.0
+
+
+def test_corners_that_differ_by_rounding_are_one():
+    """As those of parts of a block that was cut: an edge of 1e-17 m looks anywhere, and let a block tip over."""
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, -1.0 + 2e-16], [1.0, 1.0], [-1.0 + 1e-16, 1.0], [-1.0, 1.0]])
+    hull = convex_hull(square)
+    for way, times in (((1.0, 0.0), 1.0), ((0.0, -2.0), 0.5), ((-1.0, 1.0), 1.0)):
+        assert distance_to_exit(hull, (0.0, 0.0), way) == pytest.approx(times, rel=1e-12)
+    assert distance_to_exit(hull, (1.0, 0.0), (0.0, 1.0)) == pytest.approx(1.0)
+    assert distance_to_exit(hull, (1.1, 0.0), (0.0, 1.0)) == -1.0

@@ -20,6 +20,7 @@ from dembrick.kernels.statics.block_forces import unbalanced_ratio
 
 MISSING = 3.0  # times the growth over a doubling of the motion: what a load that grows as 1 - c/sqrt(u) still lacks
 STILL = 0.05  # of the elastic stiffness: a load that grows no faster than that against its motion is at its limit
+SUDDEN, ROUNDED = 0.1, 1e-9  # of the growth over the half before, and of V: what grows by less tells of no decay
 MOST_DECAY = 0.95  # of what V grows over a doubling of the motion, over the same before
 NEVER = 1e300  # an upper bound that does not bind
 
@@ -162,6 +163,14 @@ def still_to_come(growth, before):
     if growth * before > 0.0:
         decay = min(MOST_DECAY, growth / before)
     return max(MISSING, decay / (1.0 - decay)) * growth
+
+
+@jit
+def settles(growth, before, hidden, v):
+    """Whether V, which grew by ``growth`` (N) over half the way and by ``before`` over the half before that, tends to
+    what it is: it grows no more than is ``hidden`` in its equilibria, or less and less. What grows in proportion to the
+    way, however slowly, leads on to another mechanism, and so may what has bent off a moment ago."""
+    return growth <= max(hidden, ROUNDED * abs(v)) or SUDDEN * before <= growth <= before
 
 
 @jit

@@ -19,6 +19,7 @@ from dembrick.kernels.statics.load_bounds import (
     Basis,
     Certificate,
     certify,
+    settles,
     shear_power,
     still_to_come,
     strict_bounds,
@@ -158,7 +159,8 @@ def judge(lone, j, certificate, lower, upper, closing):
         bracket[0] = max(0.0, min(half[2], lower) + min(more, 0.0))
         bracket[1] = max(half[3], upper) + max(more, 0.0)
         doubled = early[0] > 0.0 and now[0] >= 2.0 * half[0]
-        limit = doubled and not closing and growth <= STILL * (now[0] - half[0]) / search.compliance
+        slow = settles(growth, half[1] - early[1], now[1] - lower, now[1])
+        limit = doubled and not closing and slow and growth <= STILL * (now[0] - half[0]) / search.compliance
     width = 2.0 * certificate.tolerance * bracket[0]
     return limit and bracket[1] - bracket[0] <= width and width > 0.0
 

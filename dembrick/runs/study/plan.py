@@ -42,7 +42,7 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.study import search as searches
 from dembrick.runs.study.case import COLUMNS
 from dembrick.runs.study.draws import METHODS, Draws, distribution
-from dembrick.scenario import shipped
+from dembrick.scenario import overrides, shipped
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.csv_tables import read_table
@@ -149,6 +149,7 @@ def _study(document: dict, path: str) -> Study:
     if double:
         raise ScenarioError(f"two columns set the key {show(double)}; leave it in one of grid, list, table and draws")
     search = searches.read(document["search"], keys) if "search" in document else None
+    _refuse_aliases(tomllib.loads(base), [*keys, *([search.key] if search else ())])
     if not keys and search is None:
         raise ScenarioError(
             "nothing changes from case to case: give a [grid], a [list], a [table], [draws] or a [search]"
@@ -169,6 +170,19 @@ def _study(document: dict, path: str) -> Study:
         for value in (search.low, search.high):
             searches.check(scenarios.varied(base, base_path, {**study.changes(0), search.key: value}))
     return study
+
+
+def _refuse_aliases(base: dict, keys: list[str]) -> None:
+    """ScenarioError for two keys of which one sets what the other does, under another name or as a part of it: the
+    table would state a value that was not run."""
+    paths = [overrides.resolved(base, key) for key in keys]
+    for i, path in enumerate(paths):
+        for j in range(i):
+            shorter = min(len(path), len(paths[j]))
+            if path[:shorter] == paths[j][:shorter]:
+                raise ScenarioError(
+                    f"the columns {show(keys[j])} and {show(keys[i])} set the same: leave one of them out"
+                )
 
 
 def _rounded(value: float) -> float:

@@ -30,14 +30,16 @@ _NO_PUSH = 1e-12  # of the actuators' force times the joint's size: what pushes 
 
 def fits(scenario: Scenario) -> bool:
     """Whether a case may be run with others: a limit load of one free block on a fixed one, by points that are given
-    or by the area, without other strengths than friction, with the default time step."""
+    or by the area, without other strengths than friction, in the geometry of the start, with the default time step."""
     law = scenario.joint
     return (
         isinstance(scenario.control, YieldControl)
+        and not scenario.control.large_displacements
         and len(scenario.all_blocks) == 2
         and sum(block.fixed for block in scenario.all_blocks) == 1
         and not any(block.held for block in scenario.all_blocks)
         and not scenario.joints
+        and not scenario.ties
         and not scenario.stages
         and not scenario.supports
         and scenario.solver == Solver()

@@ -8,9 +8,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL, still_to_come
+from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL, settles, still_to_come
 from dembrick.simulation.statics.paths.path_state import PathState
 
+EIGHTH = (
+    0.125  # of what the blocks have given way: by which there must have been an equilibrium, before a quarter of it
+)
 APART = 3.0  # times that estimates of the limit differ: how far it may be from the last of them
 
 LEFT_OUT = 0.2  # times the square of how far V falls short of the limit, over the limit: no estimate is closer
@@ -43,11 +46,10 @@ def limit_bounds(seen: list[Seen], elastic: float, rocks_on: Callable[[float], b
         closer = _beyond_the_strip([seen[_when(seen, 0.125 * given)], seen[quarter], seen[half], seen[-1]])
         if closer is not None and closer[1] - closer[0] < upper - lower and rocks_on(closer[1]):
             lower, upper = closer
-    # over half the way and over the last step, V must grow more slowly than the elastic structure would let it
-    limit = (
-        0.0 < seen[quarter][0] and not any(s[4] for s in recent) and growth <= STILL * elastic * (given - seen[half][0])
-    )
-    return lower, upper, limit
+    # over half the way V must grow more slowly than the elastic structure would let it
+    followed = 0.0 < EIGHTH * given <= seen[quarter][0] and not any(s[4] for s in recent)
+    slow = growth <= STILL * elastic * (given - seen[half][0]) and settles(growth, before, V - seen[-1][2], V)
+    return lower, upper, followed and slow
 
 
 def pushed_bounds(pushes: list[Seen], strips: bool) -> tuple[float, float, bool]:
