@@ -102,11 +102,13 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
         if moving.steps >= total or status == REACHED:
             return
         if loads is not None:
-            driving.force[own:] = 0.0
-            for name, force in _forces(loads(step)).items():
+            force = driving.force.copy()
+            force[own:] = 0.0
+            for name, given in _forces(loads(step)).items():
                 if name not in rows:
                     raise ScenarioError(f"loads name {show(name)}, which is no free block")
-                driving.force[rows[name]] = force
+                force[rows[name]] = given
+            driving = replace(driving, force=force)  # another one, whose loads are not those found ahead for the last
         status = advance(moving, driving, min(stride, total - moving.steps), limits)
 
 

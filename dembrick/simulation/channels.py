@@ -146,15 +146,18 @@ CHANNELS = (
     ),
     Channel(
         "history/reaction", "N, N m",
-        "force and moment of each support on the structure, about the support's centroid at the start, world axes",
+        "force and moment of each support on the structure, about its centroid at the start, world axes{when}",
         ("support", 6), columns="reaction of {name} {axis}", axes=WRENCH,
     ),
-    Channel("history/tension", "N", "tension of each tie, negative where a bar is pressed", ("tie",),
+    Channel("history/tension", "N", "tension of each tie, negative where a bar is pressed{when}", ("tie",),
             columns="tension of {name} [{unit}]"),
     Channel("history/yielded", "m", "elongation that each tie has yielded and keeps", ("tie",),
             columns="yielded of {name} [{unit}]"),
     *(
-        Channel(f"history/joint/{name}", unit, about, ("joint",), "joints", columns=f"{name} {{name}} [{{unit}}]")
+        Channel(
+            f"history/joint/{name}", unit, f"{about}{{when}}", ("joint",), "joints",
+            columns=f"{name} {{name}} [{{unit}}]",
+        )
         for name, unit, about in (
             ("N", "N", "normal force, compression positive"),
             ("V_1", "N", "shear force of block b on block a along the joint's first axis"),

@@ -1,5 +1,6 @@
 """Supports that shake and loads that change with time, by curves and by files."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -161,3 +162,17 @@ def test_a_block_that_sticks_comes_back_with_its_baseline(folder):
         assert gained == pytest.approx(left, abs=2e-3)
     with pytest.raises(ScenarioError, match="only accelerations of a file have one to correct"):
         BaseMotionControl(0.8, (1.0, 0.0, 0.0), file=file, baseline=True, quantity="velocity")
+
+
+def test_a_block_beside_shaken_supports_falls_freely():
+    """z = g t^2 / 2, to the last half step."""
+    scenario = block_on_floor(BaseMotionControl(0.4, direction=(1.0, 0.0, 0.0), sine=Sine(1e-9, 1.0)))
+    aside = dataclasses.replace(scenario.blocks[1], position=(9.0, 0.0, 3.0))
+    result = simulate(dataclasses.replace(scenario, blocks=(scenario.blocks[0], aside)), record=False)
+    assert result.run.motion.displacement[1, 2] == pytest.approx(-0.5 * 9.81 * 0.4**2, rel=1e-6)
+
+
+def test_a_sine_that_no_step_follows_is_refused():
+    fast = BaseMotionControl(0.1, direction=(1.0, 0.0, 0.0), sine=Sine(1.0, 50000.0))
+    with pytest.raises(ScenarioError, match=r"control.sine.frequency = 50000 Hz swings in 2e-05 s"):
+        simulate(block_on_floor(fast))

@@ -185,3 +185,19 @@ def test_ties_are_kept_shown_and_restarted(tmp_path):
         assert str(tmp_path / "moved_ties.vtkhdf") in files
     head = (tmp_path / "table.csv").read_text().splitlines()[0]
     assert "tension of tie anchor - block [N]" in head and "yielded of tie anchor - block [m]" in head
+
+
+@pytest.mark.parametrize("stiffness", [2e7, 1e8])
+def test_a_block_on_a_bar_alone_swings_in_time(stiffness):
+    """No joint sets the time step: the bar does. v sqrt(m / k) is the amplitude, sqrt(k / m) the frequency."""
+    blocks = (
+        Block("anchor", "stone", (0.1, 0.1, 0.1), (-1.0, 0.0, 0.05), fixed=True),
+        Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(SPEED, 0.0, 0.0)),
+    )
+    bar = tie(("anchor", (-1.0, 0.0, 0.05)), ("block", (0.0, 0.0, 0.05)), stiffness, tension_only=False)
+    period = 2.0 * math.pi * math.sqrt(MASS / stiffness)
+    scenario = of_stone(law("concave", 0.0, 1e8), DynamicControl(8.0 * period), blocks, ties=(bar,))
+    result = simulate(dataclasses.replace(scenario, gravity=(0.0, 0.0, 0.0), output=Output(("joints",), rows=4000)))
+    tension = result.rows["tension"][:, 0]
+    assert np.abs(tension).max() == pytest.approx(SPEED * math.sqrt(MASS * stiffness), rel=0.08)
+    assert np.count_nonzero(np.diff(np.sign(tension[np.abs(tension) > 0.0])) != 0) in (15, 16)

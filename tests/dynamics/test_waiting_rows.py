@@ -174,7 +174,7 @@ def test_loads_found_ahead_are_those_of_each_step(motion):
     ahead, dt = LoadsAhead(), moving.time_step
     none = driving.prescribed(np.zeros(1), dt)
     for first, count in ((0, 4), (4, 4), (8, 3), (11, 7), (500, 9), (509, 6), (30, 2), (32, 64)):
-        found = ahead.of(driving, first, count, dt, none)
+        found = ahead.of(driving, first, count, dt)
         alone = driving.loads((first + np.arange(count)) * dt, dt, none)
         for name in ("force", "gravity", "multiplier", "height"):
             array = getattr(found, name)

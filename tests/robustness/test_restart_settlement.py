@@ -50,11 +50,11 @@ def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after):
 @pytest.mark.parametrize(
     "numbers",
     [
-        (2.0, 0.0, 0.0, 3.0, 0.0, 0.0),
-        (0.5, 0.0, 0.0, 0.0, 0.0, 0.5),
-        (0.5, 0.0, 0.0, 1.5, 0.0, 0.5),
-        (0.5, -1.0, 0.0, 3.0, 0.0, 0.5),
-        (0.5, 0.0, 0.0, 3.0, 0.0, 0.6),
+        (2.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0),
+        (0.5, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0),
+        (0.5, 0.0, 0.0, 1.5, 0.0, 0.5, 0.0),
+        (0.5, -1.0, 0.0, 3.0, 0.0, 0.5, 0.0),
+        (0.5, 0.0, 0.0, 3.0, 0.0, 0.6, 0.0),
     ],
 )
 def test_a_checkpoint_of_no_equilibrium_is_refused(tmp_path, stop_after, numbers):

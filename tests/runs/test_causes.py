@@ -57,7 +57,7 @@ def test_a_lintel_that_slides_is_said_to(tmp_path):
     (tmp_path / "cracks.toml").write_text(text)
     found = causes.find(tmp_path / "cracks.toml")
     assert found.causes[0].slides and "target.paths = true" in found.text()
-    (tmp_path / "cracks.toml").write_text(text + "paths = true\n")
+    (tmp_path / "cracks.toml").write_text(text + 'paths = true\nsupports = ["left"]\n')
     assert not any(cause.slides for cause in causes.find(tmp_path / "cracks.toml").causes)
     arch = causes.find(asked(tmp_path, f"open = {SPREAD}"))
     assert not arch.causes[0].slides and "slides " not in arch.text()

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 class MotionResult(RunResult):
     """Result of a run in real time: the state it ended in, and the collapse if there was one.
 
-    ``displacement`` of the rows is that of the block that has moved furthest; of a push the driven one. Energies are of
-    the last forces, a step before the row. Everything is seen from the supports. ``displacement_error``: error estimate
+    ``displacement`` of the rows is that of the block that has moved furthest; of a push the driven one. Forces and
+    energies are of a step before the row. Everything is seen from the supports. ``displacement_error``: error estimate
     of how far blocks have moved (m), None if it was not asked for.
     """
 

@@ -244,6 +244,11 @@ def _fallen(motion: Motion, falls: np.ndarray) -> NotConvergedError:
     )
 
 
+def unsupported(state: MovingState) -> np.ndarray:
+    """Blocks (n,) that no chain of joints ties to a support."""
+    return ~_supported(state)
+
+
 def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarray:
     """Which blocks (n,) a chain of joints, of the ``sound`` ones (j,) if given, ties to a fixed block."""
     links, n = state.links, len(state.bodies.mass)

@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     from dembrick.kernels.dynamics.contact_forces import Touching
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
-FEW_STEPS = 64  # whose loads are found before it is known how many of them are done
 MOST_STEPS = 1e12  # of a run: a year for a single block
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
@@ -161,7 +160,7 @@ def motion(
     state = moving_state(assembly)
     frequency, of_faces = pair_frequencies(state), contact_time_step(assembly, damping)
     of_joints = critical_time_step(state, time_constants(frequency, damping))
-    critical = min(of_joints, impacts * of_faces) if len(frequency) else of_faces
+    critical = min(of_joints, impacts * of_faces) if math.isfinite(of_joints) else of_faces
     dt = step_factor / impacts * critical
     if duration is not None and duration < MOST_STEPS * dt:
         dt = duration / math.ceil(duration / dt * (1.0 - 1e-12))
@@ -199,11 +198,13 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
     look_first(motion)
     while motion.steps < last:
         most = min(LONGEST_CHUNK, last - motion.steps)
+        loads = motion.ahead.of(driving, motion.steps, most, dt) if driving.is_slight(most) else None
+        most = most if loads is None else min(most, len(loads.gravity))
         times = (motion.steps + np.arange(most)) * dt
-        supports = driving.prescribed(times, dt)
-        loads = motion.ahead.of(driving, motion.steps, most, dt, supports) if most <= FEW_STEPS else None
+        supports = driving.prescribed(times, dt) if loads is None else None
         gravity = driving.forces(times[[0, -1]], dt)[0] if loads is None else loads.gravity[[0, most - 1]]
-        fastest = float(np.sqrt(supports.moved.max(initial=0.0))) / dt
+        moved = (supports or loads).moved[:most]
+        fastest = float(np.sqrt(moved.max(initial=0.0))) / dt
         n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
         status, done = advance_chunk(
             motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching, supports, loads

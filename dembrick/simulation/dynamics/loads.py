@@ -34,7 +34,10 @@ if TYPE_CHECKING:
 
 NOTHING_MOVES = AT_REST.between(np.zeros(1), 1.0)
 AHEAD = 512  # steps whose loads are found together
-RESOLVED = 4.0  # time steps in the period of a load: fewer would make another load of it
+SLIGHT = 1 << 16  # loads and supports that move, times steps: for so many, loads are found before steps are made
+OF_STEPS = "force", "gravity", "multiplier", "height"  # fields of `Loads` with an entry a step
+OF_SUPPORTS = "place", "orientation", "velocity", "spin", "moved"  # and those of supports that move
+RESOLVED = 10.0  # time steps in the period of a load: with fewer, blocks answer to another one
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Driving:
     ``share``: how much of their paths they have gone at a time. ``driven``: the load system whose multiplier V, a
     function of time, a load path increases; the forces of its jacks are the last of the loads, but for those of a
     table, which tilts to atan(V); ``head``: that by which the loop finds V. ``pressed``: faces that pressures follow;
-    ``middle`` (3,): the world point that positions count from, m.
+    ``middle`` (3,): the world point that positions count from, m. ``constant``: all this is so at any time.
     """
 
     gravity: np.ndarray
@@ -63,6 +66,7 @@ class Driving:
     head: Head | None = None
     pressed: PressedPolygons = NO_POLYGONS
     middle: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    constant: bool = False
 
     @property
     def start(self) -> np.ndarray:
@@ -78,6 +82,10 @@ class Driving:
     def by_time_alone(self) -> bool:
         """Whether loads and gravity are what curves of the time make of them, and no support moves."""
         return self.tilt is None and self.driven is None and not len(self.supports)
+
+    def is_slight(self, steps: int) -> bool:
+        """Whether the loads of so many steps are soon found, and the loop does not find V itself meanwhile."""
+        return self.head is None and steps * (1 + len(self.at) + len(self.supports)) <= SLIGHT
 
     @cached_property
     def _faces(self) -> PressedFaces:
@@ -151,9 +159,9 @@ class Driving:
 class LoadsAhead:
     """Loads of few steps at a time, found for many: a run of few blocks takes longer to find them than to step.
 
-    What they are of is one after another and depends on the time alone, so that they are the same to the last bit
-    however many are found together. That is not tried where supports move, a table tilts or a load path grows, nor for
-    a driving that is new, which may be another one at the next call.
+    Where they depend on the time alone they are the same to the last bit however many are found together, and more are
+    found than were asked for. Not so where supports move, a table tilts or a load path grows, nor for a driving that is
+    new, which may be another one at the next call. What is `Driving.constant` is found once.
     """
 
     def __init__(self) -> None:
@@ -161,26 +169,25 @@ class LoadsAhead:
         self._found: Loads | None = None
         self._first, self._dt = 0, 0.0
 
-    def of(self, driving: Driving, first: int, count: int, dt: float, supports: PrescribedMotion) -> Loads:
-        """Those of ``count`` steps from the step ``first`` on, and perhaps of more."""
-        known, self._driving = self._driving is driving, driving
-        if not known or not driving.by_time_alone:
-            self._found = None
-            return driving.loads((first + np.arange(count)) * dt, dt, supports)
-        found, begin = self._found, first - self._first
-        if found is None or dt != self._dt or not 0 <= begin <= len(found.gravity) - count:
+    def of(self, driving: Driving, first: int, count: int, dt: float) -> Loads:
+        """Those of ``count`` steps from the step ``first`` on, and perhaps of more; of fewer where some of these steps
+        were asked for before, and loads do not depend on the time alone."""
+        known, self._driving = self._driving is driving and dt == self._dt, driving
+        found, begin = self._found, 0 if driving.constant else first - self._first
+        alone = known and driving.by_time_alone
+        least = count if alone or driving.constant else 1
+        if not known or found is None or not 0 <= begin <= len(found.gravity) - least:
             self._first, self._dt, begin = first, dt, 0
-            found = self._found = driving.loads((first + np.arange(max(count, AHEAD) + 1)) * dt, dt, supports)
-        return found._replace(
-            force=found.force[begin:],
-            gravity=found.gravity[begin:],
-            multiplier=found.multiplier[begin:],
-            height=found.height[begin:],
-        )
+            steps = max(count, AHEAD) + 1 if alone else count
+            found = self._found = driving.loads((first + np.arange(steps)) * dt, dt)
+        if not begin:
+            return found
+        fields = OF_STEPS + OF_SUPPORTS if len(driving.supports) else OF_STEPS
+        return found._replace(**{name: getattr(found, name)[begin:] for name in fields})
 
     def gravity(self, driving: Driving, step: int, dt: float) -> np.ndarray | None:
         """Gravity (3,) at the beginning of a step, if it is known."""
-        found, at = self._found, step - self._first
+        found, at = self._found, 0 if driving.constant else step - self._first
         if found is None or driving is not self._driving or dt != self._dt or not 0 <= at < len(found.gravity):
             return None
         return found.gravity[at]
@@ -207,13 +214,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     factors: dict[int, Curve | None] = dict.fromkeys(range(len(scenario.loads) + len(scenario.fills)))
     for index, load in enumerate(scenario.loads):
         if load.sine is not None:
-            period = 1.0 / load.sine.frequency
-            if period < RESOLVED * time_step:
-                raise ScenarioError(
-                    f"{place}load number {index + 1}: sine.frequency = {load.sine.frequency:g} Hz swings in "
-                    f"{period:.3g} s, and the time step is {time_step:.3g} s; lower the frequency, or "
-                    "solver.step_factor"
-                )
+            _refuse_unresolved(f"{place}load number {index + 1}: sine.frequency", load.sine.frequency, time_step)
             factors[index] = time_histories.sine(load.sine)
         if load.history is not None:
             factors[index] = time_histories.linear(
@@ -249,6 +250,7 @@ def _support_velocity(scenario: Scenario, file: str | None, columns, time_step: 
     """Velocity (m/s) of the supports along one direction."""
     control = scenario.control
     if control.sine is not None:
+        _refuse_unresolved("control.sine.frequency", control.sine.frequency, time_step)
         curve = time_histories.sine_velocity(control.sine, control.quantity)
     elif control.pulse is not None:
         curve = time_histories.pulse_velocity(control.pulse, control.quantity)
@@ -260,6 +262,15 @@ def _support_velocity(scenario: Scenario, file: str | None, columns, time_step: 
             samples = time_histories.with_baseline(samples)
         curve = time_histories.sampled_velocity(samples, control.quantity)
     return lambda t: control.scale * curve(t)
+
+
+def _refuse_unresolved(key: str, frequency: float, time_step: float) -> None:
+    """ScenarioError if the frequency (Hz) under a ``key`` is too great for the time step (s)."""
+    if 1.0 < RESOLVED * time_step * frequency:
+        raise ScenarioError(
+            f"{key} = {frequency:g} Hz swings in {1.0 / frequency:.3g} s, and the time step is {time_step:.3g} s; "
+            "lower the frequency, or solver.step_factor"
+        )
 
 
 def _samples(

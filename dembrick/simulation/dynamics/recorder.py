@@ -151,8 +151,7 @@ class Recorder:
         with driving_time(moving):
             look_first(moving)
             first, dt = moving.steps, moving.time_step
-            supports = self.driving.prescribed(np.array([first * dt]), dt)
-            loads = moving.ahead.of(self.driving, first, rows * every + 1, dt, supports)
+            loads = moving.ahead.of(self.driving, first, rows * every + 1, dt)
             gravity = loads.gravity[: rows * every + 1]
             greatest = float(np.abs(gravity).max())
             detection, following = moving.contact_detection, record.next[0]

@@ -19,7 +19,7 @@ from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
-from dembrick.simulation.dynamics.dead_load import find_equilibrium
+from dembrick.simulation.dynamics.dead_load import find_equilibrium, unsupported
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.integrator import MOST_STEPS, NO_LIMIT, Motion, advance, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
@@ -271,16 +271,16 @@ def start(moving: Motion, control: Control, driving: Driving, past: Past, sessio
     Raises NotConvergedError if the blocks find no rest and the control needs it.
     """
     free = control.drives == NOTHING
+    held = replace(driving, support_velocity=(), supports=AT_REST)
     resume = partial(past.restore, session.resumed, session.goes_on) if session.resumed else None
     if resume is not None and past.has_begun(session.resumed):
         resume()
     else:
-        held = replace(driving, support_velocity=(), supports=AT_REST)
         past.unbalanced[0] = find_equilibrium(moving, held, free, resume, partial(session.pause, past))
         moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
-        if free:
-            _set_going(moving, driving)
+        if free or (unsupported(moving.state) & ~np.asarray(moving.assembly.fixed)).any():
+            _set_going(moving, driving if free else held)
         else:
             still = np.zeros_like(moving.state.bodies.velocity)
             share = moving.contact_detection.left_to_joints()

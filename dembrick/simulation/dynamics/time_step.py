@@ -176,10 +176,10 @@ def stepped_dashpots(swing: np.ndarray, ratio: float) -> np.ndarray:
 
 def critical_time_step(state: MovingState, constants: np.ndarray) -> float:
     """Greatest stable time step (s) with dashpots of these time ``constants`` (j, 2)."""
+    if not len(constants) and not len(state.ties.stiffness):
+        return math.inf
     operator = JointOperator(state)
     one = np.ones(len(constants))
-    if not len(one):
-        return math.inf
     dt = 2.0 / math.sqrt(operator.greatest(one, one))
     if not constants.any():
         return dt

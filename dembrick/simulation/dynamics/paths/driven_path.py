@@ -27,8 +27,8 @@ from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import mechanism, moved_most
 from dembrick.simulation.dynamics.paths.driven_loads import Head
-from dembrick.simulation.dynamics.paths.equilibria import BALANCED, FEWEST, EquilibriumPath, plan_of
-from dembrick.simulation.dynamics.paths.load_path import LoadPathRun, run_of
+from dembrick.simulation.dynamics.paths.equilibria import BALANCED, FEWEST, EquilibriumPath
+from dembrick.simulation.dynamics.paths.load_path import LoadPathRun, plan_of, run_of
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session, Snapshot
 

@@ -29,10 +29,8 @@ from dembrick.errors import DivergedError, HistoryError, NotConvergedError, Unde
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.swings import SWINGING
-from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
 from dembrick.simulation import interrupts
-from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
@@ -41,13 +39,12 @@ from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
 from dembrick.simulation.dynamics.paths.stage_loads import LoadsToCome, rest_by_increments
 from dembrick.simulation.dynamics.recorder import Recorder
-from dembrick.simulation.dynamics.run import MEETINGS, EquilibriaRun
+from dembrick.simulation.dynamics.run import EquilibriaRun
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve, eased
-from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.floating_point import not_nan
-from dembrick.simulation.session import Kept, Plan, Progress, Session, Snapshot
+from dembrick.simulation.session import Kept, Progress, Session, Snapshot
 
 TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
 FEWEST = 768  # steps in which the parameter grows
@@ -68,12 +65,13 @@ class EquilibriumPath(ABC):
     """Equilibrium after equilibrium, while a parameter grows from zero.
 
     ``reached``: the parameter of the last equilibrium, and ``failed``: that at which the blocks came down (infinite:
-    not yet) although it grew with all care (``careful``); ``broken``: at which bonds were seen to break (infinite: at
-    none to come). ``fall``: frames of how they come down, once that is to be seen. ``way``: equilibria on the way, at
-    the most. ``from_where``: the parameter and the `places` from which it is told whether blocks have come down: those
-    of the last equilibrium, or of one before where these follow more closely than the tolerance. A kind of path says
-    what drives the blocks at a parameter (`driven`), in how many steps it grows (`steps`) and where it goes next
-    (`following`).
+    not yet) although it grew with all care (``careful``); ``broken``: at which bonds were seen to break, or blocks to
+    jump (infinite: at none to come). ``fall``: frames of how they come down, once that is to be seen. ``way``:
+    equilibria on the way, at the most. ``from_where``: the parameter and the `places` from which it is told whether
+    blocks have come down: those of the last equilibrium, or of one before where these follow more closely than the
+    tolerance. ``pace``: how far blocks moved on the last step (m a unit of the parameter), to the `places` ``at_last``.
+    A kind of path says what drives the blocks at a parameter (`driven`), in how many steps it grows (`steps`) and where
+    it goes next (`following`).
     """
 
     greatest = 1.0  # parameter of all
@@ -90,6 +88,7 @@ class EquilibriumPath(ABC):
         self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
         self.bonded = joint_families.has_strengths(moving.state)
         self.from_where = 0.0, places(moving.state.bodies)
+        self.pace, self.at_last = math.inf, self.from_where[1]
         self.room = way + SPARE + (BREAKS * len(moving.state.links.host) if self.bonded else 0)
         self.path: list[tuple[float, float, float]] = []
         self.collapse: dict | None = None
@@ -118,6 +117,10 @@ class EquilibriumPath(ABC):
     def belongs(self, parameter: float) -> bool:
         """Whether the equilibrium that was found there is one of the path; else the next is looked for from before."""
         return True
+
+    def jumped(self, parameter: float) -> bool:
+        """Whether the blocks came to that equilibrium by a jump, though there may be one nearby."""
+        return False
 
     @abstractmethod
     def said(self, parameter: float) -> str:
@@ -148,7 +151,8 @@ class EquilibriumPath(ABC):
     def _at(self, parameter: float) -> Driving:
         """Loads and supports of the run while the parameter is constant."""
         driving = self.driven(lambda times: np.full(np.shape(times), parameter))
-        return driving if self.to_come is None else self.to_come.held_off(driving)
+        driving = driving if self.to_come is None else self.to_come.held_off(driving)
+        return replace(driving, constant=True)
 
     def advance(self, driving: Driving, steps: int) -> None:
         """Steps under what drives the blocks."""
@@ -278,12 +282,16 @@ class EquilibriumPath(ABC):
         if self.driving.driven is not None and not self.path:
             self.driving.driven.start_from(self.moving.state.bodies)
         keep_of_rest(self.moving, self._at(parameter))
+        now, step = places(self.moving.state.bodies), parameter - self.reached
+        if step > 0.0:
+            self.pace = float(moved(now, self.at_last)[self.free].max()) / step
+        self.at_last = now
         self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()
         self.recorder.driving = self._at(parameter)
         self.reaction = self.moving.reactions
         self.path.append((*self.recorder.curve(self.reaction), ratio))
         if not self.equilibria or parameter > self.from_where[0] * (1.0 + self.tolerance):
-            self.from_where = parameter, places(self.moving.state.bodies)
+            self.from_where = parameter, now
         self.recorder.take(equilibrium=self.equilibria)
         self.equilibria += 1
         self.kept = self._equilibrium()
@@ -300,11 +308,12 @@ class EquilibriumPath(ABC):
 
     def _target(self) -> float | None:
         """The parameter of the next equilibrium; None at the end of the way or if its end is known well enough."""
-        for end, at_end in ((self.failed, None), (self.broken, self.broken)):
-            if end < math.inf:
-                proven = self.falls - self.reached if end == self.failed else end - self.reached
-                close = proven <= self.tolerance * end
-                return at_end if close else 0.5 * (self.reached + end)
+        end = min(self.failed, self.broken)
+        if end < math.inf:
+            proven = self.falls - self.reached if end == self.failed else end - self.reached
+            if proven > self.tolerance * end:
+                return 0.5 * (self.reached + end)
+            return None if end == self.failed else self.broken
         target = self.following()
         if target is not None and self.equilibria >= self.room - LEFT:
             on = f"blocks still follow {self.said(self.reached)}; stiffen the ties or joints on which they move"
@@ -328,10 +337,10 @@ class EquilibriumPath(ABC):
                     self._go_back()
                     continue
                 if ratio is not None:
-                    broke = (joint_families.bonded(self.moving.state) < self.bonds).any()
+                    broke = (joint_families.bonded(self.moving.state) < self.bonds).any() or self.jumped(target)
                     far = target - self.reached > self.tolerance * target
-                    if broke and far and self.equilibria < self.room - SPARE and target < self.broken:
-                        self.broken = target  # from nearby: which bonds break first
+                    if broke and far and self.equilibria < self.room - 2 * LEFT and target < self.broken:
+                        self.broken = target  # from nearby: which bonds break first, and whether blocks jump at all
                         self._go_back()
                         continue
                     if broke or target >= self.broken:
@@ -413,7 +422,8 @@ class EquilibriumPath(ABC):
         path[: len(self.path)] = np.array(self.path).reshape(-1, 3)
         ends = (0.0 if end == math.inf else end for end in (self.failed, self.broken))  # both are greater than zero
         since, stood = self.from_where
-        numbers = np.array([self.reached, *ends, self.equilibria, self.careful, since])
+        pace = self.pace if self.pace < math.inf else -1.0
+        numbers = np.array([self.reached, *ends, self.equilibria, self.careful, since, pace])
         own = {"path": path, "reaction": self.reaction, "start": self.driving.start, "stood": stood}
         return {SNAPSHOT: numbers} | {f"{SNAPSHOT}.{name}": array for name, array in own.items()}
 
@@ -425,7 +435,8 @@ class EquilibriumPath(ABC):
         self.reaction = np.zeros_like(self.moving.reactions)
         shapes = self._own()
         numbers = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
-        self.reached, failed, broken, count, careful, since = numbers
+        self.reached, failed, broken, count, careful, since, pace = numbers
+        self.pace, self.at_last = (pace if pace >= 0.0 else math.inf), places(self.moving.state.bodies)
         self.failed, self.broken = (end or math.inf for end in (failed, broken))
         self.bonds = joint_families.bonded(self.moving.state).copy()
         sound = 0.0 <= since <= self.reached <= self.greatest and self.reached < math.inf and min(failed, broken) >= 0.0
@@ -437,13 +448,3 @@ class EquilibriumPath(ABC):
         self.path = list(map(tuple, rows.tolist()))
         self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
         self.driving.start[:] = snapshot.array(f"{SNAPSHOT}.start", self.driving.start)
-
-
-def plan_of(moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST) -> Plan:
-    """The plan of a path of so many equilibria, of so many steps ``each``, roughly."""
-    fields = recorded(moving.assembly, output.channels, control)
-    memory = 3 * sum(array.nbytes for array in moving.state.arrays)
-    memory += bytes_of(fields, equilibria, equilibria, equilibria * MEETINGS * len(moving.assembly.names))
-    steps = int(equilibria * each)
-    seconds = motion_seconds(steps, len(moving.assembly.joints))
-    return Plan(STEP * moving.time_step, moving.critical_time_step, steps, memory, seconds)

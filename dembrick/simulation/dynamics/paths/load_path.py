@@ -23,22 +23,25 @@ from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import ACTUATORS, Control
 from dembrick.simulation import load_increments
+from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics.dead_load import STEP
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import moved_most
-from dembrick.simulation.dynamics.paths.equilibria import FEWEST, EquilibriumPath, plan_of
+from dembrick.simulation.dynamics.outcome import moved, moved_most, places
+from dembrick.simulation.dynamics.paths.equilibria import FEWEST, EquilibriumPath
 from dembrick.simulation.dynamics.paths.stage_loads import carried
 from dembrick.simulation.dynamics.pushover import STRONGEST
-from dembrick.simulation.dynamics.run import EquilibriaRun
+from dembrick.simulation.dynamics.run import MEETINGS, EquilibriaRun
 from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.dynamics.time_histories import Curve
+from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.session import Plan, Session
 
 FIRST = 0.01  # load factor of the first equilibrium; of actuators that times the weight of the free blocks
 GROWTH = 1.4  # of V from one equilibrium to the next
 BEYOND = 100.0  # weights of all free blocks: actuators that push harder find no limit
 NEAR = 0.05  # of a block's least dimension: what moves further under a load that is held has no equilibrium near
+JUMP, SEEN = 20.0, 1e-4  # times as far as in the step before, for the same load, and of a block's least dimension
 SLOWER = 8.0  # times the steps, once blocks have come down
 
 
@@ -94,6 +97,11 @@ class LoadPath(EquilibriumPath):
             return None
         return min(self.greatest, max(FIRST * self.scale, self.growth * self.reached))
 
+    def jumped(self, parameter: float) -> bool:
+        """Blocks that swing under a load that grows may slide away below the limit, and come to rest there."""
+        away = moved(places(self.moving.state.bodies), self.at_last)[self.free]
+        return bool((away > np.maximum(JUMP * self.pace * (parameter - self.reached), SEEN * self.least)).any())
+
     def said(self, parameter: float) -> str:
         return f"a load of V = {parameter:.6g}"
 
@@ -138,6 +146,16 @@ def scale_of(moving: Motion, control: Control) -> float:
 def equilibria_of(most: float, growth: float) -> int:
     """How many equilibria a path has, at the most, on which nothing comes down before V is ``most`` scales."""
     return 1 + math.ceil(math.log(most / FIRST) / math.log(growth))
+
+
+def plan_of(moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST) -> Plan:
+    """The plan of a path of so many equilibria, of so many steps ``each``, roughly."""
+    fields = recorded(moving.assembly, output.channels, control)
+    memory = 3 * sum(array.nbytes for array in moving.state.arrays)
+    memory += bytes_of(fields, equilibria, equilibria, equilibria * MEETINGS * len(moving.assembly.names))
+    steps = int(equilibria * each)
+    seconds = motion_seconds(steps, len(moving.assembly.joints))
+    return Plan(STEP * moving.time_step, moving.critical_time_step, steps, memory, seconds)
 
 
 EQUILIBRIA = 80  # of the whole way, equally far apart
