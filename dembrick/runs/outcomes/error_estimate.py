@@ -4,7 +4,9 @@ A run in real time, with joints of some stiffness and driven at some rate, stand
 to a collapse, for a rate of zero. Each is refined by itself, because the two errors may differ in sign, and a
 difference counts for an error that fades as slowly as has been seen: with the rate to the power 2/3, the time that
 what has begun to fall takes; with the stiffness to the power -1/3, at joints that press a strip along their toe, and a
-little more for the powers that follow: convex joints that rock lacked up to 2.4 % of their error.
+little more for the powers that follow: convex joints that rock lacked up to 2.4 % of their error. What moves and comes
+to rest again need not change steadily as joints get stiffer, and twice the stiffness may change nothing by chance:
+joints are made 16 times as stiff too, and the greater of both errors counts.
 
 A search through equilibria knows no rate, and its forces no scale of stiffness, but the ratio of the two stiffnesses
 decides how joints are loaded on the way, and so to which limit friction without dilatancy is led. Nobody knows that
@@ -38,6 +40,7 @@ from dembrick.runs.outcomes.result import Result
 from dembrick.scenario.checks import present
 from dembrick.scenario.model import JointLaw, Scenario
 from dembrick.scenario.regimes import (
+    COLLAPSE,
     CONSTANT_RATE,
     DEAD_LOAD,
     DEFORMED_REST,
@@ -53,6 +56,8 @@ from dembrick.views.summary import known
 
 OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
 OF_STIFFNESS = 1.05 / (1.0 - 2.0 ** (-1.0 / 3.0))  # and twice the stiffness
+STIFFEST = 16.0  # times the stiffness, of blocks that move and come to rest
+OF_STIFFEST = 2.5  # error over that difference: 1.7 by the power -1/3, and more as change may begin late
 
 
 RATIOS = (0.1, 0.4, 1.0, 4.0)  # shear over normal stiffness of dry joints, as far as they are known
@@ -60,11 +65,13 @@ _SAME = 1e-9  # relative difference of two stiffnesses that is none
 
 
 class Refinement(NamedTuple):
-    """A refined scenario, the error over the difference that it makes, and the steps of its path over the usual."""
+    """A refined scenario, the error over the difference that it makes, and the steps of its path over the usual.
+    ``again``: it tells of the same error as the one before, and the greater counts."""
 
     scenario: Scenario
     weight: float
     steps: float = 1.0
+    again: bool = False
 
 
 def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, ...]:
@@ -89,6 +96,8 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
         paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario))]
         return (*paths, Refinement(scenario, 1.0, 0.5))
     found = [Refinement(stiffer(scenario), OF_STIFFNESS)]
+    if control.ends_with != COLLAPSE:
+        found.append(Refinement(stiffer(scenario, STIFFEST), OF_STIFFEST, again=True))
     if rate := control.rate:
         slower = replace(scenario, control=replace(control, rate=0.5 * rate), text=None)
         found.append(Refinement(slower, OF_RATE))
@@ -98,10 +107,11 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
 def error_of(scenario: Scenario, found, refined: Sequence) -> float:
     """The error of an answer, given those of the `refinements`: load factors, or displacements (n, 3), m, of which the
     block that is least certain counts."""
-    return sum(
-        refinement.weight * float(np.linalg.norm(np.atleast_2d(np.asarray(other) - found), axis=1).max())
-        for refinement, other in zip(refinements(scenario), refined, strict=True)
-    )
+    errors: list[float] = []
+    for refinement, other in zip(refinements(scenario), refined, strict=True):
+        error = refinement.weight * float(np.linalg.norm(np.atleast_2d(np.asarray(other) - found), axis=1).max())
+        errors.append(max(errors.pop(), error) if refinement.again else error)
+    return sum(errors)
 
 
 def with_ratio(scenario: Scenario, ratio: float) -> Scenario:
@@ -114,11 +124,11 @@ def _has_ratio(scenario: Scenario, ratio: float) -> bool:
     return all(abs(law.shear_stiffness / (ratio * law.normal_stiffness) - 1.0) <= _SAME for law in laws)
 
 
-def stiffer(scenario: Scenario) -> Scenario:
-    """The same scenario with twice the stiffness of all joints."""
+def stiffer(scenario: Scenario, times: float = 2.0) -> Scenario:
+    """The same scenario with so many times the stiffness of all joints."""
 
     def law(given: JointLaw) -> JointLaw:
-        normal, shear = 2.0 * given.normal_stiffness, 2.0 * given.shear_stiffness
+        normal, shear = times * given.normal_stiffness, times * given.shear_stiffness
         return replace(given, normal_stiffness=normal, shear_stiffness=shear)
 
     return with_laws(scenario, law)
