@@ -25,6 +25,7 @@ from dembrick.views.summary import (
     part,
     peak_text,
     plain,
+    rounded_up,
     start_text,
     texts,
     with_error,
@@ -148,7 +149,7 @@ def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
         columns = [part({"": cycle}, "").get(name) for name in ("peak", "V_lower", "V_upper")]
         if not all(isinstance(column, list) and [number(V) for V in column] == column for column in columns):
             continue
-        peaks = [f"{known(V, 0.5 * (b - a))} ± {0.5 * (b - a):.1g}" for V, a, b in zip(*columns, strict=False)]
+        peaks = [f"{known(V, 0.5 * (b - a))} ± {rounded_up(0.5 * (b - a))}" for V, a, b in zip(*columns, strict=False)]
         work, damping, residual = (number(cycle.get(name)) for name in ("dissipated", "damping", "residual"))
         remark = "its loop does not close" if work is None else f"dissipated {work:.5g} J"
         remark += "" if damping is None else f", damping {100.0 * damping:.3g} %"
@@ -290,7 +291,11 @@ def _load_path(results: Mapping) -> Told | None:
     increments, error = number(found.get("increments")), number(found.get("path_error"))
     if increments is None or error == 0.0:
         return None
-    known = "forces as in one step" if error is None else f"forces are known to {error:.1g} of the greatest joint force"
+    known = (
+        "forces as in one step"
+        if error is None
+        else f"forces are known to {rounded_up(error, 1)} of the greatest joint force"
+    )
     return Told(f"{increments:.0f} increment{'s' if increments > 1 else ''}", known)
 
 

@@ -57,11 +57,19 @@ def with_error(value: float, half_width: float, unit: str) -> str:
     if half_width <= _MEET * abs(value):
         return f"{value:.7g} {unit}"
     if half_width <= _TINY * abs(value):
-        return f"{value:.7g} ± {half_width:.2g} {unit}"
+        return f"{value:.7g} ± {rounded_up(half_width)} {unit}"
     digits = max(0, 1 - math.floor(math.log10(half_width)))
     if digits > 12 or half_width >= 1e6:
-        return f"{value:.9g} ± {half_width:.2g} {unit}"
-    return f"{value:.{digits}f} ± {half_width:.{digits}f} {unit}"
+        return f"{value:.9g} ± {rounded_up(half_width)} {unit}"
+    return f"{value:.{digits}f} ± {float(rounded_up(half_width, max(2, _magnitude(half_width) + 1))):.{digits}f} {unit}"
+
+
+def rounded_up(error: float, digits: int = 2) -> str:
+    """An error to so many digits, and no less than it is: a bar that was rounded down could leave out the truth."""
+    if not 0.0 < error < math.inf:
+        return f"{error:.{digits}g}"
+    last = 10.0 ** (_magnitude(error) + 1 - digits)
+    return f"{math.ceil(error / last * (1.0 - _MEET)) * last:.{digits}g}"
 
 
 def known(value: float, error: float | None, most: int = 6) -> str:

@@ -6,7 +6,7 @@ import pytest
 
 from dembrick.views import summary
 from dembrick.views.key_numbers import KeyNumber, key_numbers
-from dembrick.views.summary import with_error
+from dembrick.views.summary import rounded_up, with_error
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_theory_and_collapse():
     lines = names({"collapse": collapse | {"error_estimate": 5e-4}})
     assert lines["load factor"].value == "0.21270 ± 0.00050"
     # 5e-4 cos(12.01 deg)^2 in degrees
-    assert lines["collapse angle"][:3] == ("collapse angle", "12.010 ± 0.027 deg", "")
+    assert lines["collapse angle"][:3] == ("collapse angle", "12.010 ± 0.028 deg", "")
 
 
 def test_a_load_factor_has_no_newtons():
@@ -67,7 +67,7 @@ def test_a_load_factor_has_no_newtons():
     ]  # fmt: skip
     assert lines[1].value == "0.370010 ± 0.000010" and lines[1].remark.endswith("0.37 and 0.37002")
     # 1e-5 cos(20.305 deg)^2 in degrees
-    assert "N" not in lines[2].value and lines[0][1:3] == ("20.30498 ± 0.00050 deg", "indicator")
+    assert "N" not in lines[2].value and lines[0][1:3] == ("20.30498 ± 0.00051 deg", "indicator")
     assert lines[4].value == "rocking"
 
 
@@ -121,3 +121,12 @@ def test_junk_beside_the_limit_is_left_out(junk):
 def test_junk_is_left_out(junk):
     assert key_numbers({"yield_point": junk, "theory": junk, "collapse": junk, "wall": junk, "steps": junk}) == []
     assert summary.number(10**400) is None and summary.number(True) is None and summary.number(2) == 2.0
+
+
+@pytest.mark.parametrize(
+    "error, text", [(0.00145, "0.0015"), (0.067, "0.067"), (0.0671, "0.068"), (99.2, "1e+02"), (0.0, "0")]
+)
+def test_an_error_is_never_rounded_down(error, text):
+    assert rounded_up(error) == text and float(text) >= error
+    assert rounded_up(1.31e-3, 1) == "0.002"
+    assert with_error(12345.0, 340.2, "N") == "12345 ± 341 N" and with_error(216.0, 1.01, "N") == "216.0 ± 1.1 N"

@@ -12,6 +12,7 @@ from dembrick.errors import DembrickError
 from dembrick.runs.outcomes.result import fell
 from dembrick.runs.verification.cases import Case
 from dembrick.scenario.checks import present
+from dembrick.views.summary import rounded_up
 
 SLACK = 1e-9  # of the reference: rounding by which it may lie outside an error bar
 
@@ -149,14 +150,14 @@ def value_text(outcome: Outcome) -> str:
     value = f"{outcome.value:.7g}"
     if outcome.lower is None or outcome.upper is None:
         return value
-    return f"{value} +- {0.5 * (outcome.upper - outcome.lower):.1g}"
+    return f"{value} +- {rounded_up(0.5 * (outcome.upper - outcome.lower))}"
 
 
 def reference_text(outcome: Outcome) -> str:
     """The reference with its unit, and how far it is known where the bar of the value is narrower than that."""
     case = outcome.case
     bar = math.inf if outcome.lower is None or outcome.upper is None else 0.5 * (outcome.upper - outcome.lower)
-    known = f" +- {case.reference_error:.1g}" if case.reference_error > bar else ""
+    known = f" +- {rounded_up(case.reference_error)}" if case.reference_error > bar else ""
     return f"{case.reference:.7g}{known}{'' if case.unit == '1' else f' {case.unit}'}"
 
 

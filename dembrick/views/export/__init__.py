@@ -45,7 +45,10 @@ def export(
         raise OutputError(f"{path}: no export has the ending {ending!r}; the known endings are {', '.join(writers)}")
     folder = os.path.dirname(os.fspath(path))
     home = os.path.join(os.path.realpath(folder), "")
-    return [
+    files = [
         os.path.join(folder, file.removeprefix(home)) if file.startswith(home) else file  # a link led elsewhere
         for file in writers[ending](history, path, report)
     ]
+    if not files:
+        raise ScenarioError(f"{path}: nothing to write: the history has no {' or '.join(only)}; leave --layers out")
+    return files
