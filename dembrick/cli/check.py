@@ -69,11 +69,12 @@ def run(options, console) -> int:
 def _draw(scenario, assembly, options, console) -> None:
     from dembrick import history
     from dembrick.runs import mechanism_history
+    from dembrick.scenario.files import inputs_of
     from dembrick.views import render
 
     with (
         mechanism_history.before_a_run(scenario, assembly) as found,
-        history.product("picture", [found.scenario_text], [options.scenario], options.force),
+        history.product("picture", [found.scenario_text], [options.scenario, *inputs_of(scenario)], options.force),
     ):
         console.meter.busy("drawing")
         render.picture(found, options.picture, color="none")
@@ -82,10 +83,11 @@ def _draw(scenario, assembly, options, console) -> None:
 def _draw_overlap(scenario, blocks, options, console) -> None:
     from dembrick import history
     from dembrick.scenario import toml
+    from dembrick.scenario.files import inputs_of
     from dembrick.views.render.overlap import overlap_picture
 
     text = toml.text_of(scenario)
-    with history.product("picture", [text], [options.scenario], options.force):
+    with history.product("picture", [text], [options.scenario, *inputs_of(scenario)], options.force):
         console.meter.busy("drawing")
         overlap_picture(scenario, blocks, options.picture)
     console.remark(f"{options.picture}: the blocks that overlap are red")

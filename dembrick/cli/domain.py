@@ -39,7 +39,7 @@ def run(options, console) -> int:
     from dembrick.runs.lab import write_csv
     from dembrick.scenario.model import FORMULATIONS
 
-    joint, own = _joint(options)
+    joint, own, inputs = _joint(options)
     formulations = options.formulation or ([own] if own else FORMULATIONS)
     request = domain.Request(
         options.space, options.shear_angle, options.height, options.pressure, tolerance=options.tolerance
@@ -48,7 +48,6 @@ def run(options, console) -> int:
         raise ScenarioError("--plot draws the quarter V, M_T of a rectangle: leave --polygon and --space out")
     if options.simulate < 0:
         raise ScenarioError(f"--simulate = {options.simulate} is out of range: use 0, or at least 2 directions")
-    inputs = [options.scenario] if options.scenario else []
     with history.product("domain", [repr(joint.as_dict())], inputs, options.force):
         for path, endings, what in ((options.csv, [".csv"], "a table"), (options.plot, FIGURES, "a figure")):
             if path:
@@ -78,7 +77,7 @@ def run(options, console) -> int:
 
 
 def _joint(options):
-    """The joint asked for, and the formulation of its scenario (None without one)."""
+    """The joint asked for, the formulation of its scenario (None without one), and the files that were read."""
     from dembrick.errors import ScenarioError
     from dembrick.runs.domain import DomainJoint
 
@@ -93,12 +92,18 @@ def _joint(options):
 
         from dembrick.assembly import build
         from dembrick.runs.reading import load
+        from dembrick.scenario.files import inputs_of
 
-        built = build.assemble(load(options.scenario))
+        scenario = load(options.scenario)
+        built = build.assemble(scenario)
         joint = DomainJoint.of_assembly(built)
         changed = {"friction": options.mu, "normal_force": options.N} | more
         changed = {key: value for key, value in changed.items() if value is not None}
-        return dataclasses.replace(joint, **changed), built.joints[0].law.formulation
+        return (
+            dataclasses.replace(joint, **changed),
+            built.joints[0].law.formulation,
+            [options.scenario, *inputs_of(scenario)],
+        )
     for name in ("a", "b") if given[0] else ():
         if getattr(options, name) is None:
             raise ScenarioError(f"--{name} is missing: a rectangle needs --a and --b")
@@ -106,7 +111,7 @@ def _joint(options):
         if getattr(options, name) is None:
             raise ScenarioError(f"--{name} is missing: a domain needs friction and a normal force")
     if given[0]:
-        return DomainJoint.rectangle(options.a, options.b, options.mu, options.N, **more), None
+        return DomainJoint.rectangle(options.a, options.b, options.mu, options.N, **more), None, []
     try:
         corners = [tuple(map(float, corner.split(","))) for corner in options.polygon.strip(";").split(";")]
         if {len(corner) for corner in corners} != {2}:
@@ -115,7 +120,7 @@ def _joint(options):
         raise ScenarioError(
             f"--polygon {options.polygon!r} is no list of corners: write x,y;x,y;x,y in m, in quotes"
         ) from None
-    return DomainJoint.from_corners(corners, options.mu, options.N, **more), None
+    return DomainJoint.from_corners(corners, options.mu, options.N, **more), None, []
 
 
 def _sound(found: dict, tolerance: float) -> bool:

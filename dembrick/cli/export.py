@@ -43,7 +43,7 @@ def write(
     for path in paths:
         what, writer = BY_ENDING[os.path.splitext(path)[1].lower()]
         kind = "export " + " ".join(layers) if writer is _export else what
-        with history.product(kind, [file.scenario_text], [file.path], force):
+        with history.product(kind, [file.scenario_text], file.sources, force):
             if writer in (_picture, _page):
                 console.meter.busy("drawing")
             written = writer(file, path, console, layers)

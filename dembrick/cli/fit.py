@@ -43,6 +43,7 @@ def _curves(options, console) -> int:
     from dembrick.errors import ScenarioError
     from dembrick.runs import curve_fit
     from dembrick.scenario import toml
+    from dembrick.scenario.files import inputs_of
     from dembrick.views import plot
 
     if options.formulation:
@@ -59,7 +60,8 @@ def _curves(options, console) -> int:
     found = curve_fit.fit_curves(given, measured, keys, console.meter.run)
     answer, lines = found.as_dict(), curve_fit.lines_of(found)
     if options.out:
-        with history.product("scenario", [toml.text_of(given[0])], [*options.lab, *options.scenario], options.force):
+        read = [*options.lab, *(path for scenario in given for path in inputs_of(scenario))]
+        with history.product("scenario", [toml.text_of(given[0])], read, options.force):
             curve_fit.write(found.scenarios[0], options.out, ", ".join(options.lab))
         answer["file"] = options.out
         lines.append(f"scenario      {options.out}")

@@ -37,10 +37,10 @@ def run(options, console) -> int:
 
     with history.read(options.history) as found:
         data, text = state(found, options.frame, options.time, whole=options.all)
-        given = found.scenario_text
+        given, sources = found.scenario_text, found.sources
     if options.csv:
         require_ending(options.csv, [".csv"], "a table")
-        with history.product("joints", [given], [options.history], options.force):
+        with history.product("joints", [given], sources, options.force):
             write_csv(data["joints"], options.csv)
     console.result({"history": options.history, **data}, text)
     return 0

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+
+from dembrick.cli.paths import add_force, require_ending
+from dembrick.cli.run import HISTORIES
+
 
 def add_arguments(parser) -> None:
     parser.add_argument("scenario", help="the TOML file")
@@ -15,7 +20,7 @@ def add_arguments(parser) -> None:
     )
     parser.add_argument("--picture", "--to", metavar="FILE.png", help="draw the mechanism")
     parser.add_argument("--out", metavar="FILE.h5", help="write the mechanism as a history, which render draws")
-    parser.add_argument("--force", action="store_true", help="replace a finished history")
+    add_force(parser)
     reaction = parser.add_argument_group("reaction of a support that may move, under the dead loads")
     reaction.add_argument(
         "--reaction", metavar="SUPPORT", help="a fixed block or a group: its least and greatest force"
@@ -29,16 +34,23 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Analyse the scenario; 1 if it does not stand under its dead loads or the solver fails."""
+    from dembrick import history
     from dembrick.errors import DembrickError, ScenarioError
     from dembrick.runs import limit
     from dembrick.runs.reading import load
     from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST
+    from dembrick.scenario.files import inputs_of
 
     if (options.reaction is None) != (options.direction is None):
         raise ScenarioError("--reaction and --direction belong together: --reaction SUPPORT --direction X,Y,Z")
     if options.reaction is not None and (options.picture or options.out or options.heuristic):
         raise ScenarioError("--picture, --out and --heuristic belong to a load, not to --reaction")
     scenario = load(options.scenario, options.set)
+    inputs = [options.scenario, *inputs_of(scenario)]
+    for path, endings, what in ((options.out, HISTORIES, "a history"), (options.picture, [".png"], "a picture")):
+        if path:
+            require_ending(path, endings, what)
+            history.refuse_inputs(path, os.path.realpath(path), inputs)
     statics = scenario.control.regime in (DEAD_LOAD, DEFORMED_REST) and options.reaction is None
     if statics and (options.picture or options.out or options.heuristic):
         raise ScenarioError('--picture, --out and --heuristic belong to a load, and kind "statics" has none')

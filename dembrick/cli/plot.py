@@ -87,9 +87,8 @@ def run(options, console) -> int:
         "domain": lambda: plot.domains(files),
     }[options.kind]()
     stem = Path(options.histories[0]).stem
-    with history.product(
-        options.kind, [file.scenario_text for file in files], [*options.histories, *options.lab], options.force
-    ):
+    read = [path for file in files for path in file.sources]
+    with history.product(options.kind, [file.scenario_text for file in files], [*read, *options.lab], options.force):
         name = f"{stem}.png" if options.kind == "curve" else f"{stem}_{options.kind}.png"
         path = options.to or default_output(name, history.is_ours)
         plot.save(figure, path)

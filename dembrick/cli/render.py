@@ -107,9 +107,10 @@ def run(options, console) -> int:
     with ExitStack() as stack:
         found = [stack.enter_context(opened(path)) for path in options.histories]
         texts = [own.scenario_text for own in found]
+        read = [*options.histories, *(path for own in found for path in own.sources)]
         look = look_of(options) | ({"color": "none"} if all(before) else {})
         for kind, path in zip(kinds, options.to, strict=True):
-            with history.product(kind, texts, options.histories, options.force):
+            with history.product(kind, texts, read, options.force):
                 console.meter.busy("drawing")
                 if kind == "page":
                     from dembrick.views import page

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dembrick.cli.paths import add_force
+
 _MOST_LINES = 40  # of the statistics on the screen; the tables have all
 
 
@@ -15,6 +17,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask scheduler (address or scheduler file)")
     parser.add_argument("--timeout", type=float, default=30.0, metavar="S", help="how long the scheduler may be silent")
     parser.add_argument("--retry", action="store_true", help="run failed cases again")
+    add_force(parser)
 
 
 def run(options, console) -> int:
@@ -39,6 +42,7 @@ def run(options, console) -> int:
         scheduler=options.scheduler,
         timeout=options.timeout,
         retry=options.retry,
+        force=options.force,
         progress=console.progress,
     )
     console.result(outcome.as_dict(), _text(study, outcome))
@@ -50,36 +54,48 @@ def run(options, console) -> int:
 
 def _find_causes(options, console) -> int:
     """Which support has moved: the answer, its figure and its table; exit code 0."""
+    from dembrick import history
     from dembrick.cli.paths import default_output, make_folder
     from dembrick.runs import causes
+    from dembrick.runs.study import target
+    from dembrick.scenario.files import inputs_of
+    from dembrick.scenario.toml import text_of
     from dembrick.views import plot
 
-    found = causes.find(options.study)
+    asked = target.read(options.study)
     folder = Path(options.out or default_output(Path(options.study).stem))
     make_folder(folder)
     figure, table = folder / "causes.png", folder / "causes.csv"
+    product = "causes", [text_of(asked.scenario)], [options.study, *inputs_of(asked.scenario)], options.force
+    with history.product(*product):
+        history.check_output(figure)  # before the search
+    found = causes.find(asked)
     panels = [plot.Motion(cause.title, cause.velocity, cause.opening) for cause in found.likely or found.causes[:1]]
-    plot.save(plot.causes(found.assembly, found.judged == 1, panels), figure)
-    found.write(table)
-    console.result(found.as_dict(), f"{found.text()}\nfigure        {figure}\ntable         {table}")
+    console.result(found.as_dict(), found.text())  # first: what cannot be written is not lost
+    with history.product(*product):
+        plot.save(plot.causes(found.assembly, found.judged == 1, panels), figure)
+        found.write(table)
+    console.remark(f"figure: {figure}")
+    console.remark(f"table: {table}")
     return 0
 
 
 def _answer(cell: dict, unit: str) -> str:
     """V of the one case of a cell as its run says it; of several the mean, and how they scatter."""
-    from dembrick.views.summary import limit_text, plain
+    from dembrick.views.summary import limit_text, plain, rounded_up
 
     if cell["count"] == 1:
         one_path = {"digits_open": cell["digits_open"] == "true"}
         return plain(str(limit_text({"V": cell["mean"], **cell}, one_path, unit)))
     unit = f" {unit}".rstrip()
-    scatter = f"deviation {cell['deviation']:.4g}{unit}, mean +- {cell['standard_error']:.3g}{unit}"
+    scatter = f"deviation {cell['deviation']:.4g}{unit}, mean +- {rounded_up(cell['standard_error'])}{unit}"
     return f"{cell['mean']:.6g}{unit}, {scatter} ({cell['count']} cases)"
 
 
 def _text(study, outcome) -> str:
     from dembrick.runs.study.plan import scenario_of
     from dembrick.scenario.checks import show
+    from dembrick.views.summary import rounded_up
 
     unit = "N" if study.search is None and scenario_of(study, 0).actuators else ""
     lines = [
@@ -94,7 +110,7 @@ def _text(study, outcome) -> str:
         if study.search is not None:
             half = cell["half_width"]
             bar = f"{study.search.key} = {cell['mean']:.5g} " + (
-                f"({cell['remark']})" if half is None else f"+- {half:.1g}"
+                f"({cell['remark']})" if half is None else f"+- {rounded_up(half)}"
             )
             lines.append(f"{'falls ' + cell['falls']:13} {bar}  {fixed}".rstrip())
             continue

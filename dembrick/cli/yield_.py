@@ -45,7 +45,7 @@ def run(options, console) -> int:
             | {"digits_open": on_one_path(beside)}
         )
     texts = [file.scenario_text for file in files]
-    with history.product("yield domain", texts, options.histories, options.force):
+    with history.product("yield domain", texts, [path for file in files for path in file.sources], options.force):
         if options.csv:
             require_ending(options.csv, [".csv"], "a table")
             write_csv(rows, options.csv)

@@ -197,6 +197,15 @@ class History(RestGeometry):
         """
         return scenarios.loads(self.scenario_text, path, overrides, unpacked(self.inputs))
 
+    @property
+    def sources(self) -> list[str]:
+        """Files that no command may write over: this one, that of its scenario, and those that the scenario reads."""
+        source = self.settings.get("scenario")
+        if not isinstance(source, str) or not source:
+            return [self.path]
+        folder = os.path.dirname(source)
+        return [self.path, source, *(os.path.join(folder, one.name) for one in self.inputs)]
+
     @cached_property
     def title(self) -> str:
         title = self.results.get("title")

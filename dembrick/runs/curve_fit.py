@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import os
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,7 @@ import numpy as np
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, needed
 from dembrick.runs.fit import CONFIDENCE
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import overrides
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present, show
 from dembrick.scenario.controls import DisplacementControl
@@ -313,16 +315,19 @@ def _start(given: Sequence[Scenario], keys: Sequence[str]) -> list[float]:
 def _value(scenario: Scenario, key: str) -> float:
     """The number that a scenario has under a path of keys."""
     text = scenarios.text_of(scenario)
-    node: object = scenario
-    for part in key.split("."):
-        entries = node if isinstance(node, tuple) else None
-        if entries is not None:
-            names = (({getattr(one, "name", None), getattr(one, "block", None)}, one) for one in entries)
-            node = next((one for own, one in names if part in own), None)
-        elif isinstance(node, dict):
-            node = node.get(part)
+    document = tomllib.loads(text)
+    node: object = document
+    default: object = scenario  # of a key that the text leaves out
+    for step in overrides.resolved(document, key):
+        if isinstance(node, list) and isinstance(step, int):
+            node = node[step]
         else:
-            node = getattr(node, part, None)
+            node = node.get(step) if isinstance(node, dict) else None
+        if isinstance(default, tuple) and isinstance(step, int):
+            default = default[step]
+        else:
+            default = default.get(step) if isinstance(default, dict) else getattr(default, str(step), None)
+    node = default if node is None else node
     if isinstance(node, int | float) and not isinstance(node, bool):
         if node > 0.0:
             return float(node)

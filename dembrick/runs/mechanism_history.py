@@ -21,7 +21,7 @@ from dembrick.simulation.channels import FRAMES, JOINT_CHANNELS, ROWS, recorded
 from dembrick.simulation.joint_laws import bonded_at_start
 from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.recorder import reactions
-from dembrick.simulation.statics.state import initial_state
+from dembrick.simulation.statics.state import State, initial_state
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -33,6 +33,8 @@ SEEN = 0.12  # of the largest block: how far the farthest corner moves
 
 def write(result, path: str | os.PathLike, force: bool = False) -> str:
     """Write a history of the mechanism of a `LimitResult`; its path."""
+    from dembrick.simulation.limit_analysis.analysis import dead_wrench, live_wrench
+
     if result.limit.mechanism is None:
         raise ScenarioError("nothing moves, so there is no mechanism to draw")
     assembly, channels = result.assembly, ("joints", "frames")
@@ -43,12 +45,13 @@ def write(result, path: str | os.PathLike, force: bool = False) -> str:
     rows |= {"load": np.full(2, result.load_factor), "lower": np.full(2, result.lower), "joint": joint}
     rows |= {"upper": np.full(2, result.upper)}
     rows["actuator_force"] = np.full((2, 1), result.load_factor) * assembly.actuators.weight
-    if assembly.fixed.any():
+    if assembly.fixed.any() or assembly.held.any():
         state = initial_state(assembly)
         state.joints.resultant[:] = joint[0]
         if state.ties is not None:
             state.ties.tension[:] = result.limit.forces.tension
             ties.act(state)
+        _guide(state, dead_wrench(assembly) + result.load_factor * live_wrench(assembly))
         rows["reaction"] = np.tile(reactions(state), (2, 1, 1))
     if len(assembly.ties):
         rows["tension"] = np.tile(result.limit.forces.tension, (2, 1))
@@ -64,6 +67,17 @@ def write(result, path: str | os.PathLike, force: bool = False) -> str:
         writer.append_frames(**_frames(assembly, result.scenario.control, moved, turned))
         writer.finish(result.status, result.as_dict())
     return os.fspath(path)
+
+
+def _guide(state: State, loads: np.ndarray) -> None:
+    """Have the guides of a ``state`` bear what joints and ties leave of the ``loads`` (n, 6) where they hold blocks."""
+    from dembrick.kernels.statics.record import write_reactions
+
+    blocks, borne = state.blocks, np.zeros_like(loads)
+    write_reactions(state.joints, np.arange(len(loads)), borne)  # of every block on the others
+    if state.ties is not None:
+        borne -= ties.on_blocks(state)
+    blocks.guide[:] = np.where(blocks.held, (borne - loads)[blocks.guided], 0.0)
 
 
 def before_a_run(scenario: Scenario, assembly: Assembly) -> AbstractContextManager[history.History]:

@@ -148,3 +148,75 @@ def test_info_tells_what_a_stranger_asks(told):
     words = shlex.split(again.replace("KEY.PATH=VALUE", "joint.friction=0.5"))
     assert told(*words, "--quiet")[0] == 0
     assert "friction = 0.5" in told("info", "NEW.h5", "--scenario")[1]
+
+
+BASE_OF = """
+title = "rig"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "concave"
+friction = 0.5
+normal_stiffness = 1e9
+shear_stiffness = 4e8
+[materials.stone]
+density = 2000.0
+[[blocks]]
+name = "floor"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [0.0, 0.0, -0.05]
+fixed = true
+[[blocks]]
+name = "stone"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [0.0, 0.0, 0.05]
+[[actuators]]
+name = "jack"
+block = "stone"
+point = [0.0, 0.0, 0.0]
+direction = [1.0, 0.0, 0.0]
+[control]
+"""
+
+
+def test_what_a_command_reads_is_not_written_over(told):
+    """The scenario, its protocol, and the history that is read, with --force too."""
+    Path("rig.toml").write_text(BASE_OF + 'kind = "displacement"\nprotocol = "way.csv"\nlarge_displacements = true\n')
+    Path("way.csv").write_text("displacement [m]\n0\n1e-5\n-1e-5\n0\n")
+    Path("push.toml").write_text(BASE_OF + 'kind = "yield"\n')
+    kept = {name: Path(name).read_text() for name in ("rig.toml", "way.csv", "push.toml")}
+    assert told("run", "rig.toml", "--out", "rig.h5")[0] == 0
+    for words in (
+        ("limit", "push.toml", "--out", "push.toml"),
+        ("run", "rig.toml", "--to", "way.csv"),
+        ("export", "rig.h5", "--to", "way.csv"),
+        ("export", "rig.h5", "--to", "rig.toml"),
+        ("joints", "rig.h5", "--csv", "way.csv"),
+        ("domain", "--scenario", "rig.toml", "--csv", "way.csv"),
+    ):
+        code, _, said = told(*words, "--force")
+        assert code == 2 and any(why in said for why in ("is an input of the command", "ending", ".h5")), words
+    assert {name: Path(name).read_text() for name in kept} == kept
+    assert told("limit", "push.toml", "--out", "push.h5")[0] == 0
+    code, _, said = told("limit", "push.h5", "--out", "push.h5", "--force")
+    assert code == 2 and "is an input of the command" in said
+    assert "the ending" in told("limit", "push.toml", "--out", "push.txt")[2]
+
+
+def test_an_export_of_layers_that_there_are_not_is_refused(told):
+    Path("push.toml").write_text(BASE_OF + 'kind = "yield"\n')
+    assert told("run", "push.toml", "--out", "push.h5")[0] == 0
+    code, _, said = told("export", "push.h5", "--to", "push.vtkhdf", "--layers", "ties")
+    assert code == 2 and "no ties" in said
+
+
+def test_tables_of_causes_take_no_place_of_others(told):
+    Path("cracks.toml").write_text('title = "?"\nbase = "arch_spread.toml"\n[target]\nopen = [["arch.4", "arch.5"]]\n')
+    Path("out").mkdir()
+    Path("out/causes.csv").write_text("notes\n")
+    code, out, said = told("sweep", "cracks.toml", "--out", "out")
+    assert code == 2 and "cause 1" in out and "causes.csv: this file exists" in said
+    assert Path("out/causes.csv").read_text() == "notes\n"
+    assert told("sweep", "cracks.toml", "--out", "out", "--force")[0] == 0
+    assert Path("out/causes.csv").read_text().startswith("cause")

@@ -189,3 +189,13 @@ def test_the_commands(curve, folder, capsys):
     (folder / "lab.csv").write_text("\n".join(["displacement,force", *lines]))
     assert cli.main(["fit", "--lab", "lab.csv", "test.toml", "--vary", "joint.friction"]) == 2
     assert "unit" in capsys.readouterr().err
+
+
+def test_keys_are_named_as_for_set():
+    """By name, by number, in quotes; and those that the text leaves out."""
+    text = toml.text_of(toml.load("set4a_curve")) + '[[joints]]\nbetween = ["lower", "upper"]\nfriction = 0.6\n'
+    scenario = toml.loads(text)
+    for key, value in (("joints.0.friction", 0.6), ("materials.tuff.density", 1500.0), ('"joint".friction', 0.64)):
+        assert curve_fit._value(scenario, key) == value
+    with pytest.raises(ScenarioError, match="no entry 1"):
+        curve_fit._value(scenario, "joints.1.friction")

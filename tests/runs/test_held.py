@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dembrick
+from dembrick import history
 from dembrick.errors import ScenarioError
 from dembrick.scenario import toml
 from helpers.scenario_text import block as floor
@@ -201,3 +202,18 @@ def test_all_six_are_fixed():
 def test_a_jack_that_pushes_against_a_guide_is_refused():
     with pytest.raises(ScenarioError, match="against its guide"):
         dembrick.simulate(under_beam("kind = 'yield'", '["x", "rx", "ry", "rz"]'), record=False)
+
+
+@pytest.mark.parametrize("held", ['["y", "rx", "ry", "rz"]', '["y", "rx", "rz"]'])
+def test_guides_bear_the_same_in_limit_analysis(held, tmp_path):
+    """A jack across the guide and above the joint: what joints leave of weight and jack, by statics of the block."""
+    stone = block("stone", [0.3, 0.2, 0.2], 0.1, f"held = {held}")
+    text = blocks("kind = 'yield', tolerance = 1e-6", stone, friction=0.5)
+    push = "\n[[actuators]]\nname = 'j'\nblock = 'stone'\npoint = [0.0, 0.05, 0.2]\ndirection = [1.0, 0.5, 0.0]\n"
+    scenario = toml.loads(text + push)
+    run = dembrick.simulate(scenario, record=False)
+    dembrick.limit(scenario).write(tmp_path / "limit.h5")
+    with history.read(tmp_path / "limit.h5") as found:
+        guide = found.reaction[-1, list(found.support_names).index("stone")]
+    assert guide == pytest.approx(run.reactions["stone"], abs=2e-3 * run.yield_point.V)
+    assert guide[1] == pytest.approx(-0.5 / math.sqrt(1.25) * run.yield_point.V, rel=2e-3)

@@ -312,3 +312,55 @@ def test_answers_stand_in_the_order_of_the_cases(write, tmp_path):
     rows.write_text("".join(lines[: own[0]] + [lines[i] for i in reversed(own)]), encoding="utf-8")
     again = studies.sweep(study, tmp_path / "out", jobs=1)
     assert again.ran == 0 and [cell["joint.friction"] for cell in again.statistics] == [0.5, 0.6, 0.7]
+
+
+OF_MESH = BASE.replace(
+    "box      = [0.3, 0.2, 0.1]\nposition = [0.0, 0.0, 0.05]",
+    'mesh     = { file = "upper.obj" }\nposition = [0.0, 0.0, 0.05]',
+)
+
+
+def mesh_of(height):
+    """A box of 0.3 x 0.2 m, as OBJ."""
+    corners = [(x, y, z) for x in (-0.15, 0.15) for y in (-0.1, 0.1) for z in (-height / 2, height / 2)]
+    faces = ("1 3 7 5", "2 6 8 4", "1 5 6 2", "3 4 8 7", "1 2 4 3", "5 7 8 6")
+    return "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {face}\n" for face in faces)
+
+
+@pytest.mark.parametrize("named", ["base", "grid"])
+def test_rows_of_a_file_that_has_changed_are_not_taken_for_those_of_now(named, write, tmp_path):
+    (tmp_path / "upper.obj").write_text(mesh_of(0.1))
+    (tmp_path / "other.obj").write_text(mesh_of(0.1))
+    grid = THREE if named == "base" else '[grid]\n"blocks.upper.mesh.file" = ["upper.obj", "other.obj"]\n'
+    path, folder = write(grid, base=OF_MESH), tmp_path / "out"
+    studies.sweep(path, folder)
+    assert studies.sweep(path, folder).ran == 0
+    (tmp_path / ("upper.obj" if named == "base" else "other.obj")).write_text(mesh_of(0.12))
+    with pytest.raises(OutputError, match="a file that they read has changed"):
+        studies.sweep(path, folder)
+
+
+def test_an_answer_counts_though_another_shard_failed(write, tmp_path):
+    """The file of the shard that failed comes later by name."""
+    path, folder = write(THREE), tmp_path / "out"
+    studies.sweep(path, folder)
+    rows = (folder / "rows_1_of_1.jsonl").read_text().splitlines()
+    failed = [json.dumps(json.loads(line) | {"status": "failed", "V": None, "error": "no"}) for line in rows[1:]]
+    (folder / "rows_2_of_2.jsonl").write_text("\n".join([rows[0], *failed]) + "\n")
+    again = studies.sweep(path, folder, retry=True)
+    assert (again.ran, again.failed) == (0, 0)
+    assert [row["status"] for row in read_csv(again.csv)] == ["yield"] * 3
+
+
+def test_tables_that_no_study_wrote_are_left_alone(write, tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("joint.friction\n0.5\n")
+    path = write('[table]\nfile = "table.csv"\n')
+    with pytest.raises(OutputError, match=r"table.csv: this file exists.*--force"):
+        studies.sweep(path, tmp_path)
+    assert table.read_text() == "joint.friction\n0.5\n" and not list(tmp_path.glob("*.jsonl"))
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "table.csv").write_text("mine\n")
+    assert studies.sweep(path, other, force=True).ran == 1
+    assert studies.sweep(path, other).ran == 0  # its own by now

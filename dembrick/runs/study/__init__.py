@@ -20,7 +20,7 @@ from dembrick.runs.study.case import UNANSWERED, run_cases
 from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
 from dembrick.runs.study.plan import Study, load, scenario_of, shard
 from dembrick.runs.study.search import run_searches
-from dembrick.runs.study.table import Rows, stored, write_tables
+from dembrick.runs.study.table import Rows, refuse_foreign, stored, write_tables
 from dembrick.simulation.expected_cost import duration
 from dembrick.simulation.interrupts import Interrupted
 
@@ -63,21 +63,26 @@ def sweep(
     scheduler: str | None = None,
     timeout: float = 30.0,
     retry: bool = False,
+    force: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Outcome:
     """Run the cases of a study that have no row in ``folder`` yet, and write the tables of all that have.
 
     ``jobs`` local processes, or a Dask ``scheduler`` (address or file) that must answer within ``timeout`` seconds.
     ``part`` "i/n" runs every n-th case only; the shards may share the folder. ``retry`` runs failed cases again.
+    ``force``: tables may take the place of others in a folder without rows.
 
-    Raises ScenarioError for a study that is none, OutputError for a folder with rows of another study, ClusterError
-    for a scheduler that does not answer. A case that fails is a row with its error, and the rest goes on.
+    Raises ScenarioError for a study that is none, OutputError for a folder with rows of another study or tables
+    of none, ClusterError for a scheduler that does not answer. A case that fails is a row with its error, and the rest
+    goes on.
     """
     began = time.perf_counter()
     study = study if isinstance(study, Study) else load(study)
     numbers, label = shard(len(study), part)
     folder = Path(folder)
     _make(folder)
+    if not force:
+        refuse_foreign(folder)
     if study.histories:
         _make(folder / "histories")
     rows = Rows(folder, study.digest, len(study), label, study.columns)
@@ -151,7 +156,7 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
     rows = stored(folder, study.columns)
     wanted = ("status", study.answer, *BAR, *_OF_SEARCHES)
     found = {row["case"]: {name: row.get(name) for name in wanted} for row in rows}
-    for case, row in sorted(found.items()):  # they are done in any order
+    for case, row in found.items():
         if row[study.answer] is not None and row["status"] not in UNANSWERED:
             fixed = study.cell(case)
             _, answers, bars = cells.setdefault(repr(fixed), (fixed, [], []))

@@ -33,8 +33,8 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,7 @@ from dembrick.scenario import overrides, shipped
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.csv_tables import read_table
+from dembrick.scenario.files import companions_of, names_of
 from dembrick.scenario.text_files import read_text
 
 MOST_CASES = 10_000_000
@@ -59,7 +60,8 @@ class Study:
     the ``keys`` that change, and its cases by number.
 
     ``histories``: whether every case keeps its history; ``search``: the quantity that is searched for, if one is.
-    ``digest`` tells one study from another: it covers the base scenario and everything that makes the cases.
+    ``digest`` tells one study from another: it covers the base scenario, the files that it reads and
+    everything that makes the cases.
     """
 
     title: str
@@ -162,6 +164,8 @@ def _study(document: dict, path: str) -> Study:
         raise ScenarioError("histories = true: the runs of a [search] keep no history; run its bracket with --set")
     title = document.get("title", Path(path).stem)
     study = Study(title, path, base, base_path, histories, tuple(keys), digest, grid, lines, draws, search)
+    if read := _files_read(study):
+        study = replace(study, digest=hashlib.sha256(f"{digest} {read}".encode()).hexdigest()[:16])
     if len(study) > MOST_CASES:
         raise ScenarioError(f"{len(study)} cases are more than {MOST_CASES}: split the study")
     if search is None:
@@ -170,6 +174,37 @@ def _study(document: dict, path: str) -> Study:
         for value in (search.low, search.high):
             searches.check(scenarios.varied(base, base_path, {**study.changes(0), search.key: value}))
     return study
+
+
+def _files_read(study: Study) -> dict[str, str]:
+    """Digests of the files that the first case reads, and of those that the others name; what is not there, or cannot
+    be read, is left to the cases."""
+    named = {value for case in (study._grid, *study._lines) for cell in case.values() for value in _texts(cell)}
+    paths = {name: os.path.join(os.path.dirname(study.base_path), name) for name in named}
+    try:
+        changes = study.changes(0) if study.search is None else {**study.changes(0), study.search.key: study.search.low}
+        scenario = scenarios.varied(study.base, study.base_path, changes)
+        paths |= {name: scenario.path_of(name) for name in names_of(scenario)}
+    except ScenarioError:
+        pass
+    beside = (os.path.join(os.path.dirname(path), own) for path in paths.values() for own in companions_of(path))
+    found = {}
+    for path in sorted({*paths.values(), *beside}):
+        if os.path.isfile(path):
+            with open(path, "rb") as file:
+                found[os.path.relpath(path, os.path.dirname(study.base_path))] = hashlib.file_digest(
+                    file, "sha256"
+                ).hexdigest()
+    return found
+
+
+def _texts(value) -> Iterator[str]:
+    """The texts in a value of a study: it may be a list of others."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from _texts(part)
 
 
 def _refuse_aliases(base: dict, keys: list[str]) -> None:

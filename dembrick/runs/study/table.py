@@ -25,6 +25,7 @@ from dembrick.runs.study.case import COLUMNS, TEXTS, UNANSWERED
 from dembrick.scenario.checks import present
 
 FORMAT = 1
+TABLES = "table.csv", "table.h5"
 _BATCH = 4096  # rows that the tables are written by
 _TEXT = h5py.string_dtype()
 
@@ -51,8 +52,8 @@ class Rows:
 
     def done(self, retry: bool = False) -> set[int]:
         """Numbers of the cases that have a row, in any shard's file; with ``retry`` without the failed ones."""
-        status = {row["case"]: row["status"] for row in stored(self.folder, self._columns)}
-        return {number for number, how in status.items() if not (retry and how in UNANSWERED)}
+        rows = stored(self.folder, self._columns)
+        return {row["case"] for row in rows if not (retry and row["status"] in UNANSWERED)}
 
     def __enter__(self) -> Rows:
         fresh = not self.path.exists()
@@ -88,14 +89,24 @@ def row_files(folder: str | os.PathLike) -> list[Path]:
     return sorted(Path(folder).glob("rows_*_of_*.jsonl"))
 
 
-def stored(folder: str | os.PathLike, columns: Sequence[str] = tuple(COLUMNS)) -> Iterator[dict]:
-    """All rows in the folder, file by file; ``columns``: those after the case and its keys.
+def refuse_foreign(folder: Path) -> None:
+    """OutputError if there are tables in a folder without rows: another program, or a hand, has written them."""
+    for name in TABLES:
+        path = folder / name
+        if not row_files(folder) and path.exists() and path.stat().st_size:
+            raise OutputError(
+                f"{path}: this file exists, and there are no rows of a study beside it; choose another --out, or "
+                "--force replaces it"
+            )
 
-    A line that a kill has torn, or a disk or a hand has damaged, is left out, and its case is run again.
+
+def stored(folder: str | os.PathLike, columns: Sequence[str] = tuple(COLUMNS)) -> Iterator[dict]:
+    """The row of each case in the folder, in their order; ``columns``: those after the case and its keys.
+
+    A line that a kill has torn, or a disk or a hand has damaged, is left out, and its case is run again. Where a case
+    was run again after it had failed, perhaps as part of another shard, the row with an answer counts.
     """
-    for path in row_files(folder):
-        for _, row in _rows_of(path, columns):
-            yield row
+    yield from _read(_order(Path(folder), columns))
 
 
 def _rows_of(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, dict]]:
@@ -149,8 +160,8 @@ def _check_head(path: Path, head: dict) -> None:
         return
     if found != head:
         raise OutputError(
-            f"{path}: these are rows of another study (or the study or its base scenario has changed since); choose "
-            "another --out, or remove the folder if its rows are not needed any more"
+            f"{path}: these are rows of another study (or the study, its base scenario or a file that they read has "
+            "changed since); choose another --out, or remove the folder if its rows are not needed any more"
         )
 
 
@@ -167,14 +178,11 @@ def _drop_torn_line(path: Path) -> None:
 def write_tables(
     folder: str | os.PathLike, digest: str, keys: Sequence[str], title: str, columns: Sequence[str] = tuple(COLUMNS)
 ) -> tuple[Path, Path, int]:
-    """``table.csv`` and ``table.h5`` of all rows in the folder; returns both paths and the number of rows.
-
-    One row a case: where a case was run again after it had failed, the later row counts.
-    """
+    """``table.csv`` and ``table.h5`` of the `stored` rows; returns both paths and the number of rows."""
     folder = Path(folder)
     order = _order(folder, columns)
     names = ["case", *keys, *columns]
-    csv_path, h5_path = folder / "table.csv", folder / "table.h5"
+    csv_path, h5_path = (folder / name for name in TABLES)
     try:
         with replacing(str(csv_path)) as part, open(part, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
@@ -194,11 +202,13 @@ def write_tables(
 
 def _order(folder: Path, columns: Sequence[str]) -> list[tuple[Path, int]]:
     """Where the row of each case stands (file, offset), in the order of the cases."""
-    place: dict[int, tuple[Path, int]] = {}
+    place: dict[int, tuple[bool, Path, int]] = {}
     for path in row_files(folder):
         for offset, row in _rows_of(path, columns):
-            place[row["case"]] = (path, offset)
-    return [place[number] for number in sorted(place)]
+            found = row["status"] not in UNANSWERED, path, offset
+            if row["case"] not in place or found[0] >= place[row["case"]][0]:
+                place[row["case"]] = found
+    return [place[number][1:] for number in sorted(place)]
 
 
 def _read(order: Iterable[tuple[Path, int]]) -> Iterator[dict]:
