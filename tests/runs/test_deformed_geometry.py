@@ -1,5 +1,6 @@
 """Searches in the deformed geometry: after a settlement, and of blocks that lean so far that it counts."""
 
+import itertools
 import math
 import os
 from dataclasses import replace
@@ -429,9 +430,8 @@ def test_a_block_of_two_parts_rocks_as_a_whole_one(formulation):
 def test_a_block_that_slides_on_and_rests_below_its_limit_is_put_back():
     """Pushed and lifted at a corner it swings as the load grows, slides by millimetres and rests: 1.5 % too low."""
     turn = rotation_matrix(np.array([math.cos(0.15), 0.0, 0.0, math.sin(0.15)]))
-    # fmt: off
-    corners, point = np.array([[x, y, z] for x in (-0.1323, 0.1323) for y in (-0.1579, 0.1579) for z in (0.0, 0.32845)]), [-0.13224, 0.05971, 0.03686]
-    # fmt: on
+    ends = itertools.product((-0.1323, 0.1323), (-0.1579, 0.1579), (0.0, 0.32845))
+    corners, point = np.array(list(ends)), [-0.13224, 0.05971, 0.03686]
     push = turn @ [0.49193, 0.20827, -0.24976]
     scene = header("corrected-shear", 0.807, 5.31e9) + block("floor", (0.0, 0.0, -0.1), (3.0, 3.0, 0.2), "fixed = true")
     scene += f'[[blocks]]\nname = "block"\nmaterial = "stone"\nvertices = {(corners @ turn.T).tolist()}\n'
