@@ -85,6 +85,12 @@ def require_comparable(simulated: Curve, measured: Curve, name: str) -> None:
             f"{name} goes to and fro, and the run turns less often; if it was measured one way, sort its lines by "
             "displacement, else give the envelope of its loops, or their turning points as control.protocol"
         )
+    first = [_ways(curve)[0][0] for curve in (simulated, measured)]
+    if turns(ours) and turns(theirs) and (first[0][-1] - first[0][0]) * (first[1][-1] - first[1][0]) < 0.0:
+        raise ScenarioError(
+            f"{name} first goes the other way than the run, so that no way of the one is one of the other; turn the "
+            "signs of its columns, or those of control.protocol"
+        )
     slack = (BACK if turns(ours) else 1e-9) * np.ptp(ours)
     inside = int(((theirs >= ours.min() - slack) & (theirs <= ours.max() + slack)).sum())
     if inside < 2:

@@ -359,6 +359,8 @@ def test_tables_that_no_study_wrote_are_left_alone(write, tmp_path):
     with pytest.raises(OutputError, match=r"table.csv: this file exists.*--force"):
         studies.sweep(path, tmp_path)
     assert table.read_text() == "joint.friction\n0.5\n" and not list(tmp_path.glob("*.jsonl"))
+    with pytest.raises(OutputError, match="is an input of the command"):
+        studies.sweep(path, tmp_path, force=True)
     other = tmp_path / "other"
     other.mkdir()
     (other / "table.csv").write_text("mine\n")

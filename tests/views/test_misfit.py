@@ -50,6 +50,15 @@ def test_what_has_no_misfit(displacement, load, said):
         misfit.between(ours, plot.MeasuredCurve("rig", np.array(displacement), np.array(load)), "rig")
 
 
+def test_loops_that_begin_the_other_way_have_no_misfit():
+    """Ways are compared one by one: the first out with the first back would be any number."""
+    u = 1e-3 * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
+    ours, lab = (plot.MeasuredCurve(name, sign * u, sign * 1e4 * u) for name, sign in (("ours", 1.0), ("rig", -1.0)))
+    with pytest.raises(ScenarioError, match="rig first goes the other way than the run"):
+        misfit.between(ours, lab, "rig")
+    assert misfit.between(ours, plot.MeasuredCurve("rig", -lab.displacement, -lab.load), "rig").rms == 0.0
+
+
 def test_the_command_says_the_misfit(tmp_path, capsys):
     """A measured curve a tenth above ours, at our own points: all errors are 1 / 1.1 - 1."""
     run = dembrick.simulate(shipped.folder() / "set4a_curve.toml", tmp_path / "run.h5")

@@ -154,9 +154,9 @@ def advance_bodies(
             travel[0] = least_slack(links)
             if travel[0] <= 0.0:
                 return STALE, done
+        if touching.room[0] <= 0.0:
+            return MEETING, done
         if meeting:
-            if touching.room[0] <= 0.0:
-                return MEETING, done
             if touching.overloaded[0] > 0:
                 return OVERLOADED, done
             clear_applied(touching, bodies)
@@ -204,8 +204,7 @@ def advance_bodies(
         move = sqrt(moved2)
         travel[0] -= 2.0 * move
         travel[1] += move
-        if meeting:
-            touching.room[0] -= move
+        touching.room[0] -= move
     return RUNNING, n_steps
 
 

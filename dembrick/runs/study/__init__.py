@@ -20,7 +20,7 @@ from dembrick.runs.study.case import UNANSWERED, run_cases
 from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
 from dembrick.runs.study.plan import Study, load, scenario_of, shard
 from dembrick.runs.study.search import run_searches
-from dembrick.runs.study.table import Rows, refuse_foreign, stored, write_tables
+from dembrick.runs.study.table import Rows, refuse_foreign, refuse_read, stored, write_tables
 from dembrick.simulation.expected_cost import duration
 from dembrick.simulation.interrupts import Interrupted
 
@@ -81,6 +81,7 @@ def sweep(
     numbers, label = shard(len(study), part)
     folder = Path(folder)
     _make(folder)
+    refuse_read(folder, study.reads)
     if not force:
         refuse_foreign(folder)
     if study.histories:

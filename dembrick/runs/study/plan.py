@@ -61,7 +61,8 @@ class Study:
 
     ``histories``: whether every case keeps its history; ``search``: the quantity that is searched for, if one is.
     ``digest`` tells one study from another: it covers the base scenario, the files that it reads and
-    everything that makes the cases.
+    everything that makes the cases. ``reads``: all
+    these files.
     """
 
     title: str
@@ -75,6 +76,7 @@ class Study:
     _lines: list[dict[str, Any]]
     _draws: Draws | None
     search: searches.Search | None = None
+    reads: tuple[str, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -164,8 +166,11 @@ def _study(document: dict, path: str) -> Study:
         raise ScenarioError("histories = true: the runs of a [search] keep no history; run its bracket with --set")
     title = document.get("title", Path(path).stem)
     study = Study(title, path, base, base_path, histories, tuple(keys), digest, grid, lines, draws, search)
-    if read := _files_read(study):
-        study = replace(study, digest=hashlib.sha256(f"{digest} {read}".encode()).hexdigest()[:16])
+    read = _files_read(study)
+    if read:
+        digest = hashlib.sha256(f"{digest} {_digests(read, base_path)}".encode()).hexdigest()[:16]
+    table = [str(Path(path).parent / document["table"]["file"])] if "table" in document else []
+    study = replace(study, digest=digest, reads=(path, base_path, *table, *read))
     if len(study) > MOST_CASES:
         raise ScenarioError(f"{len(study)} cases are more than {MOST_CASES}: split the study")
     if search is None:
@@ -176,9 +181,9 @@ def _study(document: dict, path: str) -> Study:
     return study
 
 
-def _files_read(study: Study) -> dict[str, str]:
-    """Digests of the files that the first case reads, and of those that the others name; what is not there, or cannot
-    be read, is left to the cases."""
+def _files_read(study: Study) -> list[str]:
+    """The files that the first case reads, and those that the others name; what is not there, or cannot be read, is
+    left to the cases."""
     named = {value for case in (study._grid, *study._lines) for cell in case.values() for value in _texts(cell)}
     paths = {name: os.path.join(os.path.dirname(study.base_path), name) for name in named}
     try:
@@ -188,13 +193,15 @@ def _files_read(study: Study) -> dict[str, str]:
     except ScenarioError:
         pass
     beside = (os.path.join(os.path.dirname(path), own) for path in paths.values() for own in companions_of(path))
+    return [path for path in sorted({*paths.values(), *beside}) if os.path.isfile(path)]
+
+
+def _digests(paths: list[str], base_path: str) -> dict[str, str]:
+    """Digests of files, by their paths from the folder of the base scenario."""
     found = {}
-    for path in sorted({*paths.values(), *beside}):
-        if os.path.isfile(path):
-            with open(path, "rb") as file:
-                found[os.path.relpath(path, os.path.dirname(study.base_path))] = hashlib.file_digest(
-                    file, "sha256"
-                ).hexdigest()
+    for path in paths:
+        with open(path, "rb") as file:
+            found[os.path.relpath(path, os.path.dirname(base_path))] = hashlib.file_digest(file, "sha256").hexdigest()
     return found
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from dembrick.errors import OutputError, WriteError
 from dembrick.history.files import check_output, reason, replacing
 from dembrick.history.hdf5_files import rewritten
+from dembrick.history.products import refuse_inputs
 from dembrick.runs.study.case import COLUMNS, TEXTS, UNANSWERED
 from dembrick.scenario.checks import present
 
@@ -87,6 +88,12 @@ class Rows:
 def row_files(folder: str | os.PathLike) -> list[Path]:
     """The row files in the folder of a study."""
     return sorted(Path(folder).glob("rows_*_of_*.jsonl"))
+
+
+def refuse_read(folder: Path, inputs: Sequence[str]) -> None:
+    """OutputError if a table or rows of a study would take the place of a file that it reads."""
+    for path in (*(folder / name for name in TABLES), *row_files(folder)):
+        refuse_inputs(path, str(path), inputs)
 
 
 def refuse_foreign(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -44,10 +45,13 @@ def advance_chunk(
     touching=None,
     supports: PrescribedMotion | None = None,
     loads: Loads | None = None,
+    room: float = math.inf,
 ):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done.
 
-    ``supports``: their motion in these steps, and perhaps in more, if that is known; ``loads``: likewise."""
+    ``supports``: their motion in these steps, and perhaps in more, if that is known; ``loads``: likewise. ``room`` (m):
+    how far any block may move, where there are no contacts (`touching` says it where there are)."""
+    motion.no_contacts.room[0] = room
     state, energy = motion.state, motion.energy
     energy.fit(driving.n_load, len(driving.supports))
     loads = driving.loads(times, dt, supports) if loads is None else loads

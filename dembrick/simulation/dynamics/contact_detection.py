@@ -108,6 +108,11 @@ class ContactDetection:
         fastest, far = max(fastest, float(speed.max())), 0.5 * self.patience
         return max(1.0, 2.0 * far / (fastest + np.sqrt(fastest**2 + 2.0 * gravity * far) + 1e-300) / dt)
 
+    @property
+    def room(self) -> float:
+        """How far (m) any block may move before pairs must be looked for; infinite if contacts know."""
+        return 0.5 * self.patience if self.touching is None else np.inf
+
     def calm_for(self, steps: int, gravity: float, dt: float) -> tuple[float, float]:
         """The speed (m/s) of a point up to which `steps_to_go` are certainly so many, and the way (m) of a block from
         which on `follow` has something to do."""

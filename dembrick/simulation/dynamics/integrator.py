@@ -205,9 +205,13 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
         gravity = driving.forces(times[[0, -1]], dt)[0] if loads is None else loads.gravity[[0, most - 1]]
         moved = (supports or loads).moved[:most]
         fastest = float(np.sqrt(moved.max(initial=0.0))) / dt
-        n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
+        # what comes to rest is hardly ever as fast as gravity could make it: the loop counts how far it moves
+        room, n = detection.room if damping > 0.0 else math.inf, most
+        if room == math.inf:
+            n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
         status, done = advance_chunk(
-            motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching, supports, loads
+            motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching, supports, loads,
+            room,
         )  # fmt: skip
         if after_chunk(motion, status, done, dt) == REACHED:
             return REACHED
@@ -236,7 +240,7 @@ def after_chunk(motion: Motion, status: int, done: int, dt: float) -> int:
         raise NotConvergedError(_trouble(motion, status))
     if status == OVERLOADED:
         _examine(motion)
-    _follow(motion, called=status == MEETING)
+    _follow(motion, called=status == MEETING and motion.contact_detection.touching is not None)
     return REACHED if status == REACHED else RUNNING
 
 

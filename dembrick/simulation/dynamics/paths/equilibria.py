@@ -58,6 +58,7 @@ LEFT = 50  # of these that a path keeps to find its end: where blocks follow a l
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
 G = 9.81  # m/s2
 BREAKS = 64  # of each joint
+FASTER = 4.0  # times as far as in the step before: so far blocks may be expected to move, whatever they did
 SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
 
 
@@ -284,7 +285,8 @@ class EquilibriumPath(ABC):
         keep_of_rest(self.moving, self._at(parameter))
         now, step = places(self.moving.state.bodies), parameter - self.reached
         if step > 0.0:
-            self.pace = float(moved(now, self.at_last)[self.free].max()) / step
+            pace = float(moved(now, self.at_last)[self.free].max()) / step
+            self.pace = min(pace, FASTER * self.pace) if self.pace > 0.0 else pace
         self.at_last = now
         self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()
         self.recorder.driving = self._at(parameter)
@@ -406,8 +408,6 @@ class EquilibriumPath(ABC):
             state=self.kept,
             bracket=(self.reached, self.falls),
         )
-
-    # --- checkpoints
 
     @property
     def where(self) -> str:

@@ -1,7 +1,8 @@
 """Paths of equilibria in the deformed geometry: a load system grows until the blocks come down, or supports move.
 
 The parameter of the path (`equilibria`) is the multiplier V of the load system (`driven_loads`). It grows by a part of
-itself from one equilibrium to the next, until there is none near: blocks come down, or jump to where they rest again.
+itself from one equilibrium to the next, until there is none near: blocks come down, or jump to where they rest again,
+however little it grows.
 The greatest V at which they came to rest nearby and the least at which they did not are the bracket of the limit: of
 this path, since friction without dilatancy has no unique one.
 
@@ -41,7 +42,10 @@ FIRST = 0.01  # load factor of the first equilibrium; of actuators that times th
 GROWTH = 1.4  # of V from one equilibrium to the next
 BEYOND = 100.0  # weights of all free blocks: actuators that push harder find no limit
 NEAR = 0.05  # of a block's least dimension: what moves further under a load that is held has no equilibrium near
-JUMP, SEEN = 20.0, 1e-4  # times as far as in the step before, for the same load, and of a block's least dimension
+JUMP, SEEN = 2.0, 1e-9  # times as far as could be expected, and of a block's least dimension: steps are halved there
+FAR = 1e-4  # of that dimension: in a step as short as can be that may be a jump
+HALVES, STAYS = 3, 0.5  # of such a step, and of its motion: what stays in an eighth of it
+LONGER = 2.0  # times the last step: the next
 SLOWER = 8.0  # times the steps, once blocks have come down
 
 
@@ -95,12 +99,48 @@ class LoadPath(EquilibriumPath):
         """The next multiplier, up to the greatest."""
         if self.driving.driven is None or self.reached >= self.greatest:
             return None
-        return min(self.greatest, max(FIRST * self.scale, self.growth * self.reached))
+        target = max(FIRST * self.scale, self.growth * self.reached)
+        if len(self.path) > 1:
+            step = max(LONGER * (self.path[-1][1] - self.path[-2][1]), self.tolerance * self.reached)
+            target = min(target, max(FIRST * self.scale, self.reached + step))
+        return min(self.greatest, target)
 
     def jumped(self, parameter: float) -> bool:
         """Blocks that swing under a load that grows may slide away below the limit, and come to rest there."""
-        away = moved(places(self.moving.state.bodies), self.at_last)[self.free]
-        return bool((away > np.maximum(JUMP * self.pace * (parameter - self.reached), SEEN * self.least)).any())
+        expected = JUMP * self.pace * (parameter - self.reached)
+        return bool((self._away() > np.maximum(expected, SEEN * self.least)).any())
+
+    def _go(self, parameter: float) -> float | None:
+        """If blocks move far in a step as short as the tolerance, they have come down from the limit if that is a jump.
+        Blocks that are tied may move on until a tie is taut."""
+        ratio = super()._go(parameter)
+        short = 0.0 < parameter - self.reached <= self.tolerance * parameter
+        far = bool((self._away() > FAR * self.least).any())
+        if ratio is None or not short or not far or len(self.moving.state.ties.stiffness):
+            return ratio
+        jumps = self._jumps(parameter)
+        self._go_back()
+        if not jumps:
+            return super()._go(parameter)
+        self._look_on(1.0)
+        return None
+
+    def _jumps(self, parameter: float) -> bool:
+        """Whether most of the motion to there stays in one part of the step, however short that is; or blocks fall."""
+        most = float(self._away().max())
+        low, high = (self.reached, 0.0), (parameter, most)
+        for _ in range(HALVES):
+            self._go_back()
+            middle = 0.5 * (low[0] + high[0])
+            if super()._go(middle) is None:
+                return True
+            there = middle, float(self._away().max())
+            low, high = (low, there) if there[1] - low[1] > high[1] - there[1] else (there, high)
+        return high[1] - low[1] > STAYS * most
+
+    def _away(self) -> np.ndarray:
+        """How far every free block has moved or turned since the last equilibrium (m)."""
+        return moved(places(self.moving.state.bodies), self.at_last)[self.free]
 
     def said(self, parameter: float) -> str:
         return f"a load of V = {parameter:.6g}"
