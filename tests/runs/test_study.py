@@ -353,16 +353,17 @@ def test_an_answer_counts_though_another_shard_failed(write, tmp_path):
 
 
 def test_tables_that_no_study_wrote_are_left_alone(write, tmp_path):
-    table = tmp_path / "table.csv"
+    table, other = tmp_path / "table.csv", tmp_path / "other"
     table.write_text("joint.friction\n0.5\n")
     path = write('[table]\nfile = "table.csv"\n')
-    with pytest.raises(OutputError, match=r"table.csv: this file exists.*--force"):
-        studies.sweep(path, tmp_path)
+    for force in (False, True):
+        with pytest.raises(OutputError, match="is an input of the command"):
+            studies.sweep(path, tmp_path, force=force)
     assert table.read_text() == "joint.friction\n0.5\n" and not list(tmp_path.glob("*.jsonl"))
-    with pytest.raises(OutputError, match="is an input of the command"):
-        studies.sweep(path, tmp_path, force=True)
-    other = tmp_path / "other"
     other.mkdir()
     (other / "table.csv").write_text("mine\n")
+    with pytest.raises(OutputError, match=r"table.csv: this file exists.*--force"):
+        studies.sweep(path, other)
+    assert (other / "table.csv").read_text() == "mine\n"
     assert studies.sweep(path, other, force=True).ran == 1
     assert studies.sweep(path, other).ran == 0  # its own by now

@@ -98,6 +98,7 @@ def advance_rows(
     writes a row, or returns zero where somebody must look for contacts first: there this ends.
     """
     motion.energy.fit(driving.n_load, len(driving.supports))
+    motion.no_contacts.room[0] = math.inf
     dt, done, status, code, bodies = motion.time_step, 0, RUNNING, None, motion.state.bodies
     rotate, began = ready(write_rotations, bodies, loads.support), time.perf_counter()
     while done < every * len(gravity):
