@@ -120,10 +120,10 @@ class LoadPath(EquilibriumPath):
             return ratio
         jumps = self._jumps(parameter)
         self._go_back()
-        if not jumps:
-            return super()._go(parameter)
-        self._look_on(1.0)
-        return None
+        ratio = super()._go(parameter)  # again: how they come down, or rest
+        if jumps:
+            self._look_on(1.0)
+        return None if jumps else ratio
 
     def _jumps(self, parameter: float) -> bool:
         """Whether most of the motion to there stays in one part of the step, however short that is; or blocks fall."""
