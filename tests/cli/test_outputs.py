@@ -8,6 +8,7 @@ import pytest
 
 from dembrick import history
 from dembrick.cli import export, main
+from helpers.scenario_text import block, header, jack
 
 BEGINS = {  # of files, by ending
     "png": b"\x89PNG", "gif": b"GIF8", "html": b"<!doctype html", "pdf": b"%PDF", "svg": b"<?xml", "vtkhdf": b"\x89HDF",
@@ -150,41 +151,20 @@ def test_info_tells_what_a_stranger_asks(told):
     assert "friction = 0.5" in told("info", "NEW.h5", "--scenario")[1]
 
 
-BASE_OF = """
-title = "rig"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.5
-normal_stiffness = 1e9
-shear_stiffness = 4e8
-[materials.stone]
-density = 2000.0
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
-[[blocks]]
-name = "stone"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, 0.0, 0.05]
-[[actuators]]
-name = "jack"
-block = "stone"
-point = [0.0, 0.0, 0.0]
-direction = [1.0, 0.0, 0.0]
-[control]
-"""
+RIG = (
+    header(friction=0.5, title="rig")
+    + block("floor", (0.0, 0.0, -0.05), more="fixed = true")
+    + block("stone", (0.0, 0.0, 0.05))
+    + jack("stone", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    + "[control]\n"
+)
 
 
 def test_what_a_command_reads_is_not_written_over(told):
     """The scenario, its protocol, and the history that is read, with --force too."""
-    Path("rig.toml").write_text(BASE_OF + 'kind = "displacement"\nprotocol = "way.csv"\nlarge_displacements = true\n')
+    Path("rig.toml").write_text(RIG + 'kind = "displacement"\nprotocol = "way.csv"\nlarge_displacements = true\n')
     Path("way.csv").write_text("displacement [m]\n0\n1e-5\n-1e-5\n0\n")
-    Path("push.toml").write_text(BASE_OF + 'kind = "yield"\n')
+    Path("push.toml").write_text(RIG + 'kind = "yield"\n')
     kept = {name: Path(name).read_text() for name in ("rig.toml", "way.csv", "push.toml")}
     assert told("run", "rig.toml", "--out", "rig.h5")[0] == 0
     for words in (
@@ -205,7 +185,7 @@ def test_what_a_command_reads_is_not_written_over(told):
 
 
 def test_an_export_of_layers_that_there_are_not_is_refused(told):
-    Path("push.toml").write_text(BASE_OF + 'kind = "yield"\n')
+    Path("push.toml").write_text(RIG + 'kind = "yield"\n')
     assert told("run", "push.toml", "--out", "push.h5")[0] == 0
     code, _, said = told("export", "push.h5", "--to", "push.vtkhdf", "--layers", "ties")
     assert code == 2 and "no ties" in said

@@ -13,6 +13,7 @@ from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import PushoverControl
 from dembrick.views.key_numbers import key_numbers
 from helpers.places import SCENARIOS
+from helpers.scenario_text import block, header
 from helpers.stone_scenes import law, of_stone
 
 PULSE = 9.81 * 0.5 * 0.2**2 * (0.5 - 0.2) * 0.5 / 0.2  # m: Newmark's block, 0.5 g for 0.2 s, friction 0.2
@@ -95,27 +96,11 @@ def test_a_shaken_block_is_in_its_bar_though_twice_the_stiffness_changes_little(
     assert abs(found - abs(x)) < result.displacement_error < 0.2 * abs(x)
 
 
-SHAKEN = """
-title = "shaken"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "convex"
-friction = 0.264
-normal_stiffness = 29072616.5
-shear_stiffness = 11629046.6
-[materials.stone]
-density = 2000.0
-[[blocks]]
-name = "base"
-material = "stone"
-box = [6.0, 6.0, 0.2]
-position = [0.0, 0.0, -0.1]
-fixed = true
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.5, 0.5, 0.05]
-position = [0.0, 0.0, 0.025]
+SHAKEN = (
+    header("convex", 0.264, 29072616.5, title="shaken")
+    + block("base", (0.0, 0.0, -0.1), (6.0, 6.0, 0.2), "fixed = true")
+    + block("block", (0.0, 0.0, 0.025), (0.5, 0.5, 0.05))
+    + """
 [control]
 kind = "base-motion"
 restitution = 0.33
@@ -123,3 +108,4 @@ duration = 0.94
 direction = [0.9670779864801878, 0.0, 0.25448019189207166]
 sine = { amplitude = 4.634260075286905, frequency = 3.2050210238157866, phase = 3.784411133585804 }
 """
+)
