@@ -200,8 +200,11 @@ def test_all_six_are_fixed():
 
 
 def test_a_jack_that_pushes_against_a_guide_is_refused():
+    scenario = under_beam("kind = 'yield'", '["x", "rx", "ry", "rz"]')
     with pytest.raises(ScenarioError, match="against its guide"):
-        dembrick.simulate(under_beam("kind = 'yield'", '["x", "rx", "ry", "rz"]'), record=False)
+        dembrick.simulate(scenario, record=False)
+    with pytest.raises(ScenarioError, match="against its guide"):
+        dembrick.limit(scenario)
 
 
 @pytest.mark.parametrize("held", ['["y", "rx", "ry", "rz"]', '["y", "rx", "rz"]'])

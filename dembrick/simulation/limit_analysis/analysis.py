@@ -108,7 +108,7 @@ def dead_wrench(assembly: Assembly) -> np.ndarray:
 def live_wrench(assembly: Assembly) -> np.ndarray:
     """Force and moment (n, 6) of the actuators on every block at V = 1.
 
-    ScenarioError if there are none, or if they add up to nothing on every block.
+    ScenarioError if there are none, or if they add up to nothing on every block, along what its guide leaves free.
     """
     actuators = assembly.actuators
     if not len(actuators.at):
@@ -119,9 +119,14 @@ def live_wrench(assembly: Assembly) -> np.ndarray:
     wrench, size = actuators.at.on_blocks(actuators.force, len(assembly.names)), np.zeros((len(assembly.names), 6))
     np.add.at(size, actuators.at.block, np.abs(actuators.at.wrenches(actuators.force)))
     free = ~assembly.fixed
-    if not (np.abs(wrench[free]) > _NOTHING * size[free].max(initial=0.0)).any():
+    moves = (np.abs(wrench) > _NOTHING * size[free].max(initial=0.0)) & free[:, None]
+    if not moves.any():
         raise ScenarioError(
             "the loads cancel on every block, so there is nothing to multiply: remove or turn one of them"
+        )
+    if not (moves & ~assembly.held).any():
+        raise ScenarioError(
+            "the loads push every block against its guide alone, so nothing limits them: turn one, or free what is held"
         )
     return wrench
 
