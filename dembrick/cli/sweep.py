@@ -82,20 +82,19 @@ def _find_causes(options, console) -> int:
 
 def _answer(cell: dict, unit: str) -> str:
     """V of the one case of a cell as its run says it; of several the mean, and how they scatter."""
-    from dembrick.views.summary import limit_text, plain, rounded_up
+    from dembrick.views.summary import limit_text, plain, with_error
 
     if cell["count"] == 1:
         one_path = {"digits_open": cell["digits_open"] == "true"}
         return plain(str(limit_text({"V": cell["mean"], **cell}, one_path, unit)))
-    unit = f" {unit}".rstrip()
-    scatter = f"deviation {cell['deviation']:.4g}{unit}, mean +- {rounded_up(cell['standard_error'])}{unit}"
-    return f"{cell['mean']:.6g}{unit}, {scatter} ({cell['count']} cases)"
+    mean = plain(with_error(cell["mean"], cell["standard_error"], unit))
+    return f"{mean} on average of {cell['count']} cases, which deviate by {cell['deviation']:.4g} {unit}".rstrip()
 
 
 def _text(study, outcome) -> str:
     from dembrick.runs.study.plan import scenario_of
     from dembrick.scenario.checks import show
-    from dembrick.views.summary import rounded_up
+    from dembrick.views.summary import barred
 
     unit = "N" if study.search is None and scenario_of(study, 0).actuators else ""
     lines = [
@@ -109,10 +108,10 @@ def _text(study, outcome) -> str:
         fixed = ", ".join(f"{key} = {value if isinstance(value, str) else show(value)}" for key, value in own.items())
         if study.search is not None:
             half = cell["half_width"]
-            bar = f"{study.search.key} = {cell['mean']:.5g} " + (
-                f"({cell['remark']})" if half is None else f"+- {rounded_up(half)}"
+            found = (
+                f"{cell['mean']:.5g} ({cell['remark']})" if half is None else " +- ".join(barred(cell["mean"], half))
             )
-            lines.append(f"{'falls ' + cell['falls']:13} {bar}  {fixed}".rstrip())
+            lines.append(f"{'falls ' + cell['falls']:13} {study.search.key} = {found}  {fixed}".rstrip())
             continue
         lines.append(f"V             {_answer(cell, unit)}  {fixed}".rstrip())
     if len(outcome.statistics) > _MOST_LINES:

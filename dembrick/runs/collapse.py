@@ -12,7 +12,7 @@ from dembrick.runs.path_dependence import path_lines
 from dembrick.scenario.checks import present
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
-from dembrick.views.summary import angle_text, known, limit_text, listed, on_one_path, plain, rounded_up
+from dembrick.views.summary import NO_BAR, angle_text, barred, known, limit_text, listed, on_one_path, outward, plain
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -53,8 +53,9 @@ def collapse_lines(collapse: dict, point: Mapping | None = None) -> list[str]:
         factor = f"load factor {plain(str(limit_text(point, collapse, '')))}, by {collapse['mechanism']}"
         width = point["V_upper"] - point["V_lower"]
     else:
-        bar, width = "no error bar: --refine gives one" if error is None else f"+- {rounded_up(error)}", error or 0.0
-        factor = f"load factor {known(collapse['load_factor'], width, 5)} ({bar}), by {collapse['mechanism']}"
+        width, value = error or 0.0, collapse["load_factor"]
+        found = f"{value:.5g} ({NO_BAR})" if error is None else "{} (+- {})".format(*barred(value, error))
+        factor = f"load factor {found}, by {collapse['mechanism']}"
         angle = ""
         if collapse["angle"] is not None:
             turned = math.degrees(width * math.cos(math.radians(collapse["angle"])) ** 2)  # angle = atan(factor)
@@ -82,12 +83,12 @@ def after_lines(after: Mapping | None, unit: str) -> list[str]:
 
 def _settlement_lines(collapse: dict) -> list[str]:
     """The same where supports moved until the structure came down."""
-    error, between = collapse["error_estimate"], collapse.get("settlement_range")
-    bars = [] if between is None else [f"between {between[0]:.5g} and {between[1]:.5g}"]
-    bars.append("no error bar: --refine gives one" if error is None else f"+- {rounded_up(error)} m")
+    error, between, value = collapse["error_estimate"], collapse.get("settlement_range"), collapse["settlement"]
+    bars = [] if between is None else ["between {} and {}".format(*outward(*between))]
+    shown, bar = (f"{value:.5g}", NO_BAR) if error is None else barred(value, error)
+    bars.append(bar if error is None else f"+- {bar} m")
     return [
-        f"collapse      at a settlement of {collapse['settlement']:.5g} m ({', '.join(bars)}), by "
-        f"{collapse['mechanism']}",
+        f"collapse      at a settlement of {shown} m ({', '.join(bars)}), by {collapse['mechanism']}",
         f"blocks        {listed(collapse['blocks'])}",
         f"hinges        {listed(collapse['hinges'])}",
     ]

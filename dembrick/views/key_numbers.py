@@ -13,7 +13,9 @@ from typing import NamedTuple
 
 from dembrick.views import structure_numbers as structure
 from dembrick.views.summary import (
+    NO_BAR,
     angle_text,
+    barred,
     known,
     length,
     limit_text,
@@ -22,6 +24,7 @@ from dembrick.views.summary import (
     mechanism,
     number,
     on_one_path,
+    outward,
     part,
     peak_text,
     plain,
@@ -34,7 +37,6 @@ from dembrick.views.summary import (
 
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
 _ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
-_NO_BAR = "no error bar (--refine gives one)"
 
 
 class KeyNumber(NamedTuple):
@@ -119,7 +121,7 @@ def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumb
         remark += "; --refine gives the range"
     elif not is_open:
         remark = remark.replace("indicator", "indicator, not certified")
-        remark += "" if "meet" in remark else f": bounds {lower:.7g} and {upper:.7g} {unit}".rstrip()
+        remark += "" if "meet" in remark else f": bounds {' and '.join(outward(lower, upper))} {unit}".rstrip()
     lines = [KeyNumber(load[0] if is_open else load[1], said.value, remark)]
     start = start_text(path, unit)
     if start is not None:
@@ -149,7 +151,7 @@ def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
         columns = [part({"": cycle}, "").get(name) for name in ("peak", "V_lower", "V_upper")]
         if not all(isinstance(column, list) and [number(V) for V in column] == column for column in columns):
             continue
-        peaks = [f"{known(V, 0.5 * (b - a))} ± {rounded_up(0.5 * (b - a))}" for V, a, b in zip(*columns, strict=False)]
+        peaks = [" ± ".join(barred(V, max(b - V, V - a))) for V, a, b in zip(*columns, strict=False)]
         work, damping, residual = (number(cycle.get(name)) for name in ("dissipated", "damping", "residual"))
         remark = "its loop does not close" if work is None else f"dissipated {work:.5g} J"
         remark += "" if damping is None else f", damping {100.0 * damping:.3g} %"
@@ -209,7 +211,7 @@ def _at_the_end(results: Mapping) -> Told | None:
     if moved is None:
         return None
     value = length(moved) if error is None else with_error(moved, error, "m")
-    return Told(value, "of a centroid; " + (_NO_BAR if error is None else "from stiffer joints"))
+    return Told(value, "of a centroid; " + (NO_BAR if error is None else "from stiffer joints"))
 
 
 def _peak_tie(results: Mapping) -> Told | None:
@@ -241,8 +243,8 @@ def _settled(results: Mapping) -> Told | None:
         return None
     text = f"{at:.5g} m" if bar is None else with_error(at, abs(bar), "m")
     ends = structure.pair(collapse.get("settlement_range"))
-    between = "" if ends is None else f"between {ends[0]:.5g} and {ends[1]:.5g} m; "
-    return Told(text, between + (_NO_BAR if bar is None else "from runs refined"))
+    between = "" if ends is None else "between {} and {} m; ".format(*outward(*ends))
+    return Told(text, between + (NO_BAR if bar is None else "from runs refined"))
 
 
 def _reaction(results: Mapping) -> Told | None:
@@ -252,7 +254,7 @@ def _reaction(results: Mapping) -> Told | None:
         return None
     text = f"{reaction:.6g} N" if bar is None else with_error(reaction, abs(bar), "N")
     remark = "" if reached is None else f"at {length(reached)}; "
-    return Told(text, remark + (_NO_BAR if bar is None else "refined"))
+    return Told(text, remark + (NO_BAR if bar is None else "refined"))
 
 
 def _extreme_reaction(which: str, results: Mapping) -> Told | None:
@@ -381,10 +383,10 @@ def _of_collapse(collapse: dict, point: dict) -> list[KeyNumber]:
         # angle = atan(factor)
         error = None if bar is None else math.degrees(abs(bar) * math.cos(math.radians(angle)) ** 2)
         text = f"{known(angle, 0.0, 5)} deg" if error is None else with_error(angle, error, "deg")
-        lines.append(KeyNumber("collapse angle", text, _NO_BAR if error is None else ""))
+        lines.append(KeyNumber("collapse angle", text, NO_BAR if error is None else ""))
     if factor is not None and "V" not in point:
         text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
-        source = "from the run refined" if bar is not None else "" if lines else _NO_BAR
+        source = "from the run refined" if bar is not None else "" if lines else NO_BAR
         lines.append(KeyNumber("load factor", text, source))
     if isinstance(collapse.get("mechanism"), str) and "V" not in point:
         lines.append(KeyNumber("mechanism", collapse["mechanism"]))

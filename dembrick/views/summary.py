@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import NamedTuple
 
+NO_BAR = "no error bar: --refine gives one"
 _MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
 _TINY = 5e-7  # of a value: what no digit of seven shows
 _SHORT, _LONG = 2e-4, 2.0  # m: travels up to the one are told in µm, from the other on in m
@@ -53,15 +55,36 @@ def yield_point(results) -> dict[str, float]:
 
 
 def with_error(value: float, half_width: float, unit: str) -> str:
-    """``215.988 ± 0.067 N``: the error to two digits, the value as far as the error lets it be known."""
+    """``215.988 ± 0.068 N``, see `barred`; the value alone where the error is only rounding."""
     if half_width <= _MEET * abs(value):
         return f"{value:.7g} {unit}"
-    if half_width <= _TINY * abs(value):
-        return f"{value:.7g} ± {rounded_up(half_width)} {unit}"
-    digits = max(0, 1 - math.floor(math.log10(half_width)))
-    if digits > 12 or half_width >= 1e6:
-        return f"{value:.9g} ± {rounded_up(half_width)} {unit}"
-    return f"{value:.{digits}f} ± {float(rounded_up(half_width, max(2, _magnitude(half_width) + 1))):.{digits}f} {unit}"
+    return f"{' ± '.join(barred(value, half_width))} {unit}"
+
+
+def barred(value: float, error: float) -> tuple[str, str]:
+    """A value to the second digit of its ``error``, and the error to two digits. What the value loses to its last digit
+    counts as error too, so that what is printed holds all that is meant."""
+    if not 0.0 < error < math.inf:
+        return f"{value:.7g}", rounded_up(error)
+    decimals = max(0, 1 - _magnitude(error))
+    fixed = decimals <= 12 and error < 1e6
+    shown = f"{value:.{decimals}f}" if fixed else f"{value:.9g}"
+    digits = max(2, _magnitude(error) + 1) if fixed else 2
+    bar = rounded_up(error + abs(value - float(shown)), digits)
+    return shown, f"{float(bar):.{decimals}f}" if fixed and error > _TINY * abs(value) else bar
+
+
+def outward(lower: float, upper: float) -> tuple[str, str]:
+    """Bounds to the third digit of what lies between them, the lower one rounded down and the upper one up."""
+    width = upper - lower
+    if not width > _MEET * abs(upper):
+        return f"{lower:.9g}", f"{upper:.9g}"
+    last = Decimal(1).scaleb(min(0, _magnitude(width) - 2))
+    low, high = (Decimal(repr(float(end))) for end in (lower, upper))
+    ends = [f"{low.quantize(last, ROUND_FLOOR):f}", f"{high.quantize(last, ROUND_CEILING):f}"]
+    while all("." in end and end[-1] in "0." for end in ends):
+        ends = [end[:-1] for end in ends]
+    return ends[0], ends[1]
 
 
 def rounded_up(error: float, digits: int = 2) -> str:
@@ -160,13 +183,7 @@ def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> Limit:
         return Limit(with_error(V, 0.0, unit).rstrip(), f"{kind}: the two bounds meet")
     if abs(above - below) <= _UNEVEN * (above + below):
         return Limit(with_error(V, max(above, below), unit).rstrip(), kind)
-    return Limit(f"{' to '.join(_to_width((lower, upper), upper - lower))} {unit}".rstrip(), kind)
-
-
-def _to_width(values: Sequence[float], width: float) -> list[str]:
-    """Values to the third digit of a ``width``."""
-    digits = max(0, 2 - _magnitude(width))
-    return [f"{value:.{digits}f}" if digits <= 12 else f"{value:.9g}" for value in values]
+    return Limit(f"{' to '.join(outward(lower, upper))} {unit}".rstrip(), kind)
 
 
 def angle_text(point: Mapping, beside: Mapping | None) -> Limit:

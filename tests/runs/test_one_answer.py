@@ -60,16 +60,16 @@ def test_a_bracket_whose_middle_is_not_V_is_said_by_its_ends():
     low, high = map(
         float, re.fullmatch(r"([\d.]+) to ([\d.]+) N", summary.limit_text(point.as_dict(), None, "N").value).groups()
     )
-    assert (low, high) == pytest.approx((point.V_lower, point.V_upper), abs=0.05)
+    assert point.V_lower - 0.1 <= low <= point.V_lower and point.V_upper <= high <= point.V_upper + 0.1
 
 
 @pytest.mark.parametrize(
     "V, bounds, text",
     [
-        (840.09, (840.09, 873.8), "840.1 to 873.8 N (indicator)"),
+        (840.09, (840.09, 873.8), "840.0 to 873.8 N (indicator)"),
         (216.0, (215.0, 217.0), "216.0 ± 1.0 N (indicator)"),
         (0.64, (0.64 - 7e-12, 0.64 + 7e-12), "0.64 N (indicator: the two bounds meet)"),
-        (1.28, (1.28 - 1.1e-7, 1.28 + 1.1e-7), "1.28 ± 1.1e-07 N (indicator)"),
+        (1.28, (1.28 - 1.1e-7, 1.28 + 1.1e-7), "1.28000000 ± 1.1e-07 N (indicator)"),
         (84.0, (83.0, None), "84 N (at the end, no upper bound; the limit is at least 83 N)"),
     ],
 )

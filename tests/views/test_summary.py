@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from dembrick.views import summary
@@ -12,7 +13,8 @@ from dembrick.views.summary import rounded_up, with_error
 @pytest.mark.parametrize(
     "value, half, text",
     [
-        (215.9883, 0.0668, "215.988 ± 0.067 N"),
+        (215.9883, 0.0668, "215.988 ± 0.068 N"),
+        (239.5202373, 2.6e-5, "239.520237 ± 2.7e-05 N"),
         (107.16583, 2e-14, "107.1658 N"),
         (216.0, 1.0, "216.0 ± 1.0 N"),
         (12345.0, 340.0, "12345 ± 340 N"),
@@ -24,6 +26,17 @@ def test_an_error_bar_has_two_digits(value, half, text):
     assert found == text or (value < 1e-6 and "±" in found)
     shown = float(found.split()[0])
     assert shown == pytest.approx(value, abs=0.51 * max(half, 1e-6 * value))
+
+
+def test_what_is_printed_holds_all_that_is_meant():
+    """Drawn values and errors: the bar that is shown holds the one that is meant, and is hardly wider."""
+    rng = np.random.default_rng(7)
+    for value, error in zip(rng.normal(0.0, 1e3, 2000), 10.0 ** rng.uniform(-5.0, 3.0, 2000), strict=True):
+        shown, bar = map(float, summary.barred(value, error))
+        assert shown - bar <= value - error and value + error <= shown + bar
+        assert bar <= 1.16 * error
+        low, high = map(float, summary.outward(value - error, value + error))
+        assert value - 1.02 * error <= low <= value - error and value + error <= high <= value + 1.02 * error
 
 
 def names(results):
@@ -49,7 +62,7 @@ def test_theory_and_collapse():
     assert theory[:3] == ("theory", "216.05 N", "simulation -0.031 %; the points miss the continuum by 0.04 %")
     collapse = {"angle": 12.01, "load_factor": 0.2127, "mechanism": "rocking", "error_estimate": None}
     lines = names({"collapse": collapse})
-    assert lines["collapse angle"][:3] == ("collapse angle", "12.01 deg", "no error bar (--refine gives one)")
+    assert lines["collapse angle"][:3] == ("collapse angle", "12.01 deg", "no error bar: --refine gives one")
     assert lines["load factor"].value == "0.2127" and lines["mechanism"].value == "rocking"
     lines = names({"collapse": collapse | {"error_estimate": 5e-4}})
     assert lines["load factor"].value == "0.21270 ± 0.00050"
@@ -65,7 +78,7 @@ def test_a_load_factor_has_no_newtons():
     assert [line.name for line in lines] == [
         "collapse angle", "load factor", "largest load factor", "the joint carries", "mechanism"
     ]  # fmt: skip
-    assert lines[1].value == "0.370010 ± 0.000010" and lines[1].remark.endswith("0.37 and 0.37002")
+    assert lines[1].value == "0.370010 ± 0.000010" and lines[1].remark.endswith("0.37000 and 0.37002")
     # 1e-5 cos(20.305 deg)^2 in degrees
     assert "N" not in lines[2].value and lines[0][1:3] == ("20.30498 ± 0.00051 deg", "indicator")
     assert lines[4].value == "rocking"

@@ -19,7 +19,7 @@ from dembrick.scenario.regimes import ACTUATORS, COMPLETED
 from dembrick.simulation import load_increments
 from dembrick.simulation.statics.yield_point import YieldPoint
 from dembrick.views.key_numbers import OF_LAWS, OF_SETTLEMENT, OF_WORK
-from dembrick.views.summary import known, length, listed, plain, rounded_up
+from dembrick.views.summary import NO_BAR, barred, length, listed, outward, plain
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.load_path import LoadPathRun
@@ -135,10 +135,10 @@ class LoadPathResult(MotionResult):
             return "\n".join([*lines, f"answer        {self.plain_answer}", f"history       {self.history}"])
         fallen, V = present(run.collapse), present(point.V)
         bar = self.load_error if self.load_error is not None else point.half_width
-        between = f"stands at {point.V_lower:.6g}, falls at {point.V_upper:.6g}"
+        between = "stands at {}, falls at {}".format(*outward(point.V_lower, present(point.V_upper)))
         angle = None if self.collapse is None else self.collapse["angle"]
         name, told = "V" if self.collapse is None else "load factor", "" if angle is None else f", {angle:.5g} deg"
-        lines.append(f"{name:13} {known(V, bar)}{unit} +- {rounded_up(bar)}{unit}{told} ({between}; this path)")
+        lines.append(f"{name:13} {' +- '.join(barred(V, bar))}{unit}{told} ({between}; this path)")
         lines += [f"blocks        {listed(fallen['blocks'])}", f"hinges        {listed(fallen['hinges'])}"]
         return "\n".join(lines + [self._moved_line] + self._closing_lines())
 
@@ -208,10 +208,11 @@ class DrivenPathResult(LoadPathResult):
     def text(self) -> str:
         point, unit = self.yield_point, " N" if self.curve.unit == "N" else ""
         lines = self.heading_lines
-        bar = (
-            "no error bar: --refine gives one" if self.load_error is None else f"+- {rounded_up(self.load_error)}{unit}"
-        )
-        lines.append(f"V_peak        {point.V_peak:.6g}{unit} ({bar}) at {_told(point.displacement_at_peak)}")
+        shown, bar = f"{point.V_peak:.6g}", NO_BAR
+        if self.load_error is not None:
+            shown, bar = barred(point.V_peak, self.load_error)
+            bar = f"+- {bar}{unit}"
+        lines.append(f"V_peak        {shown}{unit} ({bar}) at {_told(point.displacement_at_peak)}")
         lines.append(f"V             {point.V:.6g}{unit} at the end, {_told(point.displacement)}")
         if self.run.collapse is not None:
             lines.append(f"blocks        {listed(self.run.collapse['blocks'])} come down there")

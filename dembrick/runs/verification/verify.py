@@ -12,7 +12,7 @@ from dembrick.errors import DembrickError
 from dembrick.runs.outcomes.result import fell
 from dembrick.runs.verification.cases import Case
 from dembrick.scenario.checks import present
-from dembrick.views.summary import rounded_up
+from dembrick.views.summary import barred, rounded_up
 
 SLACK = 1e-9  # of the reference: rounding by which it may lie outside an error bar
 
@@ -147,10 +147,9 @@ def value_text(outcome: Outcome) -> str:
     """Value with its half-width, as many digits as are worth it."""
     if outcome.value is None:
         return "none"
-    value = f"{outcome.value:.7g}"
     if outcome.lower is None or outcome.upper is None:
-        return value
-    return f"{value} +- {rounded_up(0.5 * (outcome.upper - outcome.lower))}"
+        return f"{outcome.value:.7g}"
+    return " +- ".join(barred(outcome.value, max(outcome.upper - outcome.value, outcome.value - outcome.lower)))
 
 
 def reference_text(outcome: Outcome) -> str:
