@@ -7,6 +7,7 @@ beside the measured curve, which is then the envelope of loops or a test of its 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -37,8 +38,8 @@ class Misfit(NamedTuple):
     """Simulated against measured; relative, None where the measured curve does not say.
 
     ``rms``: root mean square of the difference at the measured points, over the measured peak. ``peak``, ``stiffness``
-    (the secant from the origin to a third of its own peak), ``energy`` (the area below the curve): simulated over
-    measured, less 1. ``compared``: from and up to where, m.
+    (the secant from the origin to a third of its own peak), ``energy`` (the area below the curve, or of the loops):
+    simulated over measured, less 1, with the points of both. ``compared``: from and up to where, m.
     """
 
     rms: float
@@ -117,16 +118,24 @@ def compared(simulated: Curve, measured: Curve, beyond: bool = False) -> tuple[n
     """Displacements (m) of the measured points that the simulated curve reaches, the forces (N) of the simulated one
     there, and those measured; a little beyond a turn the last simulated force counts, and with ``beyond`` at all points
     of the ways that both have."""
-    found = []
-    for (way_u, way_V), (our_u, our_V) in zip(_ways(measured), _ways(simulated), strict=False):
+    found = [(u, np.interp(u, x, y), V) for x, y, u, V in _ways_of_both(simulated, measured, beyond)]
+    displacement, ours, theirs = (np.concatenate(column) for column in zip(*found, strict=True))
+    return displacement, ours, theirs
+
+
+def _ways_of_both(
+    simulated: Curve, measured: Curve, beyond: bool = False
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Of each way that both have, displacement and load of the simulated curve in ascending order, and those of the
+    measured points which it reaches, see `compared`, in theirs."""
+    ways = _ways(simulated)
+    for (way_u, way_V), (our_u, our_V) in zip(_ways(measured), ways, strict=False):
         order = np.argsort(our_u, kind="stable")
         x, y = our_u[order], our_V[order]
         # a jack gives a little, so that the blocks turn back somewhat before its end does
-        slack = (BACK if len(_ways(simulated)) > 1 else 1e-9) * float(np.ptp(x))
+        slack = (BACK if len(ways) > 1 else 1e-9) * float(np.ptp(x))
         inside = beyond | ((way_u >= x[0] - slack) & (way_u <= x[-1] + slack))
-        found.append((way_u[inside], np.interp(way_u[inside], x, y), way_V[inside]))
-    displacement, ours, theirs = (np.concatenate(column) for column in zip(*found, strict=True))
-    return displacement, ours, theirs
+        yield x, y, way_u[inside], way_V[inside]
 
 
 class _Way(NamedTuple):
@@ -159,13 +168,21 @@ def _of_loops(simulated: Curve, measured: Curve, name: str) -> Misfit:
     u, ours, theirs = compared(simulated, measured)
     if len(u) < 2 or not np.abs(theirs).max() > 0.0:
         raise ScenarioError(f"{name} and the simulated curve share no displacements, or it has no force")
-    peak, area = float(np.abs(theirs).max()), float(np.trapezoid(theirs, u))
-    slopes = [_initial_stiffness(*_ways(curve)[0]) for curve in (simulated, measured)]
+    peak, most, areas = float(np.abs(theirs).max()), 0.0, np.zeros(2)
+    for x, y, way_u, way_V in _ways_of_both(simulated, measured):
+        if len(way_u):
+            order = np.argsort(way_u, kind="stable")
+            at = _points_of_both(x, way_u, float(way_u.min()), float(way_u.max()))
+            own, other = np.interp(at, x, y), np.interp(at, way_u[order], way_V[order])
+            most = max(most, float(np.abs(own).max()))
+            areas += np.sign(way_u[-1] - way_u[0]) * np.array([np.trapezoid(own, at), np.trapezoid(other, at)])
+    first = [_ways(curve)[0] for curve in (simulated, measured)]
+    slopes = [_initial_stiffness(*(np.sign(u[-1] - u[0]) * column for column in (u, V))) for u, V in first]
     return Misfit(
         float(np.sqrt(np.mean((ours - theirs) ** 2))) / peak,
-        float(np.abs(ours).max()) / peak - 1.0,
+        most / peak - 1.0,
         slopes[0] / slopes[1] - 1.0 if slopes[0] is not None and slopes[1] is not None else None,
-        float(np.trapezoid(ours, u)) / area - 1.0 if area > 0.0 else None,
+        float(areas[0] / areas[1]) - 1.0 if areas[1] > 0.0 else None,
         (float(u.min()), float(u.max())),
     )
 
@@ -184,10 +201,10 @@ def _one_way_each(simulated: Curve, measured: Curve, name: str) -> Misfit:
     if not peak > 0.0:
         raise ScenarioError(f"{name} has no force above 0; turn its sign round if the rig counts the other way")
     difference = np.interp(theirs[0][inside], *ours) - theirs[1][inside]
-    at = np.union1d(np.concatenate([ours[0], theirs[0]]).clip(low, high), [low, high])
+    at = _points_of_both(ours[0], theirs[0], low, high)
     own, other = np.interp(at, *ours), np.interp(at, *theirs)
     area = float(np.trapezoid(other, at))
-    stiffness, measured_stiffness = _initial_stiffness(at, own), _initial_stiffness(*theirs)
+    stiffness, measured_stiffness = _initial_stiffness(at, own), _initial_stiffness(at, other)
     known = stiffness is not None and measured_stiffness is not None
     return Misfit(
         float(np.sqrt(np.mean(difference**2))) / peak,
@@ -196,6 +213,11 @@ def _one_way_each(simulated: Curve, measured: Curve, name: str) -> Misfit:
         float(np.trapezoid(own, at)) / area - 1.0 if area > 0.0 else None,
         (float(low), float(high)),
     )
+
+
+def _points_of_both(ours: np.ndarray, theirs: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Displacements at which either curve has a point from ``low`` to ``high``, these ends included."""
+    return np.union1d(np.concatenate([ours, theirs]).clip(low, high), [low, high])
 
 
 def one_way(curve: Curve, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -59,6 +59,29 @@ def test_loops_that_begin_the_other_way_have_no_misfit():
     assert misfit.between(ours, plot.MeasuredCurve("rig", -lab.displacement, -lab.load), "rig").rms == 0.0
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_loops_are_compared_at_the_points_of_both(sign):
+    """Elastic up to 10 N at 1 mm, then plastic to 5 mm, and back: a loop of 4 (5 mm - 1 mm) 10 N = 160 mJ. Between its
+    turning points by straight lines there is no area; measured at its corners it is the same curve."""
+    corners = sign * 1e-3 * np.array([0.0, 1.0, 5.0, 3.0, -5.0, -3.0, 5.0])
+    force = sign * np.array([0.0, 10.0, 10.0, -10.0, -10.0, 10.0, 10.0])
+    fine = [np.interp(np.linspace(0.0, 6.0, 601), np.arange(7.0), column) for column in (corners, force)]
+    ours, lab = plot.MeasuredCurve("ours", *fine), plot.MeasuredCurve("lab", corners, 0.8 * force)
+    found = misfit.between(ours, lab)
+    assert (found.peak, found.stiffness, found.energy) == pytest.approx((0.25, 0.25, 0.25), rel=1e-9)
+    turned = plot.MeasuredCurve("turns", corners[[0, 2, 4, 6]], 0.8 * force[[0, 2, 4, 6]])
+    assert misfit.between(ours, turned).peak == pytest.approx(0.25, rel=1e-9)
+    coarse = plot.MeasuredCurve("ours", corners, force)  # and the other way round: the measured points are many
+    assert misfit.between(coarse, plot.MeasuredCurve("lab", fine[0], 0.8 * fine[1])).energy == pytest.approx(0.25)
+
+
+def test_the_initial_stiffness_is_of_what_both_curves_have():
+    """A measured curve that goes on beyond the run, and rises there: its third is that of the part compared."""
+    ours = plot.MeasuredCurve("ours", np.array([0.0, 1e-3, 2e-3]), np.array([0.0, 10.0, 10.0]))
+    lab = plot.MeasuredCurve("lab", 1e-3 * np.array([0.0, 1.0, 2.0, 9.0]), np.array([0.0, 8.0, 8.0, 200.0]))
+    assert misfit.between(ours, lab).stiffness == pytest.approx(0.25, rel=1e-9)
+
+
 def test_the_command_says_the_misfit(tmp_path, capsys):
     """A measured curve a tenth above ours, at our own points: all errors are 1 / 1.1 - 1."""
     run = dembrick.simulate(shipped.folder() / "set4a_curve.toml", tmp_path / "run.h5")

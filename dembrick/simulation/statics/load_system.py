@@ -25,7 +25,7 @@ from dembrick.simulation.statics.recorder import Ended
 from dembrick.simulation.statics.rest.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.state import State, load_vectors, zero_actuators
 from dembrick.simulation.statics.stepper import Loop
-from dembrick.simulation.statics.stiffness import block_stiffness
+from dembrick.simulation.statics.stiffness import held_stiffness
 from dembrick.simulation.statics.yield_point import YieldPoint, carried_by, certificate, in_equilibrium, read_off
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class LoadSystem:
                 "gravity is zero and there are no [[loads]], so nothing presses the joints and friction carries "
                 "nothing: give gravity, or loads that press"
             )
-        self.stiffness = block_stiffness(self.state, shared=2.0)
+        self.stiffness = held_stiffness(assembly, self.state)
         self.load = load_vectors(self.state)
         self.weight = float(np.abs(self.state.actuators.weight).sum())
         loaded = sorted(set(self.state.actuators.block.tolist()) & set(self.state.blocks.free.tolist()))

@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.errors import ScenarioError
 from dembrick.kernels.state import ScaledInertia
+from dembrick.scenario.checks import show
 from dembrick.simulation.statics import joint_families
 
 if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
     from dembrick.simulation.statics.state import State
 
+FREELY = 1e-14  # of the greatest stiffness of a block: the least, where nothing but rounding is
 AT_ONCE = 1024  # joints whose matrices are made together: some 300 kB each
 
 
@@ -62,6 +66,21 @@ def block_stiffness(state: State, shared: float) -> np.ndarray:
     the assembly, because an element stores at most twice the energy of its two one-sided parts.
     """
     return summed(state, np.where(_both_free(state), shared, 1.0))
+
+
+def held_stiffness(assembly: Assembly, state: State) -> np.ndarray:
+    """`block_stiffness` with what is shared counted twice; ScenarioError for a block that turns freely about the line
+    in which all points lie that hold it."""
+    stiffness = block_stiffness(state, shared=2.0)
+    for block in state.blocks.free:
+        unit = np.repeat([1.0, 1.0 / assembly.shapes[block].diameter], 3)  # of a metre, and of a turn
+        values = np.linalg.eigvalsh(unit[:, None] * stiffness[block] * unit)
+        if 0.0 < values[-1] and values[0] < FREELY * values[-1]:
+            raise ScenarioError(
+                f"block {show(assembly.names[block])} turns freely about the line in which all contact points lie that "
+                "hold it; give joint.points two each way, or more"
+            )
+    return stiffness
 
 
 def _free(state: State) -> np.ndarray:

@@ -35,7 +35,7 @@ from dembrick.simulation.statics.recorder import Ended, Recorder
 from dembrick.simulation.statics.rest.relaxation import UNBALANCED, Relaxation
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State, initial_state
-from dembrick.simulation.statics.stiffness import answer_alone, block_stiffness
+from dembrick.simulation.statics.stiffness import answer_alone, held_stiffness
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
 if TYPE_CHECKING:
@@ -193,8 +193,9 @@ class Standing(Ended):
 def find_rest(assembly: Assembly, session: Session) -> Standing:
     """The equilibrium of an assembly under its dead loads, the blocks that fall, or neither; recorded in one row."""
     state = starting_state(assembly, session.start, session.ties_before)
+    stiffness = held_stiffness(assembly, state)
     factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
-    found = rest(state, block_stiffness(state, shared=2.0), assembly.position, factor, session)
+    found = rest(state, stiffness, assembly.position, factor, session)
     load_increments.report_error(session.report, found.increments, found.path_error)
     if session.observe is not None:
         recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
