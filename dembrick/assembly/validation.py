@@ -6,7 +6,8 @@ Each raises ScenarioError, or returns warnings; a message names the blocks and s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING, NoReturn
 
@@ -20,8 +21,9 @@ from dembrick.errors import DivergedError, OverlapError, ScenarioError
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import DEAD_LOAD, LIMIT_LOAD, PATH_FOLLOWING, BaseMotionControl
-from dembrick.scenario.model import Scenario
+from dembrick.scenario.controls import BaseMotionControl
+from dembrick.scenario.model import Scenario, Solver
+from dembrick.scenario.regimes import DEAD_LOAD, DRIVEN_PATH, LIMIT_LOAD, NOTHING, PATH_FOLLOWING, REAL_TIME
 from dembrick.scenario.units import unit_slips
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load
 SOFT_LIMIT = 1e-2
 ROUNDED = 1e-5  # of the greatest velocity: a phase that was rounded makes no jump
 _MONOTONE = (LIMIT_LOAD, PATH_FOLLOWING, DEAD_LOAD)  # regimes in which loads only grow
+_NAMED = 5  # blocks that a warning names
 _FAR = 0.1  # of the smaller block's diameter: how far a message looks for the block that should have been touched
 
 
@@ -191,7 +194,7 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
 
 def check_control(scenario: Scenario) -> tuple[str, ...]:
     """Warn about what does nothing under the control, and of supports that begin with a jump of their velocity."""
-    control, rate = scenario.control, scenario.control.rate
+    control = scenario.control
     if control.regime is DEAD_LOAD:
         driven = ["[[actuators]]"] if scenario.actuators else []
         driven += ["[[pressures]] with actuator = true"] if any(p.actuator for p in scenario.pressures) else []
@@ -200,17 +203,44 @@ def check_control(scenario: Scenario) -> tuple[str, ...]:
                 f"{' and '.join(driven)} carry nothing in a run of kind {show(control.kind)}, which asks for dead "
                 "loads alone: give forces as [[loads]], pressures without actuator = true",
             )
-    if control.regime is PATH_FOLLOWING and rate is not None:
-        return (
-            f"control.rate = {rate:g} does nothing where control.quasi_static = true: the limit is searched "
-            "through equilibria, without time",
+    idle = tuple(f"{what} does nothing {why}" for what, why in _idle(scenario))
+    return idle + (_check_base_motion(control) if isinstance(control, BaseMotionControl) else ())
+
+
+def _idle(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Keys with a value of their own that this run does not ask for, and why."""
+    control, defaults = scenario.control, {one.name: one.default for one in fields(scenario.control)}
+
+    def given(key: str, why: str) -> Iterator[tuple[str, str]]:
+        value = getattr(control, key)
+        if key in defaults and value != defaults[key]:
+            yield f"control.{key} = {str(value).lower() if isinstance(value, bool) else f'{value:g}'}", why
+
+    if control.regime is PATH_FOLLOWING:
+        no_time = "where control.quasi_static = true: the limit is searched through equilibria, without time"
+        yield from given("rate", no_time)
+        yield from given("damping", no_time)
+    if control.regime is DRIVEN_PATH:
+        yield from given("rate", "with large_displacements = true: equilibria in the deformed geometry know no rate")
+    if control.regime is REAL_TIME:
+        yield from given("tolerance", "in real time, which searches for no limit: --refine gives an error bar")
+        yield from given("large_displacements", "in real time, where the geometry is always the deformed one")
+    if control.regime in (PATH_FOLLOWING, DEAD_LOAD) and scenario.solver.step_factor != Solver().step_factor:
+        yield f"solver.step_factor = {scenario.solver.step_factor:g}", "in a search, which takes no time steps"
+    thrown = [show(block.name) for block in scenario.blocks if any((*block.velocity, *block.angular_velocity))]
+    if thrown and (control.drives != NOTHING or control.regime is not REAL_TIME):
+        yield (
+            f"the velocity of {', '.join(thrown[:_NAMED])}{' and others' if len(thrown) > _NAMED else ''}",
+            f"under control.kind = {show(control.kind)}, which begins at rest; a run of kind dynamic begins with it",
         )
-    return _check_base_motion(control) if isinstance(control, BaseMotionControl) else ()
 
 
 def _check_base_motion(control: BaseMotionControl) -> tuple[str, ...]:
     """A pulse that never comes, and a velocity that begins above zero."""
     warnings = []
+    amplitude = next((one.amplitude for one in (control.pulse, control.sine) if one is not None), 1.0)
+    if control.scale * amplitude == 0.0:
+        warnings.append("the amplitude of the motion times control.scale is zero: nothing shakes")
     if control.pulse is not None and control.pulse.start >= control.duration:
         warnings.append(
             f"the pulse begins at {control.pulse.start:g} s and the run ends at {control.duration:g} s: nothing "

@@ -189,6 +189,12 @@ def _outcome(results: Mapping) -> Told | None:
     return Told(told, f"so far: it still moves at {speed:.2g} m/s; give a longer duration" if open_ended else "")
 
 
+def _moving(results: Mapping) -> Told | None:
+    """Forces at the end are those of an instant where blocks still move."""
+    speed = number(results.get("speed_at_the_end"))
+    return Told(f"at {speed:.2g} m/s at the end", "forces and reactions are those of that instant") if speed else None
+
+
 def _drift(results: Mapping) -> Told | None:
     drift = part(results, "drift")
     value = number(drift.get("value"))
@@ -337,6 +343,7 @@ OF_MOTION = (
     Declared("greatest displacement", "displacement", _greatest),
     Declared("displacement at the end", "at the end", _at_the_end, unless="outcome"),
     Declared("residual displacement", "residual", _at_the_end, only="outcome"),
+    Declared("still moving", "still moving", _moving, unless="outcome"),
     Declared("peak tie force", "peak tie force", _peak_tie),
     Declared("fallen", "fallen", _fallen),
     Declared("not standing", "not standing", _not_standing),

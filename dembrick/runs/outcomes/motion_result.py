@@ -13,6 +13,7 @@ import numpy as np
 from dembrick.runs import left_out
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.outcomes.result import RunResult
+from dembrick.scenario.regimes import REAL_TIME, SUPPORTS
 from dembrick.views.key_numbers import OF_LAWS, OF_MOTION, OF_WORK
 
 if TYPE_CHECKING:
@@ -121,9 +122,12 @@ class MotionResult(RunResult):
         )
 
     def _shaken(self) -> dict:
-        """Key numbers of a structure whose supports shake; empty for any other."""
-        if not self.scenario.control.shakes:
-            return {}
+        """Key numbers of a structure whose supports shake; of one whose supports move, how fast its blocks are at the
+        end; empty for any other."""
+        control = self.scenario.control
+        if not control.shakes:
+            moves = control.drives == SUPPORTS and control.regime is REAL_TIME
+            return {"speed_at_the_end": self.run.speed} if moves else {}
         found = drift(self.assembly, self.run.furthest)
         return {
             "outcome": outcome(self.fallen, self.not_standing),

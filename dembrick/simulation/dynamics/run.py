@@ -44,7 +44,9 @@ if TYPE_CHECKING:
 CONTACT_DAMPING = 0.05  # of critical: of a path of equilibria whose control says none
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met, by 1 to 3 %
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
-AFTER = 1.0  # s, for which a run goes on when the supports have arrived: what has lost its balance comes down in that
+AFTER = 1.0, 10.0  # times sqrt(extent / g): so long a run goes on when the supports have arrived, and so long at the
+# most, until something has come down
+G = 9.81  # m/s2, where there is no gravity
 MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it, and twelve equal blocks fit round one
 
 
@@ -181,7 +183,8 @@ def most_steps(moving: Motion, control: Control, controller: PushController | No
         return controller.longest
     limit = control.limit
     if limit is None:
-        limit = Limit(driving.supports.length / control.rate + AFTER, "rate", "let the supports move faster")
+        seconds = _arrival(driving, control) + AFTER[1] * _falling_time(moving)
+        limit = Limit(seconds, "rate", "let the supports move faster")
     seconds, key, remedy = limit
     if not seconds < MOST_STEPS * moving.time_step:
         raise ScenarioError(
@@ -189,6 +192,17 @@ def most_steps(moving: Motion, control: Control, controller: PushController | No
             f"{moving.time_step:.3g} s, and {MOST_STEPS:g} are the most; {remedy}"
         )
     return math.ceil(seconds / moving.time_step * (1.0 - 1e-12))
+
+
+def _arrival(driving: Driving, control: Control) -> float:
+    """When the supports of a settlement have arrived (s)."""
+    return driving.supports.length / control.rate
+
+
+def _falling_time(moving: Motion) -> float:
+    """sqrt(extent / g) (s) of the scene: the time in which blocks that have lost their balance lean on goes with it."""
+    extent = float(np.ptp(moving.state.bodies.position, axis=0).max() + moving.state.bodies.reach.max())
+    return math.sqrt(extent / (float(np.linalg.norm(moving.assembly.gravity)) or G))
 
 
 def run(moving: Motion, control: Control, driving: Driving, session: Session) -> MotionRun:
@@ -205,7 +219,8 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     start(moving, control, driving, past, session)
     goal = control.displacement if to_collapse else NO_LIMIT
     steps = past.longest = most_steps(moving, control, controller, driving)
-    past.may_end_early = to_collapse
+    settled = math.inf if control.limit or controller else _arrival(driving, control) + AFTER[0] * _falling_time(moving)
+    past.may_end_early = to_collapse or settled < math.inf
     # a run that ends early still has some rows: a block falls within a second or so
     rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if to_collapse else steps))
     every = max(1, rows // session.output.rows)
@@ -223,7 +238,8 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
         recorder.take()
     status = None
     with interrupts.deferred(), recorder.gathering():
-        while moving.steps < steps and status != REACHED:
+        over = moving.steps >= steps
+        while not over:
             n = min(stride, every - moving.steps % every, steps - moving.steps)
             rows = recorder.rows_ahead(stride, steps)
             if controller is not None:
@@ -233,6 +249,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
             else:
                 status = advance(moving, driving, n, limits)
             over = status == REACHED or moving.steps >= steps
+            over = over or (moving.time >= settled and recorder.is_at_row and bool(fallen(moving).any()))
             if over or recorder.is_at_row:
                 recorder.take(last=over)
             if over:
@@ -280,7 +297,7 @@ def start(moving: Motion, control: Control, driving: Driving, past: Past, sessio
         moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if free or (unsupported(moving.state) & ~np.asarray(moving.assembly.fixed)).any():
-            _set_going(moving, driving if free else held)
+            _set_going(moving, driving if free else held, thrown=free)
         else:
             still = np.zeros_like(moving.state.bodies.velocity)
             share = moving.contact_detection.left_to_joints()
@@ -305,8 +322,9 @@ def _push(moving: Motion, controller: PushController, driving: Driving, n_steps:
     return status
 
 
-def _set_going(moving: Motion, driving: Driving) -> None:
-    """Give the blocks their velocities; half a step back, from where the forces of time zero take them on.
+def _set_going(moving: Motion, driving: Driving, thrown: bool) -> None:
+    """Give the blocks their velocities, zero if they are not ``thrown``; half a step back, from where the forces of
+    time zero take them on.
 
     The joints first look at where the blocks came from, a step ago, so that what slides rubs from the start. Blocks
     that came from where they did not touch hit each other: that is an impact as any other.
@@ -314,7 +332,8 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     assembly, state, dt = moving.assembly, moving.state, moving.time_step
     bodies, free = state.bodies, state.bodies.free
     velocity, spin = np.zeros_like(bodies.velocity), np.zeros_like(bodies.spin)
-    velocity[free], spin[free] = assembly.velocity[free], assembly.angular_velocity[free]
+    if thrown:
+        velocity[free], spin[free] = assembly.velocity[free], assembly.angular_velocity[free]
     before = bodies._replace(
         position=bodies.position - dt * velocity,
         rotation=rotation_matrix(turned_by(-dt * spin, bodies.orientation)),
