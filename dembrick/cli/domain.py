@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dembrick.cli.paths import FIGURES, add_force, require_ending
 
+TOLERANCE = 1e-3
 _HEADER = f"{'formulation':16}{'source':>8}{'V [N]':>12}{'M_T [N m]':>12}{'+-':>11}"
 
 
@@ -25,7 +26,7 @@ def add_arguments(parser) -> None:
     )
     parser.add_argument("--shear-angle", type=float, default=90.0, metavar="DEG", help="of V from t1; default 90")
     parser.add_argument("--height", type=float, default=0.0, metavar="m", help="of the load above the joint")
-    parser.add_argument("--tolerance", type=float, default=1e-3, help="of the replays")
+    parser.add_argument("--tolerance", type=float, help=f"of the replays (default: {TOLERANCE:g})")
     parser.add_argument("--csv", metavar="FILE.csv", help="write the points")
     parser.add_argument("--plot", "--to", metavar="FILE", help="draw the domain of a rectangle (PNG, SVG, PDF)")
     add_force(parser)
@@ -41,9 +42,12 @@ def run(options, console) -> int:
 
     joint, own, inputs = _joint(options)
     formulations = options.formulation or ([own] if own else FORMULATIONS)
-    request = domain.Request(
-        options.space, options.shear_angle, options.height, options.pressure, tolerance=options.tolerance
-    )
+    if options.tolerance is not None and not options.simulate:
+        raise ScenarioError("--tolerance is that of replays, and theory needs none: add --simulate n")
+    if options.pressure != "full" and "convex" not in formulations:
+        raise ScenarioError(f"--pressure {options.pressure} is that of convex joints: add --formulation convex")
+    tolerance = TOLERANCE if options.tolerance is None else options.tolerance
+    request = domain.Request(options.space, options.shear_angle, options.height, options.pressure, tolerance=tolerance)
     if options.plot and (joint.edges is None or options.space != "quarter"):
         raise ScenarioError("--plot draws the quarter V, M_T of a rectangle: leave --polygon and --space out")
     if options.simulate < 0:
@@ -72,7 +76,7 @@ def run(options, console) -> int:
             shown = (*joint.edges, joint.friction, joint.normal_force, joint.cohesion)
             figure = plot.domains(simulated, joint=shown, formulations=curves, experiments={})
             plot.save(figure, options.plot)
-    sound = all(_sound(found, options.tolerance) for found in checks.values())
+    sound = all(_sound(found, tolerance) for found in checks.values())
     return 0 if sound else 3
 
 

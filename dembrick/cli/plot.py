@@ -15,6 +15,14 @@ KINDS = {
     "domain": "yield domains with the yield points of the histories",
     "spectrum": "response spectra of records of the ground (CSV files, .AT2) in place of histories",
 }
+DAMPING, STAGES = 0.05, 4
+BELONGS = {  # options of some kinds only
+    "lab": ("curve",),
+    "component": ("points",),
+    "joint": ("path", "joint"),
+    "stages": ("joint",),
+    "damping": ("spectrum",),
+}
 LAB_FORMAT = (
     "a measured curve to lay over (may be repeated): CSV whose first line names its columns with their units, such as "
     "'displacement [mm],force [N]'; lines that begin with # are remarks"
@@ -45,10 +53,10 @@ def add_arguments(parser) -> None:
     parser.add_argument("--over", action="append", default=[], metavar="KEY", help="of a study: this key only")
     parser.add_argument("--answer", metavar="COLUMN", help="of a study: the column to draw (default: value or V)")
     parser.add_argument(
-        "--damping", type=float, default=0.05, metavar="SHARE", help="of spectrum: of critical (default: 0.05)"
+        "--damping", type=float, metavar="SHARE", help=f"of spectrum: of critical (default: {DAMPING:g})"
     )
     add_force(parser)
-    parser.add_argument("--stages", type=int, default=4, metavar="N", help="stages of joint (default: 4)")
+    parser.add_argument("--stages", type=int, metavar="N", help=f"stages of joint (default: {STAGES})")
 
 
 def run(options, console) -> int:
@@ -69,17 +77,16 @@ def run(options, console) -> int:
         raise ScenarioError(
             f"--label: {len(options.label)} labels for {len(options.histories)} histories; give one for each"
         )
-    if options.lab and options.kind != "curve":
-        raise ScenarioError(f"--lab: measured curves belong to --kind curve, not to {options.kind}")
-    if options.component and options.kind != "points":
-        raise ScenarioError(f"--component: components belong to --kind points, not to {options.kind}")
+    for name, kinds in BELONGS.items():
+        if getattr(options, name) and options.kind not in kinds:
+            raise ScenarioError(f"--{name} belongs to --kind {' or '.join(kinds)}, not to {options.kind}")
     measured = [plot.read_measured(path) for path in options.lab]
     files = [history.read(path) for path in options.histories]
     labels, joint = options.label, options.joint
     figure = {
         "curve": lambda: plot.force_displacement(files, labels, measured=measured),
         "path": lambda: plot.load_path(files, labels, joint=joint),
-        "joint": lambda: plot.joint_stages(files, labels, joint=joint, stages=options.stages),
+        "joint": lambda: plot.joint_stages(files, labels, joint=joint, stages=options.stages or STAGES),
         "points": lambda: plot.control_points(files, labels, components=options.component),
         "energies": lambda: plot.energies(files, labels),
         "unbalanced": lambda: plot.unbalanced(files, labels),
@@ -104,7 +111,7 @@ def _spectrum(options, console) -> int:
     from dembrick import history
     from dembrick.views import plot
 
-    figure = plot.spectra(options.histories, options.damping)
+    figure = plot.spectra(options.histories, DAMPING if options.damping is None else options.damping)
     with history.product("spectrum", [], options.histories, options.force):
         path = options.to or default_output(f"{Path(options.histories[0]).stem}_spectrum.png", history.is_ours)
         plot.save(figure, path)

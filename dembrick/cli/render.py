@@ -7,6 +7,9 @@ from contextlib import ExitStack
 
 from dembrick.cli.paths import FRAME, add_force, frame_of
 
+FPS, COUNT = 20.0, 100
+BELONGS = {"frame": "picture", "time": "picture", "fps": "movie", "count": "movie"}  # options of one kind only
+
 
 def add_arguments(parser) -> None:
     parser.add_argument(
@@ -27,9 +30,9 @@ def add_arguments(parser) -> None:
     one.add_argument("--frame", type=frame_of, metavar="{peak,last,N}", help=FRAME)
     one.add_argument("--time", type=float, metavar="SECONDS", help="show the frame nearest to this time")
     movie = parser.add_argument_group("movie")
-    movie.add_argument("--fps", type=float, default=20.0, help="frames a second (default: 20)")
+    movie.add_argument("--fps", type=float, help=f"frames a second (default: {FPS:g})")
     movie.add_argument(
-        "--count", type=int, default=100, help="most frames, spread evenly over the time of the run (default: 100)"
+        "--count", type=int, help=f"most frames, spread evenly over the time of the run (default: {COUNT})"
     )
     add_force(parser)
     parser.add_argument("--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), help="pixels")
@@ -101,8 +104,12 @@ def look_of(options) -> dict:
 
 def run(options, console) -> int:
     from dembrick import history
+    from dembrick.errors import ScenarioError
 
     kinds = [_kind(path, options) for path in options.to]
+    for name, kind in BELONGS.items():
+        if getattr(options, name) is not None and kind not in kinds:
+            raise ScenarioError(f"--{name} belongs to a {kind}, and --to names none: {', '.join(options.to)}")
     before = [is_scenario(path) for path in options.histories]
     with ExitStack() as stack:
         found = [stack.enter_context(opened(path)) for path in options.histories]
@@ -150,7 +157,7 @@ def _draw(found, kind: str, path: str, options, console, look: dict) -> None:
         path,
         **look,
         size=size,
-        fps=options.fps,
-        count=options.count,
+        fps=FPS if options.fps is None else options.fps,
+        count=COUNT if options.count is None else options.count,
         progress=lambda done, total: console.progress(done, total, "frames"),
     )

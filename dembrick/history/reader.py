@@ -62,6 +62,8 @@ def is_of(found: History, scenario_text: str, source: object = None) -> bool:
 
 def _status(file) -> str:
     found, status = guard.attribute(file, "format"), guard.attribute(file, "status")
+    if isinstance(found, int) and guard.attribute(file, "digest") is not None:
+        raise HistoryError(f"{file.filename}: this is the table of a study; 'dembrick plot' draws table.csv beside it")
     if not isinstance(found, int) or not isinstance(status, str):
         raise HistoryError(f"{file.filename}: this HDF5 file was not written by dembrick")
     if found != FORMAT:

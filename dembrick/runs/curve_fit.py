@@ -42,6 +42,7 @@ AGREES = (0.7, 1.4)  # of the rise of the misfit over the expected one at an end
 CLOSE = 0.05  # of an end that is searched for
 # A key that the data do not determine stays about its start, by weights that are small beside what determines others.
 HOLD, HOLD_OF_SCATTER = 3e-3, 0.2
+APART, MIXED = 1e-2, 0.1  # of the greatest slope, and of a direction: keys that curves hardly tell apart
 
 
 @dataclass(frozen=True)
@@ -131,10 +132,12 @@ def _searched(least_squares, runs: _Runs, start: np.ndarray, hold: float) -> np.
         bounds=(-RANGE, RANGE), ftol=1e-9, xtol=1e-7, gtol=1e-10, max_nfev=MOST,
     )  # fmt: skip
     if not found.success:
-        raise NotConvergedError(
-            f"the fit did not settle after {MOST} rounds, the last {runs.told(found.x)}; start from values that are "
-            "nearer, or vary fewer keys"
-        )
+        _, sizes, directions = np.linalg.svd(runs.slopes(found.x), full_matrices=False)
+        remedy = "start from values that are nearer, or vary fewer keys"
+        if sizes[-1] < APART * sizes[0]:
+            mixed = [key for key, part in zip(runs.starts, directions[-1], strict=True) if abs(part) > MIXED]
+            remedy = f"these curves hardly tell {' and '.join(mixed)} apart: vary one of them"
+        raise NotConvergedError(f"the fit did not settle after {MOST} rounds, the last {runs.told(found.x)}; {remedy}")
     return found.x
 
 

@@ -50,6 +50,13 @@ class DomainJoint:
         for name, value in (("friction", self.friction), ("normal force", self.normal_force)):
             if not (math.isfinite(value) and value > 0.0):
                 raise ScenarioError(f"{name} = {value!r} is out of range: a domain needs one greater than 0")
+        place = np.array([self.eccentricity], float)
+        outside = float(polygons.distance_outside(place, self.polygon)[0])
+        if self.cohesion == 0.0 and not outside <= 1e-9 * float(np.abs(self.polygon).max()):
+            raise ScenarioError(
+                f"eccentricity = {tuple(place[0].tolist())} m lies outside the joint by {1e3 * outside:.4g} mm, so "
+                "that N tips the block over: let it lie inside"
+            )
 
     @staticmethod
     def rectangle(a: float, b: float, friction: float, normal_force: float, **options) -> DomainJoint:

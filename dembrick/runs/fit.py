@@ -71,7 +71,8 @@ def read(path: str | os.PathLike) -> list[Measurement]:
     """Measurements out of a CSV file, or of a shipped one by its name; ScenarioError names the line and the column."""
     path = shipped.table(path)
     table = read_table(path, "a file of measured yield points")
-    columns = cells_by_name(table, _COLUMNS, ("V", "deviation"))
+    hint = "; of a measured curve, name the SCENARIO too"
+    columns = cells_by_name(table, _COLUMNS, ("V", "deviation"), hint)
     if not table.lines:
         raise ScenarioError(f"{path}: a header line and at least one test are needed")
     found = []

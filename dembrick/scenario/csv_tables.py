@@ -236,16 +236,19 @@ def _unfit(table: Table, name: str, unit: str | None, quantity: str) -> str:
     )
 
 
-def cells_by_name(table: Table, known: Mapping[str, bool], forces: Sequence[str]) -> dict[str, tuple[int, float]]:
+def cells_by_name(
+    table: Table, known: Mapping[str, bool], forces: Sequence[str], hint: str = ""
+) -> dict[str, tuple[int, float]]:
     """Columns of a table of texts and numbers by name: (number, what its unit is worth).
 
-    ``known``: names that may be there, and whether they must; those of ``forces`` state a unit of force.
+    ``known``: names that may be there, and whether they must; those of ``forces`` state a unit of force. ``hint``: what
+    to say of others.
     """
     columns: dict[str, tuple[int, float]] = {}
     for i, title in enumerate(table.titles):
         name, unit = _parts(title)
         if name not in known:
-            raise ScenarioError(f"{table.path}: unknown column {show(title.strip())}; {nearest(name, known)}")
+            raise ScenarioError(f"{table.path}: unknown column {show(title.strip())}; {nearest(name, known)}{hint}")
         if name in columns:
             raise ScenarioError(f"{table.path}: two columns are called {show(name)}")
         size = 1.0

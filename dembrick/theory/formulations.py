@@ -125,7 +125,7 @@ def effective_polygon(polygon: ArrayLike | Sequence[ArrayLike], centre: ArrayLik
     pieces = [intersect(part, twice - other) for part in parts for other in parts]
     pieces = [piece for piece in pieces if len(piece) > 2 and moment_matrix(piece, piece[0])[0, 0] > 0.0]
     if not pieces:
-        raise ScenarioError(f"the centre of pressure {tuple(np.asarray(centre))} has no part of the joint around it")
+        raise ScenarioError(f"the centre of pressure {tuple(map(float, centre))} has no part of the joint around it")
     return tuple(pieces)
 
 

@@ -55,6 +55,15 @@ def test_what_the_curve_does_not_change_with_is_not_determined(curve, start):
     assert stiffness.lower is None and (stiffness.upper is None or stiffness.upper > 50.0 * true)
 
 
+def test_keys_that_trade_off_are_named(curve, start, monkeypatch):
+    """Friction times what presses: a search that ends too early says that these curves hardly tell the two apart."""
+    monkeypatch.setattr(curve_fit, "MOST", 2)
+    with pytest.raises(
+        NotConvergedError, match=r"hardly tell joint.friction and materials.tuff.density apart: vary one"
+    ):
+        curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1)], ["joint.friction", "materials.tuff.density"])
+
+
 def test_a_plateau_does_not_determine_the_stiffness(curve, start):
     found = curve_fit.fit_curves([start], [measured(curve, 2.5e-6, 3.4e-6, 2)], list(TRUE)).keys
     assert found["joint.friction"].determined and not found["joint.shear_stiffness"].determined

@@ -102,6 +102,19 @@ def test_a_joint_is_given_once():
         dembrick.simulate_domain(friction=0.6, normal_force=1.0)
 
 
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["--tolerance", "1e-4"], "add --simulate n"),
+        (["--pressure", "linear", "--formulation", "concave"], "add --formulation convex"),
+        (["--eccentricity", "1", "0", "--formulation", "convex"], "lies outside the joint by 850 mm"),
+    ],
+)
+def test_options_that_do_nothing_are_refused(words, said, capsys):
+    assert main(["domain", *LAB, *words]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_a_joint_with_cohesion(capsys):
     """c A + mu N = 898.88 N in shear, times c_T in torsion: by theory, and by a search in each direction."""
     wanted = ["--cohesion", "1e4", "--formulation", "convex", "concave", "--simulate", "3", "--points", "2"]

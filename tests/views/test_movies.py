@@ -126,6 +126,20 @@ def test_movie_errors(run, tmp_path, monkeypatch, drawing):
     assert [p.name for p in tmp_path.iterdir()] == ["run.h5"]
 
 
+@pytest.mark.parametrize(
+    "name, words, said",
+    [
+        ("a.png", ["--fps", "10"], "--fps belongs to a movie"),
+        ("a.png", ["--count", "10"], "--count belongs to a movie"),
+        ("a.gif", ["--frame", "last"], "--frame belongs to a picture"),
+        ("a.html", ["--time", "0"], "--time belongs to a picture"),
+    ],
+)
+def test_options_of_the_other_kind_are_refused(run, tmp_path, capsys, name, words, said):
+    assert main(["render", run.path, "--to", str(tmp_path / name), *words]) == 2
+    assert said in capsys.readouterr().err and not (tmp_path / name).exists()
+
+
 def test_the_slider_moves_the_block(run, drawing):
     plotter, keys = pyvista.Plotter(off_screen=True, window_size=[320, 240]), {}
     plotter.add_key_event = keys.__setitem__

@@ -347,7 +347,10 @@ def test_the_command_draws_every_kind(pushed, tmp_path, capsys, kind):
     [
         (["--label", "one", "--label", "two"], "2 labels for 1 histories"),
         (["--lab", "none.csv"], "none.csv: there is no such file"),
-        (["--kind", "path", "--lab", "none.csv"], "belong to --kind curve"),
+        (["--kind", "path", "--lab", "none.csv"], "--lab belongs to --kind curve"),
+        (["--joint", "a/b"], "--joint belongs to --kind path or joint, not to curve"),
+        (["--stages", "3"], "--stages belongs to --kind joint, not to curve"),
+        (["--damping", "0.02"], "--damping belongs to --kind spectrum, not to curve"),
         (["--kind", "path", "--joint", "a/b"], "has no joint 'a/b'"),
     ],
 )

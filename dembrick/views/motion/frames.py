@@ -39,8 +39,9 @@ def frame_number(history, frame: int | str | None = None, time: float | None = N
     if time is not None:
         first, last = float(history.frame_time[0]), float(history.frame_time[-1])
         if not first - 1e-9 * (last - first) <= time <= last + 1e-9 * (last - first):
+            what, unit = ("the equilibrium", "") if history.counts_equilibria else ("the time", " s")
             raise ScenarioError(
-                f"time = {time!r} s is out of range: {history.path} runs from {first:.6g} to {last:.6g} s"
+                f"{what} {time:g}{unit} is out of range: {history.path} runs from {first:.6g} to {last:.6g}{unit}"
             )
         return int(nearest(history.frame_time, [time])[0])
     frame = usual(history) if frame is None else frame
