@@ -104,8 +104,9 @@ class Material:
 class Load:
     """A dead load: ``force`` (N, world) on ``block`` at ``point`` (m, world at the start; None: the centroid).
 
-    ``block`` may name a group: then each of its blocks bears that force, at its centroid. In a dynamic run ``sine``, or
-    the values of a CSV file ``history`` ("time [s], factor [1]"; ``columns`` picks two by name), multiply the force.
+    ``block`` may name a group: then each of its blocks bears that force, at its centroid. In runs of kind
+    dynamic and base-motion, and of a settlement in real time, ``sine``, or the values of a CSV file ``history``
+    ("time [s], factor [1]"; ``columns`` picks two by name), multiply the force.
     ``stages``: numbers of the stages in which it acts, None for all.
     """
 
@@ -198,7 +199,7 @@ class Output:
     """Output of a run. ``channels``: "joints" (resultants, a row each), "energy", "frames" (motion of the blocks),
     "velocity" and "contacts" (contact forces) in every frame; time, load and displacement always are recorded.
 
-    ``rows`` and ``frames``: about how many of a constant-rate test; a search keeps a row of every step.
+    ``rows`` and ``frames``: about how many of a run in time; a search keeps a row of every step.
     ``checkpoint``: seconds between two checkpoints of a run that writes a history.
     """
 

@@ -29,8 +29,9 @@ class Pressure:
     """A pressure on the bare faces of ``block`` (or of a group) whose outward normal is ``direction``.
 
     Either ``value`` (Pa) everywhere, or that of a fluid: ``weight`` (N/m3) times the depth below ``surface`` (m, height
-    along +z). It acts along the normals of the faces, against ``direction``, on what of a face no joint covers. Area,
-    direction and centre of pressure are those of the start: the force rides with the block and keeps its direction.
+    along +z). It acts along the normals of the faces, against ``direction``, on what of a face no joint covers. In the
+    geometry of the start area, direction and centre of pressure stay: the force rides with the block and keeps its
+    direction. In real time and in the deformed geometry it follows the faces.
     ``actuator``: the pressure is the driven load, and V its multiplier. ``stages``: numbers of the stages in which it
     acts, None for all.
     """

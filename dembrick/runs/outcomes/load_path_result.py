@@ -44,8 +44,8 @@ class LoadPathResult(MotionResult):
 
     @property
     def load(self) -> np.ndarray:
-        """V of every row (N, or the load factor)."""
-        return self.rows["load"]
+        """V of every row (N, or the load factor); HistoryError if the run kept no record."""
+        return self.series("load")
 
     @property
     def unlimited(self) -> bool:
@@ -145,17 +145,19 @@ class LoadPathResult(MotionResult):
     @property
     def _moved_line(self) -> str:
         """Line on how far the blocks have moved up to the limit, which may be long after the one of the start; how far
-        one has turned, where that moves its corners twice as far."""
-        shifted, bodies = np.linalg.norm(self.displacement, axis=1), self.run.motion.state.bodies
+        one has turned, where that moves its corners twice as far. After a settlement it is known from there alone how
+        far they have moved."""
+        shifted, motion = np.linalg.norm(self.displacement, axis=1), self.run.motion
+        bodies = motion.state.bodies
         traces = np.einsum("nij,nij->n", bodies.rotation, self.assembly.rotation)
-        turned = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0))
+        turned = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0)) * (not motion.settled)
         away = np.maximum(shifted, 0.5 * bodies.reach * turned)
         furthest = int(np.argmax(away))
         size = float(np.ptp(self.assembly.shapes[furthest].vertices, axis=0).min())
         turns = shifted[furthest] < away[furthest]
         far = f"{math.degrees(turned[furthest]):.3g} deg" if turns else _told(float(away[furthest]))
         line = f"{'turned' if turns else 'moved':13} {self.assembly.names[furthest]} by {far} up to there"
-        if away[furthest] > LONG_WAY * size:
+        if away[furthest] > LONG_WAY * size and not motion.settled:
             line += "; large_displacements = false gives the limit before they move"
         return line
 

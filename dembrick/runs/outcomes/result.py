@@ -13,9 +13,10 @@ import numpy as np
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
-from dembrick.errors import UndecidedError
+from dembrick.errors import HistoryError, UndecidedError
 from dembrick.runs import theory_check
 from dembrick.runs.outcomes.cycles import cycles_of
+from dembrick.scenario.checks import show
 from dembrick.scenario.joint_laws import described
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
@@ -151,6 +152,12 @@ class RunResult:
     def curve(self) -> Curve:
         """Curve of the record: names of load and displacement, and the unit of the load."""
         return recorded_curve(self.scenario.control, self.assembly.actuators)
+
+    def series(self, name: str) -> np.ndarray:
+        """The values of every row by the name of ``rows``; HistoryError if the run kept no record of them."""
+        if name not in self.rows:
+            raise HistoryError(f"this run kept no record of {show(name)}: simulate with record = True")
+        return self.rows[name]
 
     if TYPE_CHECKING:
 
@@ -310,13 +317,13 @@ class Result(SearchResult):
 
     @property
     def load(self) -> np.ndarray:
-        """V of every row (N)."""
-        return self.rows["load"]
+        """V of every row (N); HistoryError if the run kept no record."""
+        return self.series("load")
 
     @property
     def displacement(self) -> np.ndarray:
-        """Driven displacement of every row (m)."""
-        return self.rows["displacement"]
+        """Driven displacement of every row (m); HistoryError if the run kept no record."""
+        return self.series("displacement")
 
     @property
     def status(self) -> str:

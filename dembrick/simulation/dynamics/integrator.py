@@ -274,8 +274,8 @@ def _trouble(motion: Motion, status: int) -> str:
     if status == CROWDED:
         return f"{where} have more faces than their contact has room for; describe them by simpler shapes"
     return (
-        f"{where} are pressed into each other by more than {DEEPEST:g} of the thinner one's inner radius, too deep for "
-        "a contact to mean anything; give the joints a greater normal_stiffness, or throw blocks less hard"
+        f"{where} are pressed into each other by more than {2.0 * DEEPEST:g} of the thinner one's inner radius, too "
+        "deep for a contact to mean anything; give the joints a greater normal_stiffness, or throw blocks less hard"
     )
 
 

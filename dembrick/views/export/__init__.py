@@ -34,7 +34,7 @@ def export(
     its folder.
 
     ``report`` gets a sentence for each quantity that the history does not hold, with the remedy. ``only``: the layers
-    to write (blocks, joints, contacts); text always has all series.
+    to write (blocks, joints, contacts, ties); text always has all series.
     """
     unknown = [layer for layer in only if layer not in LAYERS]
     if unknown or not only:
