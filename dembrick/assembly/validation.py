@@ -209,7 +209,7 @@ def check_control(scenario: Scenario) -> tuple[str, ...]:
 
 def _idle(scenario: Scenario) -> Iterator[tuple[str, str]]:
     """Keys with a value of their own that this run does not ask for, and why."""
-    control, defaults = scenario.control, {one.name: one.default for one in fields(scenario.control)}
+    control, defaults = scenario.control, {one.name: one.default for one in fields(scenario.control)}  # type: ignore[arg-type]
 
     def given(key: str, why: str) -> Iterator[tuple[str, str]]:
         value = getattr(control, key)

@@ -278,6 +278,14 @@ REFUSED = {
                               "span of an opening in the right return of wall 'wall'", "behind the wall"),
     "opening above a return": (("blocks = 4 }", "blocks = 4, openings = [{ span = [0.4, 0.8], courses = [1, 9] }] }"),
                                "courses of an opening in the right return", "the wall has 5 courses"),
+    "lintel in an opening": (
+        ("lintel = 0.15 }]", "lintel = 0.15 }, { span = [1.3, 1.5], courses = [4, 4] }]"),
+        "the lintel over 0.6 to 1.2 m lies in course 4, where another opening is from 1.3 to 1.35 m", "shorten",
+    ),
+    "lintel in a lintel": (
+        ("lintel = 0.15 }]", "lintel = 0.15 }, { span = [1.4, 1.6], courses = [1, 3], lintel = 0.1 }]"),
+        "the lintel over 0.6 to 1.2 m lies in course 4, where another lintel is from 1.3 to 1.35 m", "shorten",
+    ),
     "opening key": (("lintel = 0.15", "lintle = 0.15"), "unknown key 'lintle' in openings[0] in [[walls]] number 1",
                     "'lintel'"),
     "return end": (('end = "right"', 'end = "top"'), "end = 'top' is not one of left, right", "returns[0]"),

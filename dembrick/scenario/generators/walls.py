@@ -7,6 +7,7 @@ corners and patterns meet in one place, and a piece that would be too short to l
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import permutations
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
@@ -186,6 +187,20 @@ class Wall:
                 opening.courses,
                 f"the wall has {self.courses} courses, and a lintel needs one above the opening",
             )
+        for one, other in permutations(openings, 2):
+            if one.lintel is None:
+                continue
+            above, bears = one.courses[1] + 1, (one.span[0] - one.lintel, one.span[1] + one.lintel)
+            opened = other.courses[0] <= above <= other.courses[1]
+            meets = other.lintel is not None and other.courses[1] == one.courses[1]
+            reach = other.lintel if meets and other.lintel is not None else 0.0
+            low, high = max(bears[0], other.span[0] - reach), min(bears[1], other.span[1] + reach)
+            if (opened or meets) and high - low > _SAME * self.block[0]:
+                what, ends = "opening" if opened else "lintel", f"{one.span[0]:g} to {one.span[1]:g} m"
+                raise ScenarioError(
+                    f"openings{label}: the lintel over {ends} lies in course {above}, where another {what} is from "
+                    f"{low:.6g} to {high:.6g} m; move an opening, or shorten the bearing of the lintel"
+                )
 
     @property
     def length(self) -> float:
