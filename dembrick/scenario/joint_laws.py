@@ -160,7 +160,8 @@ class JointLaw:
 class JointOverride:
     """A ``law`` for the joints ``between`` two named blocks or groups, in place of the default.
 
-    A group named twice means the joints inside it. ``stages``: numbers of the stages in which it holds, None for all.
+    A group named twice means the joints inside it. Of several that name a joint the last one holds. ``stages``: numbers
+    of the stages in which it holds, None for all.
     """
 
     between: tuple[str, str] = field(metadata=declare("2 names", "the two blocks or groups whose joints have this law"))

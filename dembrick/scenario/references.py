@@ -182,3 +182,9 @@ def _others(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:
         if override.between[0] == override.between[1] and override.between[0] in numbers:
             message = f"between = {show(override.between)} is out of range: a block has no joint with itself"
             yield Fault(message, "joints", i)
+        later = (other for other in scenario.joints[i:] if other.stages == override.stages)
+        if any(sorted(other.between) == sorted(override.between) for other in later):
+            message = (
+                f"between = {show(override.between)}: a later entry names the same joints, so this one does nothing"
+            )
+            yield Fault(message, "joints", i)

@@ -102,6 +102,9 @@ def at_stage(scenario: Scenario, number: int) -> Scenario:
         key: tuple(replace(entry, stages=None) for entry in _of_stage(getattr(scenario, key), number))
         for key in IN_STAGES
     }
+    laws = parts["joints"]
+    named = [frozenset(law.between) for law in laws]
+    parts["joints"] = tuple(law for i, law in enumerate(laws) if named[i] not in named[i + 1 :])  # the last one holds
     if control.drives != ACTUATORS:
         parts["actuators"] = ()
         parts["pressures"] = tuple(pressure for pressure in parts["pressures"] if not pressure.actuator)

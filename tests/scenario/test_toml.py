@@ -137,6 +137,7 @@ def test_keys_of_a_formulation_go_with_it():
         ("between = ['lower', 'uper']", ["between = 'uper'", "did you mean 'upper'?"]),
         ("between = ['lower']", ["[[joints]] number 1", "two blocks, not 1"]),
         ("between = ['lower', 'lower']", ["no joint with itself"]),
+        ("between = ['lower', 'upper']\n[[joints]]\nbetween = ['upper', 'lower']", ["a later entry names the same"]),
         ("between = 'lower'", ["two block names"]),
         ("between = ['lower', 3]", ["between[1] = 3", "must be a text"]),
         ("friction = 0.3", ["missing key 'between' in [[joints]] number 1"]),
@@ -309,6 +310,10 @@ def laws(draw):
     )
 
 
+def same_joints(override):
+    return tuple(sorted(override.between))
+
+
 @st.composite
 def scenarios(draw):
     materials = draw(st.dictionaries(names, st.builds(model.Material, positive), min_size=1, max_size=3))
@@ -344,7 +349,7 @@ def scenarios(draw):
             for name in block_names
         ],
         control=draw(tolerances | st.builds(model.DisplacementControl, positive, positive)),
-        joints=draw(st.lists(st.builds(model.JointOverride, pairs, laws()), max_size=3)),
+        joints=draw(st.lists(st.builds(model.JointOverride, pairs, laws()), max_size=3, unique_by=same_joints)),
         loads=draw(st.lists(load, max_size=3)) if free else [],
         actuators=[
             model.Actuator(name, draw(some_block), draw(vectors), draw(directions), draw(finite.filter(bool)))
