@@ -41,6 +41,8 @@ SWING = 0.3  # rad, of the spring's own swing in that
 END = 1e-9  # of the travel: so close u comes to it, or as close as the spring knows it
 SECANTS = 6  # of the attempts at that; behind them every second one halves the way that is left,
 ATTEMPTS = 12  # and after so many the last equilibrium lies beyond the travel, where the blocks jump past it
+BENDS = 4.0  # times as far as could be expected: there the curve bends, and is followed in shorter steps,
+FLAT = 0.01  # of the greatest V: if V changes by more
 PROTOCOL = "driven_path.protocol"  # what a checkpoint has of it
 SETTLES = round(4.0 * math.pi * HELD / SWING) + FEWEST  # steps: two periods of it, and what joints need
 
@@ -129,6 +131,16 @@ class DrivenPath(EquilibriumPath):
         self.attempts.append((parameter, past))
         return False
 
+    def jumped(self, parameter: float) -> bool:
+        """Where joints begin to slip, or blocks snap, the curve bends, and straight lines between equilibria cut it."""
+        far = float(self._away(self.at_last).max()) > BENDS * self.pace * (parameter - self.reached)
+        rises = abs(self._load(parameter) - self.path[-1][1]) > FLAT * max(abs(V) for _, V, _ in self.path)
+        return far and rises and not self.attempts  # the end of a way is looked for by itself
+
+    def _load(self, parameter: float) -> float:
+        """V where the parameter is now (N)."""
+        return self.V
+
     def following(self) -> float | None:
         """The next displacement of the head, until the blocks have come as far as the travel."""
         past = self._past(self.path[-1][0])
@@ -197,6 +209,9 @@ class ForcePath(DrivenPath):
     def driven(self, parameter: Curve) -> Driving:
         """V follows that path."""
         return replace(self.driving, multiplier=lambda times: self.head(parameter(times)))
+
+    def _load(self, parameter: float) -> float:
+        return float(self.head(parameter))
 
     def belongs(self, parameter: float) -> bool:
         """All do."""

@@ -101,8 +101,6 @@ class EquilibriumPath(ABC):
         self.recorder = Recorder(moving, driving, session, self.past.extremes, 1, 1, equilibria=True)
         self.dt = STEP * moving.time_step
 
-    # --- what a kind of path says
-
     @abstractmethod
     def driven(self, parameter: Curve) -> Driving:
         """Loads and supports of the run while the parameter is that function of time."""
@@ -135,8 +133,6 @@ class EquilibriumPath(ABC):
     def slow(self) -> str:
         """Advice for a message, beside others, if blocks find neither rest nor fall."""
         return "lower the stiffness of the joints"
-
-    # --- between two equilibria
 
     def _growing(self, begin: float, end: float) -> tuple[Driving, int]:
         """Loads and supports that take the parameter from one value to another, at rest at both ends, and how
@@ -225,8 +221,11 @@ class EquilibriumPath(ABC):
 
     def _down(self, before: np.ndarray) -> float:
         """How far blocks have come down whose `places` were ``before``: 1 for one that has."""
-        away = moved(places(self.moving.state.bodies), before)[self.free]
-        return float((away / (self.dropped * self.least)).max())
+        return float((self._away(before) / (self.dropped * self.least)).max())
+
+    def _away(self, before: np.ndarray) -> np.ndarray:
+        """How far every free block has moved or turned since the `places` of all were ``before`` (m)."""
+        return moved(places(self.moving.state.bodies), before)[self.free]
 
     def _look_on(self, down: float) -> None:
         """Keep a frame of how blocks come down, where that is to be seen: ``down`` is how far, 1 at the end."""
@@ -285,7 +284,7 @@ class EquilibriumPath(ABC):
         keep_of_rest(self.moving, self._at(parameter))
         now, step = places(self.moving.state.bodies), parameter - self.reached
         if step > 0.0:
-            pace = float(moved(now, self.at_last)[self.free].max()) / step
+            pace = float(self._away(self.at_last).max()) / step
             self.pace = min(pace, FASTER * self.pace) if self.pace > 0.0 else pace
         self.at_last = now
         self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()

@@ -28,7 +28,7 @@ from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics.dead_load import STEP
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import moved, moved_most, places
+from dembrick.simulation.dynamics.outcome import moved_most
 from dembrick.simulation.dynamics.paths.equilibria import FEWEST, EquilibriumPath
 from dembrick.simulation.dynamics.paths.stage_loads import carried
 from dembrick.simulation.dynamics.pushover import STRONGEST
@@ -108,14 +108,14 @@ class LoadPath(EquilibriumPath):
     def jumped(self, parameter: float) -> bool:
         """Blocks that swing under a load that grows may slide away below the limit, and come to rest there."""
         expected = JUMP * self.pace * (parameter - self.reached)
-        return bool((self._away() > np.maximum(expected, SEEN * self.least)).any())
+        return bool((self._away(self.at_last) > np.maximum(expected, SEEN * self.least)).any())
 
     def _go(self, parameter: float) -> float | None:
         """If blocks move far in a step as short as the tolerance, they have come down from the limit if that is a jump.
         Blocks that are tied may move on until a tie is taut."""
         ratio = super()._go(parameter)
         short = 0.0 < parameter - self.reached <= self.tolerance * parameter
-        far = bool((self._away() > FAR * self.least).any())
+        far = bool((self._away(self.at_last) > FAR * self.least).any())
         if ratio is None or not short or not far or len(self.moving.state.ties.stiffness):
             return ratio
         jumps = self._jumps(parameter)
@@ -127,20 +127,16 @@ class LoadPath(EquilibriumPath):
 
     def _jumps(self, parameter: float) -> bool:
         """Whether most of the motion to there stays in one part of the step, however short that is; or blocks fall."""
-        most = float(self._away().max())
+        most = float(self._away(self.at_last).max())
         low, high = (self.reached, 0.0), (parameter, most)
         for _ in range(HALVES):
             self._go_back()
             middle = 0.5 * (low[0] + high[0])
             if super()._go(middle) is None:
                 return True
-            there = middle, float(self._away().max())
+            there = middle, float(self._away(self.at_last).max())
             low, high = (low, there) if there[1] - low[1] > high[1] - there[1] else (there, high)
         return high[1] - low[1] > STAYS * most
-
-    def _away(self) -> np.ndarray:
-        """How far every free block has moved or turned since the last equilibrium (m)."""
-        return moved(places(self.moving.state.bodies), self.at_last)[self.free]
 
     def said(self, parameter: float) -> str:
         return f"a load of V = {parameter:.6g}"
