@@ -147,3 +147,21 @@ def test_the_onset_of_a_tilt_depends_on_neither_rate_nor_goal(rate, displacement
     assert limit < result.collapse["onset"] == pytest.approx(limit, rel=0.015)
     assert result.collapse["angle"] > result.collapse["onset"]
     assert f"a block has moved {1e3 * result.collapse['displacement']:.4g} mm at" in result.text()
+
+
+def test_what_falls_on_for_ever_ends_the_run():
+    """A block that is shaken off a small floor: no step follows it any more, and the run ends there, and says so."""
+    control = BaseMotionControl(20.0, (1.0, 0.0, 0.0), pulse=Pulse(5.0, 0.8))
+    floor = Block("f", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    stone, said = Block("b", "stone", (0.4, 0.4, 0.2), (0.0, 0.0, 0.1)), []
+    result = simulate(of_stone(law("concave", 0.3, 1e8), control, (floor, stone)), report=said.append)
+    assert result.as_dict()["outcome"] == "fell" and 3.0 < result.run.motion.time < 10.0
+    assert any("block 'b' has fallen by" in one and "falls on with nothing below" in one for one in said)
+    assert result.rows["time"][-1] == pytest.approx(result.run.motion.time)
+
+
+def test_blocks_without_a_joint_tilt_and_fall():
+    floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    stone = Block("b", "stone", (0.2, 0.4, 0.5), (0.0, 0.0, 0.4))
+    control = TiltControl((0.0, 1.0, 0.0), 10.0, 0.02)
+    assert simulate(of_stone(law("concave", 0.5, 1e9), control, (floor, stone))).collapse["mechanism"] == "uplift"

@@ -14,6 +14,7 @@ from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.generators import Arch, Wall
 from dembrick.scenario.model import JointLaw, Output, Scenario
 from dembrick.scenario.time_functions import SupportPath, Turn
+from dembrick.simulation.dynamics import run
 from dembrick.simulation.dynamics.paths import load_path
 from dembrick.simulation.dynamics.support_motion import SupportMotion
 from helpers.stone_scenes import law, of_stone
@@ -286,10 +287,36 @@ def test_a_tower_that_falls_slowly_is_seen_to_fall(size, rate):
     assert result.as_dict()["speed_at_the_end"] > 0.0 and "still moving  at " in result.text()
 
 
-def test_a_spread_in_real_time_is_that_of_equilibria():
+def over_the_ground(friction: float, block: tuple, angle: float, rate: float, formulation: str, kn: float) -> Scenario:
+    """A block on a floor that turns in real time, above the ground on which it comes to lie."""
+    ground = Block("ground", "stone", (40.0, 40.0, 0.4), (0.0, 0.0, -1.5), fixed=True)
+    floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    control = SettlementControl(("floor",), None, Turn((0.0, 1.0, 0.0), angle), quasi_static=False, rate=rate)
+    parts = ground, floor, Block("b", "stone", block, (0.0, 0.0, 0.5 * block[2]))
+    return of_stone(law(formulation, friction, kn), control, parts, output=Output(("energy",)))
+
+
+@pytest.mark.parametrize(
+    "friction, block, rate, formulation",
+    [(0.12, (0.156, 0.4, 0.524), 0.016, "corrected-shear"), (0.9, (0.2, 0.4, 0.5), 0.0125, "concave"),
+     (0.9, (0.2, 0.4, 0.5), 0.1, "concave")],
+)  # fmt: skip
+def test_the_settlement_at_which_a_block_leaves_its_balance(friction, block, rate, formulation):
+    """It slides from tan = mu on, or tips over from tan = b / h, and lies still on the ground when the run ends."""
+    truth = min(friction, block[0] / block[2])
+    angle = math.degrees(math.atan(truth)) + 3.0
+    found = simulate(over_the_ground(friction, block, angle, rate, formulation, 1e9), record=False).collapse
+    floor = math.hypot(0.5, 0.1)  # from its centroid to its farthest corner, times the angle: the settlement
+    low, high = found["settlement_range"]
+    assert low - 0.01 * high < math.atan(truth) * floor < high + 0.01 * high
+    assert found["settlement"] == pytest.approx(math.atan(truth) * floor, rel=0.03)
+
+
+def test_a_spread_in_real_time_is_that_of_equilibria(monkeypatch):
     """At 20 mm/s: the thrust follows three hinges but for what swings, and the energy balances."""
     control = SettlementControl(("arch.right",), (0.01, 0.0, 0.0), quasi_static=False, rate=0.02)
-    scenario = dataclasses.replace(arch(control), output=Output(rows=12000, frames=20))
+    monkeypatch.setattr(run, "AFTER", (1.0, 2.0))  # nothing falls
+    scenario = dataclasses.replace(arch(control), output=Output(rows=14000, frames=20))
     result = simulate(scenario)
     rows = result.rows
     assert result.status == "completed" and rows["displacement"][-1] == pytest.approx(0.01, rel=1e-9)

@@ -96,6 +96,24 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
         check_same(tmp_path / "whole.h5", path)
 
 
+def test_a_settlement_that_waits_for_a_fall_goes_on_too(tmp_path, stop_after):
+    """Its end is that of the whole run, wherever blocks were when it was stopped; to the last bit."""
+    shelf = block("shelf", (0.0, 0.0, -0.1), (0.2, 1.0, 0.2), "fixed = true")
+    floor, stone = block("floor", (0.0, 0.0, -3.1), (1.0, 1.0, 0.2), "fixed = true"), (0.15, 0.2, 0.2)
+    turn = "rotation = { axis = [0.0, 1.0, 0.0], angle = 40.0 }\nquasi_static = false\nrate = 0.5"
+    text = header("concave", 0.5, 2e8) + floor + shelf + block("b", (0.02, 0.0, 0.1), stone)
+    text += f'[control]\nkind = "settlement"\nsupports = ["shelf"]\n{turn}\n'
+    given = toml.loads(text + "[output]\nrows = 50\nframes = 50\ncheckpoint = 1e9\n")
+    whole = simulate(given, tmp_path / "whole.h5")
+    assert whole.fallen == ["b"]
+    for row in (2, 8, len(whole.rows["time"]) // 3):
+        path = tmp_path / f"{row}.h5"
+        with stop_after(row):
+            simulate(given, path)
+        assert restart(path).collapse == whole.collapse
+        check_same(tmp_path / "whole.h5", path)
+
+
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeypatch, formulation):
     """Where a row is many steps of a large scene, nobody waits for it."""

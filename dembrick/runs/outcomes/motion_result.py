@@ -96,7 +96,8 @@ class MotionResult(RunResult):
         if self.collapse is None:
             self.displacement_error = estimate
         else:
-            self.collapse["error_estimate"] = estimate
+            low, high = self.collapse.get("settlement_range", (0.0, 0.0))
+            self.collapse["error_estimate"] = estimate + 0.5 * (high - low)
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick run --json``."""

@@ -15,7 +15,7 @@ from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from dembrick.kernels.dynamics.rigid_bodies import Bodies
     from dembrick.scenario.controls import Control
@@ -33,9 +33,14 @@ OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it 
 
 @dataclass
 class Extremes:
-    """The greatest values of a run so far, which every row notes into the arrays of ``noted`` (`write_row`)."""
+    """The greatest values of a run so far, which every row notes into the arrays of ``noted`` (`write_row`).
+
+    ``calm`` (n,): when the mean acceleration of each block was last below half of the threshold (s), where supports
+    move (`look`).
+    """
 
     noted: Noted
+    calm: np.ndarray
 
     @classmethod
     def of(cls, moving: Motion) -> Extremes:
@@ -48,7 +53,17 @@ class Extremes:
             turned=np.ones(n),
             threshold=np.array([OFF_BALANCE * float(np.linalg.norm(moving.assembly.gravity))]),
             upright=np.array(moving.assembly.orientation, float),
-        ))  # fmt: skip
+        ), np.zeros(n))  # fmt: skip
+
+    def look(self, moving: Motion, take: Callable[[], None]) -> None:
+        """Have a row taken, and see which blocks were calm until then; those that have fallen and lie still are not."""
+        bodies, last, time = moving.state.bodies, self.noted.last, moving.time
+        passed = time - float(last[-1, 0])
+        if passed > 0.0:
+            speeds_up = np.linalg.norm(bodies.velocity - last[:-1], axis=1) / passed
+            self.calm[speeds_up <= 0.5 * self.noted.threshold[0]] = time
+        take()
+        last[:-1][fallen(moving)] = math.nan
 
     @property
     def turn(self) -> np.ndarray:
@@ -59,6 +74,7 @@ class Extremes:
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
         kept = {name: getattr(self.noted, name) for name in ("furthest", "quiet", "last", "turned")}
+        kept["calm"] = self.calm
         return {PEAK_TENSIONS: self.noted.tension} | {f"extremes.{name}": array for name, array in kept.items()}
 
     def go_on_with(self, peaks: np.ndarray, before: TiesBefore) -> None:
@@ -155,13 +171,22 @@ def collapse_of(
 
 def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray, extremes: Extremes) -> dict:
     """Record of a collapse while supports moved in real time: the same, with ``settlement`` (m) of the supports at the
-    time ``onset`` (s), when the first of the blocks that fell left its balance for good."""
+    time ``onset`` (s), when the first of the blocks that fell left its balance for good.
+
+    It speeds up little by little. The settlement is read off by a straight line through those at half of the threshold
+    and at the whole; how far it goes back from there is how far it may be off (``settlement_range``).
+    """
     away = np.linalg.norm(moving.displacement, axis=1)
     blocks = np.flatnonzero(fallen(moving))
-    onset = float(extremes.noted.quiet[blocks].min())
+    first = blocks[np.argmin(extremes.noted.quiet[blocks])]
+    onset = float(extremes.noted.quiet[first])
+    whole, half = driving.share(np.array([onset, min(onset, extremes.calm[first])])) * driving.supports.length
+    back = float(whole - half)
+    settlement = max(0.0, float(half) - back)
     return settlement_collapse(moving, at_rest, blocks) | {
         "onset": onset,
-        "settlement": float(driving.share(np.array([onset]))[0]) * driving.supports.length,
+        "settlement": settlement,
+        "settlement_range": [max(0.0, settlement - back), settlement + back],
         "time": float(moving.time),
         "displacement": float(away[blocks].max()),
     }
@@ -197,6 +222,8 @@ def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     and opens all but one when it rocks.
     """
     moves, laws, links = _moves(moving, at_rest), moving.assembly.joints.law, moving.state.links
+    if not len(moves):
+        return "uplift"  # nothing held the blocks
     sunk = moves[:, 1] - moves[:, 3]  # a joint that rocks on its rim sinks nowhere
     crushed = max((sunk[j] for j, law in enumerate(laws) if law.compressive_strength is not None), default=0.0)
     pairs = np.sort(np.column_stack([links.host, links.other]), axis=1)

@@ -171,8 +171,10 @@ class Recorder:
 
             every_gravity = gravity[every::every].tolist()
             status, done = advance_rows(moving, self.driving, every, limits, loads, every_gravity, write)
-            status = after_chunk(moving, status, done, dt)
-        self._take_over(before)
+            try:
+                status = after_chunk(moving, status, done, dt)
+            finally:
+                self._take_over(before)
         passed = int(record.count[0]) - before
         self._seconds_a_row = (time.perf_counter() - began) / max(1, passed)
         if self._is_due():

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import Output
-from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, STEEPEST, SUPPORTS, Limit
+from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, REAL_TIME, STEEPEST, SUPPORTS, Limit
 from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
@@ -46,6 +46,7 @@ IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
 AFTER = 1.0, 10.0  # times sqrt(extent / g): so long a run goes on when the supports have arrived, and so long at the
 # most, until something has come down
+FREELY = 1.2  # times the square of the speed of a free fall: what has come down and is no faster falls on
 G = 9.81  # m/s2, where there is no gravity
 MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it, and twelve equal blocks fit round one
 
@@ -128,7 +129,9 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
         remedy = "remove them, and actuator = true of [[pressures]]"
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
     if control.restitution is None:
-        return motion(assembly, CONTACT_DAMPING if control.damping is None else control.damping, step_factor)
+        impacts = IMPACTS if control.regime is REAL_TIME and control.drives == SUPPORTS else 1.0
+        damping = CONTACT_DAMPING if control.damping is None else control.damping
+        return motion(assembly, damping, step_factor, impacts)
     damping = damping_of_restitution(control.restitution)
     return motion(assembly, damping, step_factor, IMPACTS, duration=control.duration)
 
@@ -199,9 +202,26 @@ def _arrival(driving: Driving, control: Control) -> float:
     return driving.supports.length / control.rate
 
 
+def _fall_on(moving: Motion, limits: Limits, session: Session) -> bool:
+    """Whether what is too fast for a step are blocks that fall freely, so that the run may end; said if so."""
+    bodies, weight = moving.state.bodies, float(np.linalg.norm(moving.assembly.gravity))
+    speed = np.linalg.norm(bodies.velocity, axis=1) + np.linalg.norm(bodies.spin, axis=1) * bodies.reach
+    fast = math.sqrt(2.0) * speed * moving.time_step > limits.longest
+    drop = moving.displacement @ moving.assembly.gravity / max(weight, 1e-300)
+    falls = fallen(moving) & (speed**2 <= FREELY * 2.0 * weight * drop)
+    if not fast.any() or not falls[fast].all():
+        return False
+    if session.report is not None:
+        name = moving.assembly.names[int(np.argmax(speed))]
+        fall = f"block {show(name)} has fallen by {drop.max():.3g} m and falls on with nothing below"
+        session.report(f"the run ends at t = {moving.time:.4g} s: {fall}; a larger floor would catch it")
+    return True
+
+
 def _falling_time(moving: Motion) -> float:
     """sqrt(extent / g) (s) of the scene: the time in which blocks that have lost their balance lean on goes with it."""
-    extent = float(np.ptp(moving.state.bodies.position, axis=0).max() + moving.state.bodies.reach.max())
+    assembly = moving.assembly  # as it was drawn: a run that goes on ends when the whole would
+    extent = float(np.ptp(assembly.position, axis=0).max() + moving.state.bodies.reach.max())
     return math.sqrt(extent / (float(np.linalg.norm(moving.assembly.gravity)) or G))
 
 
@@ -222,7 +242,8 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     settled = math.inf if control.limit or controller else _arrival(driving, control) + AFTER[0] * _falling_time(moving)
     past.may_end_early = to_collapse or settled < math.inf
     # a run that ends early still has some rows: a block falls within a second or so
-    rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if to_collapse else steps))
+    usual = 20.0 if to_collapse else max(settled, 0.5 * steps * moving.time_step)
+    rows = max(1, steps if usual == math.inf else min(steps, math.ceil(usual / moving.time_step)))
     every = max(1, rows // session.output.rows)
     # neither a row nor a checkpoint falls into steps for which V is held
     held = 1 if controller is None else controller.steps
@@ -242,16 +263,22 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
         while not over:
             n = min(stride, every - moving.steps % every, steps - moving.steps)
             rows = recorder.rows_ahead(stride, steps)
-            if controller is not None:
-                status = _push(moving, controller, driving, n, limits)
-            elif rows:
-                status = recorder.pass_rows(rows, limits)
-            else:
-                status = advance(moving, driving, n, limits)
-            over = status == REACHED or moving.steps >= steps
+            try:
+                if controller is not None:
+                    status = _push(moving, controller, driving, n, limits)
+                elif rows:
+                    status = recorder.pass_rows(rows, limits)
+                else:
+                    status = advance(moving, driving, n, limits)
+                over = status == REACHED or moving.steps >= steps
+            except DivergedError:
+                over = not to_collapse and _fall_on(moving, limits, session)
+                if not over:
+                    raise
             over = over or (moving.time >= settled and recorder.is_at_row and bool(fallen(moving).any()))
             if over or recorder.is_at_row:
-                recorder.take(last=over)
+                row = partial(recorder.take, last=over)
+                past.extremes.look(moving, row) if settled < math.inf else row()
             if over:
                 session.ended(past)
             else:
