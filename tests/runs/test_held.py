@@ -91,6 +91,22 @@ def test_a_beam_held_in_z_sends_its_load_into_its_guide():
         assert found.reactions["floor"][2] == pytest.approx(W, rel=1e-9)
 
 
+def test_lasting_cohesion_under_a_guide_is_in_the_bracket():
+    """A convex joint with ductile cohesion that turns and slides about a guide, by the least of all mechanisms
+    (519.7326 N): what carries cohesion does not slide yet where friction alone would, nor does it rock on."""
+    law = {"cohesion": 10773.752015142261, "residual_cohesion": 10773.752015142261}
+    keys = "\n".join(f"{key} = {value}" for key, value in law.items())
+    text = header("convex", 0.2574315042109354, 1e10, keys=keys)
+    text += floor("lo", (0.0, 0.0, -0.05), (0.2017584678340521, 0.362332360432742, 0.1), "fixed = true")
+    size, place = (0.2017584678340521, 0.362332360432742, 0.22562590519421202), (0.08611156, 0.04431809, 0.1128129526)
+    text += floor("up", place, size, 'held = ["rx", "ry", "x"]')
+    text += '[[loads]]\nblock = "up"\nforce = [0.0, 0.0, -526.7875989868062]\n[[actuators]]\nname = "j"\nblock = "up"\n'
+    text += "point = [0.12047237, 0.11419832, 0.03694436]\ndirection = [0.88502591, -0.46554177, 0.0]\n"
+    found = dembrick.simulate(toml.loads(text + '[control]\nkind = "yield"\n'), record=False)
+    lower, upper = bracket(found)
+    assert lower - 0.001 < 519.733 < upper + 0.001 and upper - lower < 1.0
+
+
 def test_a_triplet():
     """EN 1052-3: V + W = 2 (c A + mu N), the outer units held in all turns and along V."""
     sides = [

@@ -150,6 +150,28 @@ def test_only_loops_that_close_have_an_area(points, count, closed):
         assert cycle["dissipated"] == pytest.approx(4.0 * limit * slip, rel=0.1)
 
 
+@pytest.mark.parametrize("slips", [1.05, 1.5, 3.0])
+def test_small_loops_turn_where_they_are_to(slips):
+    """A guided block on a spring k_s A that slips at mu N, by amplitudes little beyond its u: 4 mu N (amplitude - u) a
+    loop."""
+    V = 0.6 * (1000.0 + 2000.0 * 9.81 * 0.3 * 0.2 * 0.1)
+    u, text = V / (4e9 * 0.06), header("concave", 0.6, 1e10) + block("lo", (0.0, 0.0, -0.05), more="fixed = true")
+    text += block("up", (0.0, 0.0, 0.05), more='held = ["x", "rx", "ry", "rz"]') + jack(
+        "up", (0.0, 0.0, 0.05), (0, 1, 0)
+    )
+    text += '[[loads]]\nblock = "up"\nforce = [0.0, 0.0, -1000.0]\n[control]\nkind = "displacement"\n'
+    top = slips * u
+    text += f"large_displacements = true\nprotocol = {[top, -top, top, -top]}\n"
+    found = dembrick.simulate(toml.loads(text))
+    assert found.rows["displacement"][list(found.run.turns)] == pytest.approx([top, -top, top, -top], rel=3e-5)
+    assert found.cycles[0]["peak"] == pytest.approx([-V, V], rel=1e-6)
+    assert found.cycles[0]["dissipated"] == pytest.approx(4.0 * V * (top - u), rel=0.02)
+    out = slice(found.run.turns[0] + 1)  # where the corner is not cut
+    assert np.interp(0.98 * u, found.rows["displacement"][out], found.rows["load"][out]) == pytest.approx(
+        0.98 * V, 5e-3
+    )
+
+
 def test_a_block_that_rocks_dissipates_next_to_nothing():
     """No more than 1e-4 N u + 4 V^2 / (2 k_s A): points that open lose what their shear springs held."""
     text = header(friction=0.9, normal_stiffness=1e10) + block("floor", (0, 0, -0.1), (1, 1, 0.2), "fixed = true")

@@ -143,6 +143,11 @@ def tensile_strength(areas: Areas) -> np.ndarray:
     return areas.strengths.tension * areas.area
 
 
+def whole_area(areas: Areas) -> np.ndarray:
+    """Area of each joint (a,) in m2."""
+    return areas.area
+
+
 def greatest_strength(areas: Areas) -> np.ndarray:
     """Greatest force (a,) in N that the bond of each joint may carry besides friction."""
     if areas.strengths is None:

@@ -225,6 +225,15 @@ def greatest_strength(state) -> np.ndarray:
     return found
 
 
+def cohesion_of_sliding(state) -> np.ndarray:
+    """Shear force (j,) in N that every joint keeps beside friction as it slides, closed."""
+    found = np.zeros(len(state.joints.block_a))
+    for module, joints in present(state):
+        if joints.strengths is not None:
+            found[joints.joint] = joints.strengths.residual_cohesion * module.whole_area(joints)
+    return found
+
+
 def compressive_strength(state) -> np.ndarray:
     """The pressure at which every joint crushes (j,) in Pa, infinite if it never does."""
     found = np.full(len(state.joints.block_a), np.inf)

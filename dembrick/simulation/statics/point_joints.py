@@ -140,6 +140,11 @@ def tensile_strength(points: Points) -> np.ndarray:
     return np.repeat(points.strengths.tension, np.diff(points.start)) * points.bonds.area
 
 
+def whole_area(points: Points) -> np.ndarray:
+    """Area of each joint with bonds (p,) in m2."""
+    return np.add.reduceat(points.bonds.area, points.start[:-1].astype(np.int64))
+
+
 def greatest_strength(points: Points) -> np.ndarray:
     """Greatest force (p,) in N that the bonds of each joint may carry besides friction."""
     if points.strengths is None:

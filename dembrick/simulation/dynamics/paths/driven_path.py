@@ -39,8 +39,10 @@ UNLOADING = 0.5  # of the greatest stretch so far, which counts where the spring
 HELD = 8  # steps, for which V is held,
 SWING = 0.3  # rad, of the spring's own swing in that
 END = 1e-9  # of the travel: so close u comes to it, or as close as the spring knows it
-SECANTS = 6  # of the attempts at that; behind them every second one halves the way that is left,
-ATTEMPTS = 12  # and after so many the last equilibrium lies beyond the travel, where the blocks jump past it
+SECANTS = 1  # of the attempts at that; behind it every second one halves the way that is left,
+ATTEMPTS = 60  # and after so many the last equilibrium lies beyond,
+JUMPS = 100.0  # as where blocks move so many times as far as the head: they jump past it
+MISSED = 1e-3  # of the travel: a turning point, or an end, that is missed by more is said
 BENDS = 4.0  # times as far as could be expected: there the curve bends, and is followed in shorter steps,
 FLAT = 0.01  # of the greatest V: if V changes by more
 PROTOCOL = "driven_path.protocol"  # what a checkpoint has of it
@@ -125,11 +127,26 @@ class DrivenPath(EquilibriumPath):
         """Not if it lies beyond the travel, nor short of it once one did: the last one is at its end."""
         past = self._past(self.loads.displacement(self.moving.state.bodies))
         close = abs(past) <= END * self.travel + BALANCED * abs(self.V) / self.stiffness
-        short = past < 0.0 and not self.attempts
-        if close or short or self.failed < math.inf or len(self.attempts) == ATTEMPTS:
+        if close or (past < 0.0 and not self.attempts) or self.failed < math.inf:
+            return True
+        short = self._short()
+        jumps = past > 0.0 and past - short[1] > JUMPS * (parameter - short[0])
+        if jumps or len(self.attempts) >= ATTEMPTS:
+            self.attempts = []
+            if past > MISSED * self.travel and self.session.report is not None:
+                end = float(self.protocol.turns[self.way_number + 1])
+                self.session.report(
+                    f"the blocks jump past a displacement of {end:.6g} m, where they were to turn or end: the nearest "
+                    f"equilibrium behind it is {past:.3g} m further"
+                )
             return True
         self.attempts.append((parameter, past))
         return False
+
+    def _short(self) -> tuple[float, float]:
+        """The furthest parameter that is known to lie short of the end of the way, and how far that is past it (m)."""
+        at_last = self.reached, self._past(self.path[-1][0])
+        return max([at_last, *(tried for tried in self.attempts if tried[1] < 0.0)])
 
     def jumped(self, parameter: float) -> bool:
         """Where joints begin to slip, or blocks snap, the curve bends, and straight lines between equilibria cut it."""
@@ -155,11 +172,17 @@ class DrivenPath(EquilibriumPath):
                 f"V = {self.V:.6g} N: nothing gives way; shorten control.travel"
             )
         if self.attempts:
-            return self._at_the_end(past)
+            return self._at_the_end()
         stretch = abs(self.head(self.reached) - self.path[-1][0])
         if self.way_number:  # a load that is taken back passes zero
             stretch = max(stretch, UNLOADING * max(abs(V) for _, V, _ in self.path) / self.stiffness)
-        return self.reached + max(self.step, STRETCH * self.refine * stretch)
+        step = STRETCH * self.refine * stretch
+        if len(self.path) > 2:  # where joints slip the head takes the blocks along, as far as it goes itself
+            (u_0, V_0, _), (u_1, V_1, _) = self.path[-2:]
+            along = abs(u_1 - u_0) / max(abs(u_1 - u_0 + (V_1 - V_0) / self.stiffness), 1e-300)
+            left = self.refine * abs(past) / EQUILIBRIA  # more than the step where blocks have jumped past the end
+            step = min(step, max(self.step, left) / max(along, 1e-300))
+        return self.reached + max(self.step, step)
 
     def _turn(self) -> None:
         """Begin the next way where the head is."""
@@ -168,11 +191,10 @@ class DrivenPath(EquilibriumPath):
         self.way_number += 1
         self.attempts = []
 
-    def _at_the_end(self, past: float) -> float:
-        """The displacement of the head at which u is about at the travel; at the last equilibrium it was ``past``."""
-        short = max([(self.reached, past), *(tried for tried in self.attempts if tried[1] < 0.0)])
-        beyond = min(tried for tried in self.attempts if tried[1] > 0.0)
-        if len(self.attempts) == ATTEMPTS:
+    def _at_the_end(self) -> float:
+        """The displacement of the head at which u is about at the travel."""
+        short, beyond = self._short(), min(tried for tried in self.attempts if tried[1] > 0.0)
+        if len(self.attempts) >= ATTEMPTS:
             return beyond[0]
         halves = len(self.attempts) > SECANTS and len(self.attempts) % 2
         share = 0.5 if halves else short[1] / (short[1] - beyond[1])

@@ -151,7 +151,7 @@ class Grip:
 
     def __init__(self, state: State):
         self._state, self._convex = state, joint_families.has_areas(state)
-        self._friction = joint_families.friction(state)
+        self._friction, self._cohesion = joint_families.friction(state), joint_families.cohesion_of_sliding(state)
         self._lever = joint_families.torsion_radius(state)
         self.forces = np.zeros((2, len(self._friction) + 1, 4))
 
@@ -183,5 +183,5 @@ class Grip:
         return np.hypot(forces[..., 1], forces[..., 2])
 
     def _strength(self, forces: np.ndarray) -> np.ndarray:
-        """Friction (.., j) in N."""
-        return self._friction * np.maximum(forces[..., 0], 0.0)
+        """Friction and the cohesion that lasts (.., j) in N."""
+        return self._friction * np.maximum(forces[..., 0], 0.0) + self._cohesion
