@@ -181,12 +181,12 @@ def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray
     first = blocks[np.argmin(extremes.noted.quiet[blocks])]
     onset = float(extremes.noted.quiet[first])
     whole, half = driving.share(np.array([onset, min(onset, extremes.calm[first])])) * driving.supports.length
-    back = float(whole - half)
-    settlement = max(0.0, float(half) - back)
+    back = min(float(whole - half), 0.5 * float(whole))
+    settlement = max(float(whole) - 2.0 * back, back)  # half of it, known by as much, where blocks never were calm
     return settlement_collapse(moving, at_rest, blocks) | {
         "onset": onset,
         "settlement": settlement,
-        "settlement_range": [max(0.0, settlement - back), settlement + back],
+        "settlement_range": [settlement - back, settlement + back],
         "time": float(moving.time),
         "displacement": float(away[blocks].max()),
     }
