@@ -29,6 +29,7 @@ from dembrick.theory.paper_tables import FRICTION, MID_HEIGHT, SETS, TABLE_1
 from dembrick.views import plot
 from dembrick.views.export import export
 from dembrick.views.plot import style
+from dembrick.views.summary import bar_to
 
 TABLE_1_FORMULATIONS = ("convex", "concave")
 # What a second process compiles beside the first replays, of concave joints: all of convex joints, as kernels of one
@@ -233,15 +234,18 @@ def table_3(rows: Sequence[dict]) -> str:
         other = middle.get((row["set"], row["formulation"]))
         printed = f"{row['printed']:.0f}" if row["printed"] is not None else "-"
         half = 0.5 * (row["V_upper"] - row["V_lower"])
+        bar = bar_to(3, row["V"], half)
         text = (
             f"{row['set']:4}{row['formulation']:17}{row['experiment']:11.0f}{printed:>9}{row['theory']:11.3f}"
-            f"{row['V']:11.3f}{half:8.3f}{100 * row['error_vs_theory']:+z10.4f} %"
+            f"{row['V']:11.3f}{bar:>8}{100 * row['error_vs_theory']:+z10.4f} %"
             f"{row['difference_vs_experiment_percent']:+z8.1f} % |"
         )
         if other is not None:
             half = 0.5 * (other["V_upper"] - other["V_lower"])
             mark = " " if other["bracket"] == "certified" else "*"
-            text += f"{other['V']:21.3f}{mark}{half:8.3f}{100 * (other['V'] / row['V'] - 1):+z6.1f} %"
+            text += (
+                f"{other['V']:21.3f}{mark}{bar_to(3, other['V'], half):>8}{100 * (other['V'] / row['V'] - 1):+z6.1f} %"
+            )
         lines.append(text)
     return "\n".join(lines)
 
@@ -255,7 +259,8 @@ def notes(rows: Sequence[dict]) -> str:
         if not r["load_height"] and m["load_height"] and (r["set"], r["formulation"]) == (m["set"], m["formulation"])
     ]
     lines = [
-        "+- is half the width of the bracket of V; * marks an indicator, where the normal forces move with the load.",
+        "+- is half the width of the bracket of V, with what the printed digits round off; * marks an indicator, "
+        "where the normal forces move with the load.",
     ]
     if gaps:
         lines.append(
@@ -291,7 +296,7 @@ def table_1(rows: Sequence[dict]) -> str:
         half = 0.5 * (row["M_T0_upper"] - row["M_T0_lower"])
         lines.append(
             f"{row['a_over_b']:5.2f}  {row['formulation']:13}{row['printed']:9.2f}{row['theory']:11.4f}"
-            f"{row['M_T0']:11.4f}{half:8.4f}{100 * row['error_vs_theory']:+z10.4f} %"
+            f"{row['M_T0']:11.4f}{bar_to(4, row['M_T0'], half):>8}{100 * row['error_vs_theory']:+z10.4f} %"
         )
     return "\n".join(lines)
 

@@ -74,6 +74,12 @@ def barred(value: float, error: float) -> tuple[str, str]:
     return shown, f"{float(bar):.{decimals}f}" if fixed and error > _TINY * abs(value) else bar
 
 
+def bar_to(decimals: int, value: float, error: float) -> str:
+    """The error of a value that is shown to so many decimals, rounded up to as many: with what that rounds off."""
+    last = 10.0**-decimals
+    return f"{math.ceil((error + abs(value - round(value, decimals))) / last * (1.0 - _MEET)) * last:.{decimals}f}"
+
+
 def outward(lower: float, upper: float) -> tuple[str, str]:
     """Bounds to the third digit of what lies between them, the lower one rounded down and the upper one up."""
     width = upper - lower

@@ -35,6 +35,9 @@ def test_what_is_printed_holds_all_that_is_meant():
         shown, bar = map(float, summary.barred(value, error))
         assert shown - bar <= value - error and value + error <= shown + bar
         assert bar <= 1.16 * error
+        decimals = int(rng.integers(0, 5))
+        bar = float(summary.bar_to(decimals, value, error)) + 1e-9 * abs(value)
+        assert abs(value - round(value, decimals)) + error <= bar <= error + 1.5 * 10.0**-decimals + 1e-8 * abs(value)
         low, high = map(float, summary.outward(value - error, value + error))
         assert value - 1.02 * error <= low <= value - error and value + error <= high <= value + 1.02 * error
 
