@@ -177,7 +177,9 @@ class Formulation:
         if self.parts is not None and not self.follows_pressure:
             return convex(self.parts, self.friction, normal_force, self.cohesion)
         if not distance_to_exit(self.hull, e, (0.0, 0.0)) >= 0.0:
-            raise ScenarioError(f"the normal force acts at {tuple(e)} m, outside the joint: it tips over there")
+            raise ScenarioError(
+                f"the normal force acts at {tuple(e.tolist())} m, outside the joint: it tips over there"
+            )
         if self.parts is None:
             forces = spring_forces(self.normal_arms, self.areas, normal_force, e)
             return points(self.shear_arms, forces, self.friction, self.cohesion * self.areas)

@@ -34,7 +34,9 @@ def overturning_load(
     shift = np.asarray(overturning, float) / normal_force
     V = distance_to_exit(formulation.hull, start, shift)
     if V < 0.0:
-        raise ScenarioError(f"the normal force acts at {tuple(start)} m, outside the joint: it tips over without load")
+        raise ScenarioError(
+            f"the normal force acts at {tuple(start.tolist())} m, outside the joint: it tips over without load"
+        )
     return V
 
 

@@ -6,10 +6,12 @@ import pytest
 from dembrick import cli
 from dembrick.assembly import build
 from dembrick.assembly.contact_points import rim_gap
+from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
 from dembrick.scenario.controls import DynamicControl, TiltControl, YieldControl
 from dembrick.scenario.model import Actuator, JointLaw, Stack
-from helpers.scenario_text import header
+from helpers.scenario_text import block, header, jack
 from helpers.stone_scenes import of_stone
 
 WIDE, HIGH, STONES = 0.3, 0.2, 4  # m: a pile that rocks at psi = atan(WIDE / (STONES * HIGH))
@@ -83,3 +85,12 @@ def test_the_command_line_ends_with_three(folder, capsys):
     assert cli.main(["run", "pile.toml"]) == 3
     said = capsys.readouterr().err
     assert "half width inside the edge" in said and "miss the continuum by -" in said and "joint.points" in said
+
+
+@pytest.mark.parametrize("points", ["[1, 1]", "[1, 3]", "[2, 1]"])
+@pytest.mark.parametrize("control", ["statics", "yield"])
+def test_points_in_one_line_hold_no_block(points, control):
+    text = header("distributed", keys=f"points = {points}") + block("floor", (0.0, 0.0, -0.05), more="fixed = true")
+    text += block("stone", (0.0, 0.0, 0.05)) + (jack("stone", (0.0, 0.0, 0.05)) if control == "yield" else "")
+    with pytest.raises(ScenarioError, match="block 'stone' turns freely about the line .* give joint.points two"):
+        simulate(toml.loads(f'{text}[control]\nkind = "{control}"\n'), record=False)

@@ -297,11 +297,11 @@ def over_the_ground(friction: float, block: tuple, angle: float, rate: float, fo
 
 
 @pytest.mark.parametrize(
-    "friction, block, rate, formulation",
-    [(0.12, (0.156, 0.4, 0.524), 0.016, "corrected-shear"), (0.9, (0.2, 0.4, 0.5), 0.0125, "concave"),
-     (0.9, (0.2, 0.4, 0.5), 0.1, "concave")],
+    "friction, block, rate, formulation, off",
+    [(0.12, (0.156, 0.4, 0.524), 0.016, "corrected-shear", 0.006), (0.9, (0.2, 0.4, 0.5), 0.0125, "concave", 0.018),
+     (0.9, (0.2, 0.4, 0.5), 0.1, "concave", 0.009)],
 )  # fmt: skip
-def test_the_settlement_at_which_a_block_leaves_its_balance(friction, block, rate, formulation):
+def test_the_settlement_at_which_a_block_leaves_its_balance(friction, block, rate, formulation, off):
     """It slides from tan = mu on, or tips over from tan = b / h, and lies still on the ground when the run ends."""
     truth = min(friction, block[0] / block[2])
     angle = math.degrees(math.atan(truth)) + 3.0
@@ -309,7 +309,7 @@ def test_the_settlement_at_which_a_block_leaves_its_balance(friction, block, rat
     floor = math.hypot(0.5, 0.1)  # from its centroid to its farthest corner, times the angle: the settlement
     low, high = found["settlement_range"]
     assert low - 0.01 * high < math.atan(truth) * floor < high + 0.01 * high
-    assert found["settlement"] == pytest.approx(math.atan(truth) * floor, rel=0.03)
+    assert found["settlement"] == pytest.approx(math.atan(truth) * floor, rel=off)
 
 
 def test_a_spread_in_real_time_is_that_of_equilibria(monkeypatch):

@@ -71,15 +71,18 @@ def block_stiffness(state: State, shared: float) -> np.ndarray:
 def held_stiffness(assembly: Assembly, state: State) -> np.ndarray:
     """`block_stiffness` with what is shared counted twice; ScenarioError for a block that turns freely about the line
     in which all points lie that hold it."""
-    stiffness = block_stiffness(state, shared=2.0)
-    for block in state.blocks.free:
-        unit = np.repeat([1.0, 1.0 / assembly.shapes[block].diameter], 3)  # of a metre, and of a turn
-        values = np.linalg.eigvalsh(unit[:, None] * stiffness[block] * unit)
-        if 0.0 < values[-1] and values[0] < FREELY * values[-1]:
-            raise ScenarioError(
-                f"block {show(assembly.names[block])} turns freely about the line in which all contact points lie that "
-                "hold it; give joint.points two each way, or more"
-            )
+    stiffness, free = block_stiffness(state, shared=2.0), state.blocks.free
+    if not any(law.points is not None and min(law.points) < 2 for law in assembly.joints.law):
+        return stiffness  # no joint has its points in one line
+    unit = np.ones((len(free), 6))  # of a metre, and of a turn
+    unit[:, 3:] /= np.array([assembly.shapes[block].diameter for block in free])[:, None]
+    values = np.linalg.eigvalsh(unit[:, :, None] * stiffness[free] * unit[:, None])
+    loose = free[(values[:, -1] > 0.0) & (values[:, 0] < FREELY * values[:, -1])]
+    if len(loose):
+        raise ScenarioError(
+            f"block {show(assembly.names[loose[0]])} turns freely about the line in which all contact points lie that "
+            "hold it; give joint.points two each way, or more"
+        )
     return stiffness
 
 

@@ -39,7 +39,7 @@ from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
 from dembrick.simulation.dynamics.paths.stage_loads import LoadsToCome, rest_by_increments
 from dembrick.simulation.dynamics.recorder import Recorder
-from dembrick.simulation.dynamics.run import EquilibriaRun
+from dembrick.simulation.dynamics.run import EquilibriaRun, G
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve, eased
@@ -56,7 +56,6 @@ FALL = 8  # frames of that, equally far apart
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds
 LEFT = 50  # of these that a path keeps to find its end: where blocks follow a load on and on, it gives up
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
-G = 9.81  # m/s2
 BREAKS = 64  # of each joint
 FASTER = 4.0  # times as far as in the step before: so far blocks may be expected to move, whatever they did
 SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
