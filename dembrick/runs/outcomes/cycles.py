@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: what does not come back
 WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
 CLOSED = 1e-5  # of the range of displacements, by which a loop may miss its start
-DRIFTS, PLATEAU = 10, 1e-2  # part of a half cycle before its peak, in which the force of a plateau grows by less
+DRIFTS, PLATEAU = 10, 1e-2  # part of the way of a half cycle beside its peak, in which a plateau's force changes less
 
 
 def cycles_of(
@@ -53,7 +53,7 @@ def cycles_of(
         if lost is None or dilates:
             work = _area(weight * V[loop], u[loop], middle - first)
             dissipated = work if lost is None else dissipated
-        halves = [_peak(V, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
+        halves = [_peak(V, u, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
         sizes = 0.25 * weight * float(np.ptp(V[loop]) * np.ptp(u[loop]))
         found.append(
             {
@@ -77,24 +77,27 @@ def _greatest_force(rows: Mapping[str, np.ndarray], V: np.ndarray) -> float:
     return max(most, float(np.linalg.norm(np.asarray(reaction)[..., :3], axis=-1).max()))
 
 
-def _peak(V: np.ndarray, noise: np.ndarray, first: int, last: int, equilibria: bool) -> tuple[int, float]:
+def _peak(
+    V: np.ndarray, u: np.ndarray, noise: np.ndarray, first: int, last: int, equilibria: bool
+) -> tuple[int, float]:
     """The row of a half cycle at which the force is furthest from that at its start, and the error bar of that force.
 
-    The bar is what is out of balance there, by how much the forces on either side, the calmer one, swing about their
-    trend, and what the force of a plateau still grows in the tenth of the half cycle before; between equilibria, what
+    The bar is what is out of balance there, what the force of a plateau changes in the calmer tenth of the way beside,
+    and by how much the forces on either side, the calmer one, swing about their trend; between equilibria, what
     the greatest force may have been beside the one that was found.
     """
-    half = V[first : last + 1]
-    way = np.sign(half[-1] - half[0]) or 1.0
-    at = int(np.argmax(way * half))
+    half, way = V[first : last + 1], np.abs(u[first : last + 1] - u[first])
+    at = int(np.argmax((np.sign(half[-1] - half[0]) or 1.0) * half))
+    tenth = way[-1] / DRIFTS
+    ends = [np.argmax(way >= way[at] - tenth), *np.flatnonzero(way >= way[at] + tenth)[:1]]
+    drift = float(np.abs(half[ends] - half[at]).min())
+    level = drift < PLATEAU * abs(half[at])  # else it is the turning point that ends a rise
+    bar = float(noise[first + at]) + (drift if level else 0.0)
     if equilibria:
         beside = [abs(half[at] - half[i]) for i in (at - 1, at + 1) if 0 < at < len(half) - 1]
-        return first + at, float(noise[first + at]) + min(beside, default=0.0)
+        return first + at, bar + min(beside, default=0.0)
     sides = (half[max(at - 3, 0) : at + 1], half[at : at + 4])
-    swing = min((float(np.ptp(np.diff(side))) for side in sides if len(side) > 2), default=0.0)
-    drift = abs(float(half[at] - half[max(at - len(half) // DRIFTS, 0)]))
-    level = drift < PLATEAU * abs(half[at])  # else it is the turning point that ends a rise
-    return first + at, float(noise[first + at]) + swing + (drift if level else 0.0)
+    return first + at, bar + min((float(np.ptp(np.diff(side))) for side in sides if len(side) > 2), default=0.0)
 
 
 def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
@@ -105,9 +108,9 @@ def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
     if not len(back):
         return None
     end = int(back[0])
-    area = float(np.trapezoid(V[:end], u[:end]))
+    area = np.trapezoid(V[:end], u[:end])
     part = min((u[0] - u[end - 1]) / (u[end] - u[end - 1]), 1.0)
-    return area + part * float(u[end] - u[end - 1]) * float(V[end - 1] + 0.5 * part * (V[end] - V[end - 1]))
+    return float(area + part * (u[end] - u[end - 1]) * (V[end - 1] + 0.5 * part * (V[end] - V[end - 1])))
 
 
 def _damping(dissipated: float | None, sizes: float) -> float | None:

@@ -149,10 +149,26 @@ class DrivenPath(EquilibriumPath):
         return max([at_last, *(tried for tried in self.attempts if tried[1] < 0.0)])
 
     def jumped(self, parameter: float) -> bool:
-        """Where joints begin to slip, or blocks snap, the curve bends, and straight lines between equilibria cut it."""
+        """Where joints begin to slip, or blocks snap, the curve bends: straight lines between equilibria cut it, and
+        laws that depend on the way of a slip want it in steps."""
+        u, V, _ = self.path[-1]
         far = float(self._away(self.at_last).max()) > BENDS * self.pace * (parameter - self.reached)
-        rises = abs(self._load(parameter) - self.path[-1][1]) > FLAT * max(abs(V) for _, V, _ in self.path)
-        return far and rises and not self.attempts  # the end of a way is looked for by itself
+        rises = abs(self._load(parameter) - V) > FLAT * self._greatest()
+        slips = abs(self.loads.displacement(self.moving.state.bodies) - u) > BENDS * self._stride
+        return far and (rises or slips) and not self.attempts  # the end of a way is looked for by itself
+
+    @property
+    def _stride(self) -> float:
+        """How far blocks go from one equilibrium to the next (m)."""
+        return self.step
+
+    def _greatest(self) -> float:
+        """V (N), without its sign."""
+        return max(abs(V) for _, V, _ in self.path)
+
+    def close(self, parameter: float) -> float:
+        """Of the ways there and back, as far as the head ever is from where it began."""
+        return self.tolerance * min(parameter, self._greatest() / self.stiffness + float(self.ranges.max()))
 
     def _load(self, parameter: float) -> float:
         """V where the parameter is now (N)."""
@@ -175,7 +191,7 @@ class DrivenPath(EquilibriumPath):
             return self._at_the_end()
         stretch = abs(self.head(self.reached) - self.path[-1][0])
         if self.way_number:  # a load that is taken back passes zero
-            stretch = max(stretch, UNLOADING * max(abs(V) for _, V, _ in self.path) / self.stiffness)
+            stretch = max(stretch, UNLOADING * self._greatest() / self.stiffness)
         step = STRETCH * self.refine * stretch
         if len(self.path) > 2:  # where joints slip the head takes the blocks along, as far as it goes itself
             (u_0, V_0, _), (u_1, V_1, _) = self.path[-2:]
@@ -228,6 +244,8 @@ class DrivenPath(EquilibriumPath):
 class ForcePath(DrivenPath):
     """Ways of the force of actuators from equilibrium to equilibrium; the parameter is the sum of its ways (N)."""
 
+    _stride = math.inf  # blocks go as far as the force takes them
+
     def driven(self, parameter: Curve) -> Driving:
         """V follows that path."""
         return replace(self.driving, multiplier=lambda times: self.head(parameter(times)))
@@ -238,6 +256,10 @@ class ForcePath(DrivenPath):
     def belongs(self, parameter: float) -> bool:
         """All do."""
         return True
+
+    def close(self, parameter: float) -> float:
+        """Of the ways there and back, as far as the force ever is from where it began."""
+        return self.tolerance * min(parameter, float(self.ranges.max()))
 
     def following(self) -> float | None:
         """The next sum of ways, until the last of them ends."""

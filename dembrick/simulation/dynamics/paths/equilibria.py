@@ -120,6 +120,10 @@ class EquilibriumPath(ABC):
         """Whether the blocks came to that equilibrium by a jump, though there may be one nearby."""
         return False
 
+    def close(self, parameter: float) -> float:
+        """What is not told apart of the parameter, where blocks come down, bonds break or blocks jump there."""
+        return self.tolerance * parameter
+
     @abstractmethod
     def said(self, parameter: float) -> str:
         """A value of the parameter, for a message."""
@@ -152,10 +156,8 @@ class EquilibriumPath(ABC):
 
     def advance(self, driving: Driving, steps: int) -> None:
         """Steps under what drives the blocks."""
-        while steps > 0:
-            some = min(steps, 8 * CHUNK)
-            advance(self.moving, driving, some, self.limits, LOCAL_DAMPING, STEP)
-            steps -= some
+        for done in range(0, steps, 8 * CHUNK):
+            advance(self.moving, driving, min(steps - done, 8 * CHUNK), self.limits, LOCAL_DAMPING, STEP)
             self.session.pause(self, within=True)
 
     def _go(self, parameter: float) -> float | None:
@@ -311,7 +313,7 @@ class EquilibriumPath(ABC):
         end = min(self.failed, self.broken)
         if end < math.inf:
             proven = self.falls - self.reached if end == self.failed else end - self.reached
-            if proven > self.tolerance * end:
+            if proven > self.close(end):
                 return 0.5 * (self.reached + end)
             return None if end == self.failed else self.broken
         target = self.following()
@@ -333,12 +335,13 @@ class EquilibriumPath(ABC):
                 self.session.pause(self)
                 self.fall = [] if last else None
                 ratio = self._go(target)
-                if ratio is not None and not self.belongs(target):
-                    self._go_back()
-                    continue
                 if ratio is not None:
-                    broke = (joint_families.bonded(self.moving.state) < self.bonds).any() or self.jumped(target)
-                    far = target - self.reached > self.tolerance * target
+                    jumped, far = self.jumped(target), target - self.reached > self.close(target)
+                    if not (jumped and far or self.belongs(target)):
+                        self.broken = math.inf
+                        self._go_back()
+                        continue
+                    broke = (joint_families.bonded(self.moving.state) < self.bonds).any() or jumped
                     if broke and far and self.equilibria < self.room - 2 * LEFT and target < self.broken:
                         self.broken = target  # from nearby: which bonds break first, and whether blocks jump at all
                         self._go_back()
@@ -364,9 +367,8 @@ class EquilibriumPath(ABC):
     def _fell(self, stood: Bodies) -> None:
         """Note how the blocks come down, which ``stood`` before, and record it."""
         self.recorder.follow_up(self.fall or [])
-        state = self.moving.state
-        away = np.where(self.free, moved(places(state.bodies), places(stood)), 0.0)
-        self.collapse = self.come_down(seen(stood, state.links), np.flatnonzero(away > MOVED * away.max()))
+        away = np.where(self.free, moved(places(self.moving.state.bodies), places(stood)), 0.0)
+        self.collapse = self.come_down(seen(stood, self.moving.state.links), np.flatnonzero(away > MOVED * away.max()))
 
     def _go_back(self) -> None:
         own = self._own()
