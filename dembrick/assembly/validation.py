@@ -23,7 +23,15 @@ from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import BaseMotionControl
 from dembrick.scenario.model import Scenario, Solver
-from dembrick.scenario.regimes import DEAD_LOAD, DRIVEN_PATH, LIMIT_LOAD, NOTHING, PATH_FOLLOWING, REAL_TIME
+from dembrick.scenario.regimes import (
+    DEAD_LOAD,
+    DEFORMED_REST,
+    DRIVEN_PATH,
+    LIMIT_LOAD,
+    NOTHING,
+    PATH_FOLLOWING,
+    REAL_TIME,
+)
 from dembrick.scenario.units import unit_slips
 
 if TYPE_CHECKING:
@@ -195,7 +203,7 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
 def check_control(scenario: Scenario) -> tuple[str, ...]:
     """Warn about what does nothing under the control, and of supports that begin with a jump of their velocity."""
     control = scenario.control
-    if control.regime is DEAD_LOAD:
+    if control.regime in (DEAD_LOAD, DEFORMED_REST):
         driven = ["[[actuators]]"] if scenario.actuators else []
         driven += ["[[pressures]] with actuator = true"] if any(p.actuator for p in scenario.pressures) else []
         if driven:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from dembrick.cli.paths import FRAME, frame_of
+
+if TYPE_CHECKING:
+    from dembrick.views.key_numbers import KeyNumber
 
 
 def add_arguments(parser) -> None:
@@ -24,8 +29,7 @@ def run(options, console) -> int:
 
 def _report(file, options, console) -> int:
     from dembrick.scenario.joint_laws import described
-    from dembrick.views.key_numbers import key_numbers
-    from dembrick.views.summary import plain
+    from dembrick.views.key_numbers import KeyNumber, aligned, key_numbers
 
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
@@ -47,23 +51,19 @@ def _report(file, options, console) -> int:
         "versions": file.versions,
         "results": results,
     }
-    lines = [
-        file.title,
-        f"status        {file.status}",
-        f"blocks        {len(data['blocks'])}, joints {data['joints']}",
-        f"rows          {data['rows']}, frames {data['frames']}",
+    numbers = [
+        KeyNumber("status", file.status),
+        KeyNumber("blocks", f"{len(data['blocks'])}, joints {data['joints']}"),
+        KeyNumber("rows", f"{data['rows']}, frames {data['frames']}"),
     ]
     if isinstance(law := file.settings.get("custom_law"), dict):
-        lines.append(f"joint law     {described(law)}")
+        numbers.append(KeyNumber("joint law", described(law)))
     if file.has_new_contacts:
-        lines.append(f"new contacts  {data['new_contacts']} in all frames")
-    numbers = key_numbers(results, file.curve.unit)
-    width = max([13, *(len(number.name) for number in numbers)])
-    for name, value, remark, _ in numbers:
-        lines.append(plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}"))
-    lines += [f"{part:14}{seconds:.6f} s" for part, seconds in wall.items() if _is_number(seconds)]
-    lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))
-    lines += _run_again(file, options.history)
+        numbers.append(KeyNumber("new contacts", f"{data['new_contacts']} in all frames"))
+    numbers += key_numbers(results, file.curve.unit)
+    numbers += [KeyNumber(part, f"{seconds:.6f} s") for part, seconds in wall.items() if _is_number(seconds)]
+    numbers.append(KeyNumber("versions", ", ".join(f"{name} {version}" for name, version in file.versions.items())))
+    lines = [file.title, *aligned([*numbers, *_run_again(file, options.history)])]
     if options.time is not None or options.frame is not None:
         from dembrick.cli.joints import state
 
@@ -73,17 +73,19 @@ def _report(file, options, console) -> int:
     return 0
 
 
-def _run_again(file, path: str) -> list[str]:
+def _run_again(file, path: str) -> list[KeyNumber]:
     """How the run of a history is made again, and with a change; or why no command makes it."""
+    from dembrick.views.key_numbers import KeyNumber
+
     if isinstance(file.settings.get("custom_law"), dict):
-        return ["run again     in Python only, as its joint law is a function that the file does not hold"]
+        return [KeyNumber("run again", "in Python only, as its joint law is a function that the file does not hold")]
     killed = {"interrupted": "", "running": " (if it was killed)"}.get(file.status)  # else it is over
-    goes_on = [] if killed is None else [f"go on         dembrick restart {path}{killed}"]
+    goes_on = [] if killed is None else [KeyNumber("go on", f"dembrick restart {path}{killed}")]
     with_files = f", with {len(file.inputs)} file{'s' * (len(file.inputs) > 1)} that it holds" if file.inputs else ""
     return [
         *goes_on,
-        f"scenario      dembrick info {path} --scenario",
-        f"run again     dembrick run {path} --set KEY.PATH=VALUE --out NEW.h5{with_files}",
+        KeyNumber("scenario", f"dembrick info {path} --scenario"),
+        KeyNumber("run again", f"dembrick run {path} --set KEY.PATH=VALUE --out NEW.h5{with_files}"),
     ]
 
 

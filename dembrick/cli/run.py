@@ -114,7 +114,7 @@ def answer(simulated: Callable, path: str, console, to: Sequence[str] = (), forc
     for phase, seconds in {**result.wall, **(result.run.phases or {})}.items():
         if isinstance(seconds, float):
             console.detail(f"{phase.replace('_', ' ')}: {seconds:.3g} s")
-    console.part(_text(result))
+    console.part(result.text())
     files: list[str] = []
     try:
         _show(path, to, force, files, console)
@@ -149,54 +149,3 @@ def _show(path: str, to: Sequence[str], force: bool, files: list[str], console) 
         for written in export.write(to, found, console, force=force):
             files += written
             console.part(export.told(written))
-
-
-def _text(result) -> str:
-    from dembrick.runs.collapse import after_lines, collapse_lines
-    from dembrick.runs.outcomes.result import Result, printed
-    from dembrick.runs.path_dependence import path_lines
-    from dembrick.scenario.regimes import CONSTANT_RATE
-    from dembrick.views.summary import limit_text, peak_text, plain
-
-    if not isinstance(result, Result):
-        return result.text()
-    point, run = result.yield_point, result.run
-    lines = result.heading_lines
-    unit, path = " N" if result.curve.unit == "N" else "", getattr(result, "path", None) or {}
-    found = point.as_dict()
-    if result.collapse is not None:
-        lines += collapse_lines(result.collapse, found)
-    if result.unlimited:
-        return "\n".join([*lines, f"answer        {result.plain_answer}", f"history       {result.history}"])
-    if result.collapse is None:
-        lines += [f"V             {plain(str(limit_text(found, path, unit.strip())))}", *path_lines(path, unit)]
-    lines += after_lines(result.after, unit)
-    if result.theory is not None:
-        error = result.theory.error
-        compared = "" if error is None else f"  (replay {100 * error:+.2g} %)"
-        lines.append(f"theory        {result.theory.V:.6g}{unit}{compared}")
-        if result.theory.discretisation_error is not None:
-            lines.append(f"discretised   {100 * result.theory.discretisation_error:+.2g} % from the continuum")
-    peak, where = peak_text(found, path, unit.strip(), result.scenario.control.regime is CONSTANT_RATE)
-    lines.append(f"V_peak        {plain(f'{peak}, {where}')}")
-    carried = (point.N, point.V_1, point.V_2, point.M_T)
-    N, V_1, V_2, M_T = printed(carried, max(map(abs, carried)))
-    which = f"{' / '.join(point.joint)}: " if len(result.assembly.joints) > 1 else ""
-    when = "at the end" if point.limit_at is None and point.bracket != "certified" else "at the limit"
-    lines.append(f"joint         {when}, {which}N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m")
-    where = ""
-    if point.torsion_centre is not None:
-        x, y = printed(point.torsion_centre, max(map(abs, point.torsion_centre)))
-        where = f", centre ({x}, {y}) m"
-    moves = "mechanism" if result.collapse is None else "joint moves"  # of several, that of the collapse is above
-    lines.append(f"{moves:14}{point.mechanism}{where}")
-    took = f"loop {1e3 * run.loop_seconds:.3g} ms"
-    if "equilibria" in run.settings:
-        lines.append(f"equilibria    {run.settings['equilibria']}, by {run.steps} Newton steps, {took}")
-    else:
-        lines.append(
-            f"time step     {run.time_step:.3g} s (critical {run.critical_time_step:.3g} s), {run.steps} steps, {took}"
-        )
-    lines += result.force_lines
-    lines.append(f"history       {result.history}")
-    return "\n".join(lines)

@@ -17,7 +17,7 @@ from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.runs.limit_cases import StandingResult, assembled, at_start, names_of, stands
 from dembrick.runs.logger import heard_by
-from dembrick.runs.outcomes.result import heading, tie_lines, tied
+from dembrick.runs.outcomes.result import heading, tied
 from dembrick.runs.reading import load
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
@@ -26,6 +26,8 @@ from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
+from dembrick.views.key_numbers import KeyNumber, aligned
+from dembrick.views.structure_numbers import of_ties
 from dembrick.views.summary import listed
 
 if TYPE_CHECKING:
@@ -132,30 +134,25 @@ class LimitResult:
 
     def text(self) -> str:
         """Text of the command line."""
-        lines = [self.scenario.title]
         unit = " N" if recorded_curve(self.scenario.control, self.assembly.actuators).unit == "N" else ""
         if self.limit.unlimited:
-            lines.append(f"limit         {_unlimited(self.scenario.control)}")
+            lines = [self.scenario.title, *aligned([KeyNumber("limit", _unlimited(self.scenario.control))], 13)]
             return "\n".join([*lines, *self.remarks])
         what = "V" if unit else "load factor"
         angle = "" if self.angle is None else f"{self.angle:.6g} deg, "
         digits = _digits(self.limit)
-        lines.append(
-            f"limit         {angle}{what} {self.load_factor:.{digits}g}{unit}, proven between "
-            f"{self.lower:.{digits + 1}g} and {self.upper:.{digits + 1}g}{unit}"
-        )
-        lines += tie_lines(self._ties())
-        lines.append("flow          associative: an upper bound for friction without dilatancy")
-        lines.append(f"mechanism     {self.mechanism}")
-        lines.append(f"blocks        {listed(self.blocks)}")
+        ends = f"{self.lower:.{digits + 1}g} and {self.upper:.{digits + 1}g}{unit}"
+        numbers = [KeyNumber("limit", f"{angle}{what} {self.load_factor:.{digits}g}{unit}, proven between {ends}")]
+        numbers += [KeyNumber(*told) for told in of_ties({"ties": self._ties()})]
+        numbers.append(KeyNumber("flow", "associative: an upper bound for friction without dilatancy"))
+        numbers += [KeyNumber("mechanism", present(self.mechanism)), KeyNumber("blocks", listed(self.blocks))]
         if self.second_opinion is not None:
             one = self.second_opinion
-            lines.append(
-                f"heuristic     {one.load_factor:.5g}{unit} without dilatancy, no bound: the sequence of programmes "
-                f"{one.ended}"
-            )
-        lines += [f"left out      {one.text}" for one in self.left_out]
-        return "\n".join([*lines, *(f"remark        {remark}" for remark in self.remarks)])
+            bound = f"without dilatancy, no bound: the sequence of programmes {one.ended}"
+            numbers.append(KeyNumber("heuristic", f"{one.load_factor:.5g}{unit} {bound}"))
+        numbers += [KeyNumber("left out", one.text) for one in self.left_out]
+        numbers += [KeyNumber("remark", remark) for remark in self.remarks]
+        return "\n".join([self.scenario.title, *aligned(numbers, 13)])
 
     def picture(self, path: str | os.PathLike, **look) -> str:
         """A PNG of the mechanism; ``look`` as for ``dembrick.views.render.picture``."""

@@ -28,7 +28,6 @@ from dembrick.simulation.statics.paths.other_paths import grazing_joints, greate
 from dembrick.simulation.statics.rest import dead_load
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.yield_point import YieldPoint, last_moves, slides
-from dembrick.views.summary import known, start_text
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -196,37 +195,6 @@ def ranged(beside: dict, V: float, factors: list[float], tried: int) -> dict:
     paths = [len(factors) + 1, tried + 1]
     error = max(high - V, V - low, beside["error_estimate"] or 0.0)
     return beside | {"path_range": [low, high], "paths": paths, "error_estimate": error}
-
-
-def path_lines(beside: dict, unit: str = "") -> list[str]:
-    """Lines of the command line on it; ``unit`` of the load."""
-    lines = []
-    if beside.get("wanders") is not None:
-        low, high = beside["wanders"]
-        lines.append(f"wanders       {low:.5g} to {high:.5g}{unit}: blocks snap on and on, and no limit is narrower")
-    bound, ranged = beside.get("associative"), beside.get("path_range")
-    if ranged is not None:
-        (low, high), (found, tried) = ranged, beside["paths"]
-        ends = f"{known(low, 0.0, 5)} to {known(high, 0.0, 5)}{unit}"
-        lines.append(f"path range    {ends}, by {found} of {tried} paths of the same structure")
-        if bound is not None:
-            lines.append(f"bound         {known(bound['upper'], 0.0, 5)}{unit} (associative): no path ends above")
-        elif beside.get("no_path_above"):
-            lines.append("bound         no path ends above: normality allows the mechanism")
-    elif beside.get("path_dependent"):
-        lines += _others(beside, unit)
-    return lines + [f"left out      {one['text']}" for one in beside.get("left_out", ())]
-
-
-def _others(beside: dict, unit: str) -> list[str]:
-    """Lines on the loads that other paths of the same structure may bear, where nothing is known of their range."""
-    bound, lines = beside.get("associative"), []
-    if beside.get("digits_open", True):
-        limit = "" if bound is None else f"at most {known(bound['upper'], 0.0, 5)}{unit} (associative); "
-        rest = ", --bound a bound of it" if bound is None else ""
-        lines.append(f"              depends on the path: {limit}--refine gives the range{rest}")
-    start = start_text(beside, unit.strip())
-    return lines if start is None else [*lines, f"start         {start}"]
 
 
 # the limit load of a scenario by a number of steps over the usual, of an assembly in place of its own, from a state

@@ -40,18 +40,17 @@ _ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
 
 
 class KeyNumber(NamedTuple):
-    """One line of a summary: what it is, its value with unit and error bar, and what to know about it; the ``symbol``
-    names it in lines of ``run``, where that is shorter."""
+    """One line of a summary: what it is, its value with unit and error bar, and what to know about it."""
 
     name: str
     value: str
     remark: str = ""
-    symbol: str = ""
 
-    @property
-    def line(self) -> str:
-        """The same as a line of the command line."""
-        return plain(f"{self.symbol or self.name:13} {self.value}{f'; {self.remark}' if self.remark else ''}")
+
+def aligned(numbers: Sequence[KeyNumber], least: int = 0) -> list[str]:
+    """Key numbers as lines of the command line, names in a column ``least`` wide or more."""
+    width = max([least, *(len(number.name) for number in numbers)])
+    return [plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}") for name, value, remark in numbers]
 
 
 class Told(NamedTuple):
@@ -62,14 +61,13 @@ class Told(NamedTuple):
 
 
 class Declared(NamedTuple):
-    """Declaration of a key number, of which ``run``, ``info``, pages and notebooks are made: its ``name``, the
-    ``symbol`` in lines of ``run``, and how results tell it, None if they do not (``of``).
+    """Declaration of a key number, of which ``run``, ``info``, pages and notebooks are made: its ``name``, and how
+    results tell it, None if they do not (``of``).
 
     ``only`` and ``unless``: a key that results must have, or must not.
     """
 
     name: str
-    symbol: str
     of: Callable[[Mapping], Told | None]
     only: str = ""
     unless: str = ""
@@ -85,19 +83,20 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
         lines.append(KeyNumber("no answer", results["error"]))
     if isinstance(results.get("answer"), str):
         lines.append(KeyNumber("answer", results["answer"]))
-    point, collapse, path = yield_point(results), part(results, "collapse"), part(results, "path")
+    collapse, path = part(results, "collapse"), part(results, "path")
+    point = _refined(yield_point(results), results)
     of_blocks = collapse or unit == "1"
-    at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
+    lines += told_by(OF_SETTLEMENT, results)
     lines += _of_collapse(collapse, point)
     if not isinstance(results.get("error"), str):  # what a run that failed had come to is no limit
-        lines += _of_yield(point, "" if of_blocks else unit, at_rate, path | collapse)
+        lines += _of_yield(point, "" if of_blocks else unit, results, path | collapse)
         lines += [KeyNumber(*told) for told in structure.of_path(path | collapse, "" if of_blocks else unit)]
-        lines += [KeyNumber(*told) for told in structure.of_collapse(collapse)]
+        lines += [KeyNumber(*told) for told in structure.of_collapse(results if "hinges" in results else collapse)]
     lines += cycle_numbers(results.get("cycles"), unit)
-    lines += _after(part(results, "after"))
+    lines += told_by(BESIDE, results)
     lines += _of_theory(part(results, "theory"))
-    lines += told_by(OF_SETTLEMENT, results)
-    lines += told_by(OF_MOTION, results) if not (point or collapse or results.get("settlement")) else []
+    at_rest = point or part(results, "settlement") or part(results, "statics")
+    lines += [] if at_rest else told_by(OF_MOTION, results)
     lines += told_by(OF_LAWS, results)
     for of in (structure.of_stages, structure.of_ties, structure.of_reactions):
         lines += [KeyNumber(*told) for told in of(results)]
@@ -105,12 +104,21 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     return lines
 
 
-def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumber]:
-    """The limit load in N, or without a unit the load factor of a structure; ``at_rate``: of a constant-rate test;
-    ``path``: what stands beside the limit of an assembly."""
+def _refined(point: dict, results: Mapping) -> dict:
+    """A yield point whose bracket is as wide as the error estimate beside it, if refined runs gave one."""
+    V, error = point.get("V"), number(results.get("error_estimate"))
+    if V is None or error is None or point.get("bracket") != "indicator":
+        return point
+    return point | {"V_lower": V - error, "V_upper": V + error, "bracket": "refined"}
+
+
+def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyNumber]:
+    """The limit load in N, or without a unit the load factor of a structure; ``path``: what stands beside the limit of
+    an assembly."""
     load = ("V", "limit load V") if unit else ("load factor", "load factor")
     if "V" not in point:
         return []
+    timed = results.get("simulated_time") is not None
     said, alone = limit_text(point, path, unit), on_one_path(path)
     lower, upper = point.get("V_lower"), point.get("V_upper")
     is_open = lower is None or upper is None or point.get("bracket", "open") == "open"
@@ -118,21 +126,30 @@ def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumb
     if alone:
         bound = number(part(path, "associative").get("upper"))
         remark += "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any"
-        remark += "; --refine gives the range"
+        remark += "; --refine gives the range" + ("" if bound is not None else ", --bound a bound of it")
     elif not is_open:
         remark = remark.replace("indicator", "indicator, not certified")
         remark += "" if "meet" in remark else f": bounds {' and '.join(outward(lower, upper))} {unit}".rstrip()
+        remark += "; of this path" if not path and results.get("path_dependent") is True else ""
     lines = [KeyNumber(load[0] if is_open else load[1], said.value, remark)]
     start = start_text(path, unit)
     if start is not None:
         lines.append(KeyNumber("start", start))
     if "V_peak" in point:
-        lines.append(KeyNumber(f"largest {load[0]}", *peak_text(point, path, unit, at_rate)))
+        peak, where = peak_text(point, path, unit, timed and results.get("status") == "completed")
+        if is_open and not timed:  # along a path in the deformed geometry, to its end
+            error = number(results.get("error_estimate"))
+            peak = peak if error is None else with_error(point["V_peak"], error, unit).rstrip()
+            where += f"; {NO_BAR}" if error is None else ", from runs refined"
+        lines.append(KeyNumber(f"largest {load[0]}", peak, where))
     least = _ROUNDING * abs(point.get("N", 0.0))
     shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
     carried = [f"{name} = {shown[name]:.5g} {_CARRIED[name]}" for name in shown]
     if carried:
-        lines.append(KeyNumber("the joint carries", ", ".join(carried), point.get("joint", "")))
+        at_limit = "limit_at" in point or point.get("bracket") == "certified" or not (timed or is_open)
+        when = "at the limit" if at_limit else "at the end"
+        which = f"{point['joint']}, " if "joint" in point else ""
+        lines.append(KeyNumber("the joint carries", ", ".join(carried), f"{which}{when}"))
     if mechanism({"collapse": path}) != "none":
         lines.append(KeyNumber("mechanism", mechanism({"collapse": path})))
     elif "mechanism" in point:
@@ -160,13 +177,25 @@ def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
     return lines
 
 
-def _after(after: dict) -> list[KeyNumber]:
-    """Line on the blocks that move on beyond the limit."""
-    moved, names = number(after.get("displacement")), after.get("blocks")
-    if moved is None or not isinstance(names, list) or not names:
-        return []
-    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    return [KeyNumber("beyond the limit", f"{names[0]}{more}", f"by {after.get('mechanism')}, to {length(moved)}")]
+def _moved(results: Mapping) -> Told | None:
+    """How far a block has moved or turned up to a limit in the deformed geometry."""
+    moved = part(results, "moved")
+    way, turn = number(moved.get("displacement")), number(moved.get("turn"))
+    if way is None:
+        return None
+    value = f"{moved.get('block')} by {length(way) if turn is None else f'{math.degrees(turn):.3g} deg'}"
+    far = "; large_displacements = false gives the limit before they move" if moved.get("far") is True else ""
+    return Told(value, f"up to there{far}")
+
+
+def _after(results: Mapping) -> Told | None:
+    """Other blocks that move on beyond the limit."""
+    after = part(results, "after")
+    moved, load, names = number(after.get("displacement")), number(after.get("load")), texts(after.get("blocks"))
+    if moved is None or not names:
+        return None
+    at = "" if load is None else f", at {load:.3g}"
+    return Told(listed(names), f"by {after.get('mechanism')}, to {length(moved)}{at}; --frame last shows it")
 
 
 def _of_theory(theory: dict) -> list[KeyNumber]:
@@ -221,7 +250,7 @@ def _at_the_end(results: Mapping) -> Told | None:
 
 
 def _peak_tie(results: Mapping) -> Told | None:
-    peaks = [number(tie.get("peak")) for tie in results.get("ties") or () if isinstance(tie, Mapping)]
+    peaks = [number(tie.get("peak")) for tie in structure.ties_of(results)]
     known_peaks = [peak for peak in peaks if peak is not None]
     return Told(load_text(max(known_peaks)), "of all ties, at any time") if known_peaks else None
 
@@ -284,7 +313,7 @@ def _allowed_reaction(results: Mapping) -> Told | None:
 
 
 def _equilibria(results: Mapping) -> Told | None:
-    count = number(part(results, "settlement").get("equilibria"))
+    count = number(part(results, "settlement").get("equilibria") or results.get("equilibria"))
     return None if count is None else Told(f"{count:.0f}", "in the deformed geometry")
 
 
@@ -337,34 +366,35 @@ def _steps(results: Mapping) -> Told | None:
     return Told(f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop")
 
 
+BESIDE = (Declared("moved", _moved), Declared("beyond the limit", _after))
 OF_MOTION = (
-    Declared("outcome", "outcome", _outcome),
-    Declared("drift", "drift", _drift),
-    Declared("greatest displacement", "displacement", _greatest),
-    Declared("displacement at the end", "at the end", _at_the_end, unless="outcome"),
-    Declared("residual displacement", "residual", _at_the_end, only="outcome"),
-    Declared("still moving", "still moving", _moving, unless="outcome"),
-    Declared("peak tie force", "peak tie force", _peak_tie),
-    Declared("fallen", "fallen", _fallen),
-    Declared("not standing", "not standing", _not_standing),
+    Declared("outcome", _outcome),
+    Declared("drift", _drift),
+    Declared("greatest displacement", _greatest),
+    Declared("displacement at the end", _at_the_end, unless="outcome"),
+    Declared("residual displacement", _at_the_end, only="outcome"),
+    Declared("still moving", _moving, unless="outcome"),
+    Declared("peak tie force", _peak_tie),
+    Declared("fallen", _fallen),
+    Declared("not standing", _not_standing),
 )
-OF_LAWS = (Declared("left out", "left out", _left_out),)
+OF_LAWS = (Declared("left out", _left_out),)
 OF_SETTLEMENT = (
-    Declared("settlement at collapse", "settlement", _settled),
-    Declared("reaction along the motion", "reaction", _reaction),
-    Declared("least reaction", "  least", partial(_extreme_reaction, "least")),
-    Declared("greatest reaction", "  greatest", partial(_extreme_reaction, "greatest")),
-    Declared("reaction at rest", "  at rest", _reaction_at_rest),
-    Declared("reaction allowed", "  allowed", _allowed_reaction),
-    Declared("equilibria", "equilibria", _equilibria),
+    Declared("settlement at collapse", _settled),
+    Declared("reaction along the motion", _reaction),
+    Declared("least reaction", partial(_extreme_reaction, "least")),
+    Declared("greatest reaction", partial(_extreme_reaction, "greatest")),
+    Declared("reaction at rest", _reaction_at_rest),
+    Declared("reaction allowed", _allowed_reaction),
 )
 OF_WORK = (
-    Declared("out of balance", "out of balance", _unbalanced),
-    Declared("way of the loads", "loads in", _load_path),
-    Declared("simulated time", "simulated", _simulated),
-    Declared("time step", "time step", _time_step),
-    Declared("energy balance", "energy balance", _energy),
-    Declared("steps", "steps", _steps),
+    Declared("equilibria", _equilibria),
+    Declared("out of balance", _unbalanced),
+    Declared("way of the loads", _load_path),
+    Declared("simulated time", _simulated),
+    Declared("time step", _time_step),
+    Declared("energy balance", _energy),
+    Declared("steps", _steps),
 )
 
 
@@ -376,13 +406,14 @@ def told_by(declared: Sequence[Declared], results: Mapping) -> list[KeyNumber]:
             continue
         told = one.of(results)
         if told is not None:
-            found.append(KeyNumber(one.name, *told, one.symbol))
+            found.append(KeyNumber(one.name, *told))
     return found
 
 
 def _of_collapse(collapse: dict, point: dict) -> list[KeyNumber]:
     """The angle of the table; and where no bracket tells it, the load factor with its estimate and the mechanism."""
     lines = []
+    onset, moved = number(collapse.get("onset")), number(collapse.get("displacement"))
     angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))
     if angle is not None and "V" in point:
         lines.append(KeyNumber("collapse angle", *angle_text(point, collapse)))
@@ -390,7 +421,11 @@ def _of_collapse(collapse: dict, point: dict) -> list[KeyNumber]:
         # angle = atan(factor)
         error = None if bar is None else math.degrees(abs(bar) * math.cos(math.radians(angle)) ** 2)
         text = f"{known(angle, 0.0, 5)} deg" if error is None else with_error(angle, error, "deg")
-        lines.append(KeyNumber("collapse angle", text, NO_BAR if error is None else ""))
+        remarks = [] if onset is None or moved is None else [f"a block has moved {length(moved)}"]
+        remarks += [NO_BAR] if error is None else []
+        lines.append(KeyNumber("collapse angle", text, "; ".join(remarks)))
+        if onset is not None:
+            lines.append(KeyNumber("onset", f"{onset:.4g} deg", "there the first block leaves its balance"))
     if factor is not None and "V" not in point:
         text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
         source = "from the run refined" if bar is not None else "" if lines else NO_BAR

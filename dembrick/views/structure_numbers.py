@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from dembrick.views.summary import known, length, limit_text, listed, load_text, number, part, texts, yield_point
+from dembrick.views.summary import known, length, limit_text, listed, number, part, texts, yield_point
 
 _SHOWN = 8  # supports or ties that have a line each
 _ROUNDING = 1e-7  # of the largest force or moment: less is printed as zero
 _WRENCH = 6  # numbers of a reaction
+_PUSHED = ("yield", "displacement")  # stages whose load is that of actuators
 
 
 def of_path(beside: Mapping, unit: str) -> Iterator[tuple[str, str, str]]:
@@ -49,22 +50,28 @@ def of_stages(results: Mapping) -> Iterator[tuple[str, str, str]]:
         if count is None or not (isinstance(kind, str) and isinstance(status, str)):
             continue
         point = yield_point(stage)
-        limit = limit_text(point, part(stage, "path"), "") if "V" in point else None
-        load = "" if limit is None else f"V = {limit.value}, {limit.kind}"
+        pushed = kind in _PUSHED
+        limit = limit_text(point, part(stage, "path"), "N" if pushed else "") if "V" in point else None
+        load = "" if limit is None else f"{'V' if pushed else 'load factor'} = {limit.value}, {limit.kind}"
         yield f"stage {count:.0f}", f"{kind}: {status}", load
+
+
+def ties_of(results: Mapping) -> list[Mapping]:
+    """The ties of results."""
+    ties = results.get("ties")
+    return [tie for tie in ties if isinstance(tie, Mapping)] if isinstance(ties, list) else []
 
 
 def of_ties(results: Mapping) -> Iterator[tuple[str, str, str]]:
     """The tension of every tie, its peak, and by how much it has yielded."""
-    ties = results.get("ties")
-    known_ties = [tie for tie in ties if isinstance(tie, Mapping)] if isinstance(ties, list) else []
+    known_ties = ties_of(results)
     for tie in known_ties[:_SHOWN]:
         tension, peak, yielded = (number(tie.get(key)) for key in ("tension", "peak", "yielded"))
         if tension is None:
             continue
-        remarks = [] if peak is None else [f"{load_text(peak)} at the most"]
+        remarks = [] if peak is None else [f"{peak:.6g} N at the most"]
         remarks += [f"yielded by {length(yielded)}"] if yielded else []
-        yield f"tie {' - '.join(texts(tie.get('between')))}".rstrip(), load_text(tension), ", ".join(remarks)
+        yield f"tie {' - '.join(texts(tie.get('between')))}".rstrip(), f"{tension:.6g} N", ", ".join(remarks)
     if len(known_ties) > _SHOWN:
         yield "more ties", str(len(known_ties) - _SHOWN), "--json lists all"
 

@@ -11,6 +11,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine, TiltControl
 from dembrick.scenario.model import Block, Output, Solver
 from dembrick.simulation.energy_audit import Auditor, Sums
+from helpers.key_lines import words
 from helpers.stone_scenes import law, of_stone
 
 G = 9.81
@@ -121,7 +122,7 @@ def test_the_greatest_displacement_is_that_of_the_run_and_not_of_its_end():
     assert answer["greatest_displacement"]["up"] == pytest.approx(v**2 / (2.0 * G), rel=1e-3)
     assert answer["greatest_displacement"]["still"] < 1e-9
     assert answer["displacement"] < 0.01 and answer["fallen"] == []
-    assert "m; of the centroid of up" in result.text()
+    assert "m (of the centroid of up" in result.text()
 
 
 def test_what_has_fallen_is_named():
@@ -133,7 +134,7 @@ def test_what_has_fallen_is_named():
     result = simulate(scene(FLOOR, column, stays, table, edge, control=DynamicControl(1.2, 0.2)))
     assert result.as_dict()["fallen"] == ["column", "edge"]
     assert result.as_dict()["not_standing"] == ["edge"]
-    assert "fallen        column, edge" in result.text()
+    assert "fallen column, edge" in words(result.text())
 
 
 @pytest.mark.parametrize("rate, displacement", [(1.0, 0.001), (1.0, 0.1), (4.0, 0.02)])
@@ -146,7 +147,7 @@ def test_the_onset_of_a_tilt_depends_on_neither_rate_nor_goal(rate, displacement
     limit = math.degrees(math.atan(b / h))
     assert limit < result.collapse["onset"] == pytest.approx(limit, rel=0.015)
     assert result.collapse["angle"] > result.collapse["onset"]
-    assert f"a block has moved {1e3 * result.collapse['displacement']:.4g} mm at" in result.text()
+    assert f"a block has moved {1e3 * result.collapse['displacement']:.4g} mm" in result.text()
 
 
 def test_what_falls_on_for_ever_ends_the_run():

@@ -12,6 +12,7 @@ from dembrick.runs import limit
 from dembrick.views.motion.frames import ejected, frame_number, peak_time
 from dembrick.views.motion.table import joint_table
 from dembrick.views.page import content
+from helpers.key_lines import key_lines
 from helpers.scenario_text import header
 from helpers.two_blocks import BLOCKS, RATE
 
@@ -53,7 +54,7 @@ def test_blocks_are_those_that_move_at_the_limit(corner):
     assert (
         after["blocks"] == ["south.3.2"] and after["displacement"] > 1.0 and after["load"] < result.yield_point.V_lower
     )
-    assert "after it      " in result_text(result) and "south.3.2" in result_text(result)
+    assert "south.3.2" in key_lines(result)["beyond the limit"]
 
 
 def test_the_record_has_a_frame_of_the_limit(corner):
@@ -122,9 +123,3 @@ def test_no_force_of_a_certified_test_lies_above_its_bound():
     point = dembrick.simulate(dembrick.loads(RATE)).yield_point
     assert point.bracket == "certified"
     assert point.V_lower <= point.V_2 <= point.V_upper < point.V_peak  # that of the record has its rate effect
-
-
-def result_text(result) -> str:
-    from dembrick.cli.run import _text
-
-    return _text(result)

@@ -9,9 +9,10 @@ import pytest
 
 from dembrick import cli, limit, simulate
 from dembrick.runs import study as studies
-from dembrick.runs.path_dependence import path_lines, ranged, within
+from dembrick.runs.path_dependence import ranged, within
 from dembrick.scenario import toml
 from dembrick.views.key_numbers import key_numbers
+from helpers.key_lines import lines_of
 from helpers.places import SCENARIOS
 from helpers.scenario_text import block, header, jack
 from helpers.studies import read_csv, write_study
@@ -78,18 +79,17 @@ def test_a_block_that_grazes_a_curb_may_bear_more():
     squeezed = told(curb(squeeze=6000.0))
     assert answer["yield_point"]["V"] * 1.2 < squeezed["yield_point"]["V"] < bound.upper
     assert squeezed["path_dependent"] is True and squeezed["no_path_above"] is False
-    said = "\n".join(path_lines(answer["path"], " N"))
-    assert "start         without forces locked in: no path bears more than 970.3 N" in said
-    assert "of this path" not in said and not answer["path"]["digits_open"]  # the stiffness does not move it
-    start = next(line.value for line in key_numbers(answer) if line.name == "start")
-    assert f"start         {start}" in said
+    said = lines_of(key_numbers(answer))
+    assert "start without forces locked in: no path bears more than 970.3 N" in said["start"]
+    assert "of this path" not in said["limit load V"]  # the stiffness does not move it
+    assert not answer["path"]["digits_open"]
 
 
 def test_no_more_is_claimed_where_limit_analysis_is_not_there(monkeypatch):
     monkeypatch.setattr("dembrick.simulation.limit_analysis.solver.installed", lambda: False)
     answer = told(curb())
     assert answer["associative"] is None and answer["no_path_above"] is False
-    assert "another path may bear more" in "\n".join(path_lines(answer["path"], " N"))
+    assert "another path may bear more" in lines_of(key_numbers(answer))["start"]
     squeezed = told(slabs(squeeze=30000.0))
     assert squeezed["associative"] is None and squeezed["no_path_above"] is True  # the mechanism alone proves it
 
@@ -102,7 +102,7 @@ def test_a_limit_at_the_bound_may_be_missed_from_below():
     assert squeezed["yield_point"]["V"] == pytest.approx(2 * half * 0.2 / 1.0, rel=1e-6)  # rocks about its edge
     assert squeezed["no_path_above"] is True and squeezed["path_dependent"] is True
     assert as_built["no_path_above"] is False and as_built["path_dependent"] is True
-    said = "\n".join(path_lines(squeezed["path"], " N"))
+    said = lines_of(key_numbers(squeezed))["start"]
     assert "from what the stages left in the joints: no path bears more, another history may bear less" in said
 
 
@@ -120,14 +120,14 @@ def test_statics_alone_gives_what_a_tower_carries(friction, kind):
     V = {"rocking": 3 * weight * 0.2 / 0.95, "sliding": 0.1 * weight}[kind]
     assert answer["yield_point"]["V"] == pytest.approx(V, rel=1e-3)
     assert answer["path_dependent"] is False and answer["no_path_above"] is True
-    assert not path_lines(answer["path"], " N") and not answer["path"]["digits_open"]
+    assert "start" not in lines_of(key_numbers(answer)) and not answer["path"]["digits_open"]
 
 
 def test_a_lone_joint_has_one_limit_unless_it_remembers():
     assert told(tower(blocks=1, height=0.3))["path_dependent"] is False
     bonded = told(tower(blocks=1, height=0.3, extra="cohesion = 1.0e4\ntensile_strength = 1.0e4"))
     assert bonded["path_dependent"] is True
-    assert "another history may bear less" in "\n".join(path_lines(bonded["path"], " N"))
+    assert "another history may bear less" in lines_of(key_numbers(bonded))["start"]
 
 
 def test_a_tie_may_have_lost_its_tension():

@@ -13,6 +13,7 @@ from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
 from dembrick.simulation.statics import stepper
+from helpers.key_lines import key_lines
 from helpers.restart_cases import stop_in_stages, told_of_checkpoints
 from helpers.scenario_text import BASE, header, refused
 from helpers.scenario_text import block as block_text
@@ -182,8 +183,8 @@ def test_a_search_that_follows_equilibria_and_a_test_at_a_rate_are_stages_too():
     alone = simulate(scenario(YIELD, loads=tower, actuators=jack), record=False)
     first = result.stages[1]["yield_point"]["V"]
     assert first == pytest.approx(alone.yield_point.V, rel=1e-4)
-    (told,) = (line for line in result.heading_lines if line.startswith("stage 2"))
-    assert told.startswith(f"stage 2       yield: yield, V = {first:.2f}") and told.endswith(" N (indicator)")
+    told = key_lines(result)["stage 2"]
+    assert told.startswith(f"stage 2 yield: yield (V = {first:.2f}") and told.endswith(" N, indicator)")
     assert result.yield_point.V == pytest.approx(alone.yield_point.V, rel=1e-4)
 
 

@@ -10,7 +10,7 @@ from dembrick.errors import NotConvergedError
 from dembrick.history import read
 from dembrick.kernels.math.multifrontal import solve_rounded_in_place
 from dembrick.kernels.statics.load_bounds import NEVER
-from dembrick.runs.path_dependence import path_lines, ranged
+from dembrick.runs.path_dependence import ranged
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import shipped, toml
 from dembrick.scenario.controls import PushoverControl
@@ -21,6 +21,8 @@ from dembrick.simulation.statics.elastic_factor import elastic_factor, rounded_i
 from dembrick.simulation.statics.paths import driven_relaxation, path_following
 from dembrick.simulation.statics.paths.bounds import pushed_bounds
 from dembrick.simulation.statics.state import initial_state
+from dembrick.views.structure_numbers import of_path
+from helpers.key_lines import lines_of
 from helpers.pushed_assemblies import stack, wall
 from helpers.quasi_static import leaf, scene
 from helpers.stone_scenes import law
@@ -165,7 +167,7 @@ def test_bounds_of_pushes():
 
 def test_what_the_command_line_says():
     beside = {"wanders": [0.35, 0.37], "path_dependent": True, "path_range": None, "error_estimate": 0.01}
-    assert path_lines(beside)[0].startswith("wanders       0.35 to 0.37: ")
+    assert lines_of(of_path(beside, ""))["wanders"].startswith("wanders 0.35 to 0.37 (")
     assert ranged(beside, 0.36, [0.355, 0.362], 3)["error_estimate"] == 0.01
     assert ranged(beside, 0.36, [0.34, 0.362], 3)["error_estimate"] == pytest.approx(0.02)
 

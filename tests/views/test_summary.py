@@ -108,7 +108,7 @@ def test_a_structure_tells_what_else_its_run_printed():
         }
     )  # fmt: skip
     told = {name: line[1:3] for name, line in lines.items()}
-    assert told["stage 1"] == ("displacement: completed", "V = 216.0 ± 1.0, certified")
+    assert told["stage 1"] == ("displacement: completed", "V = 216.0 ± 1.0 N, certified")
     assert told["tie a - b"] == ("200 N", "yielded by 1.8 mm") and told["tie a - c"] == ("5 N", "7 N at the most")
     assert told["reaction of base"] == ("1, 0, 20 N", "0, 0, 3 N m about its centroid")
     assert told["blocks that move"][0] == "a, b" and told["hinges"][0] == "b / a"

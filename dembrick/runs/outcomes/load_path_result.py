@@ -10,25 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.outcomes.motion_result import MotionResult
-from dembrick.runs.outcomes.result import printed
 from dembrick.runs.outcomes.statics_result import RestResult
-from dembrick.scenario.checks import present
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED
 from dembrick.simulation import load_increments
 from dembrick.simulation.statics.yield_point import YieldPoint
-from dembrick.views.key_numbers import OF_LAWS, OF_SETTLEMENT, OF_WORK
-from dembrick.views.summary import NO_BAR, barred, length, listed, outward, plain
+from dembrick.views.summary import listed
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.load_path import LoadPathRun
     from dembrick.simulation.dynamics.run import EquilibriaRun
 
 
-LONG_WAY = (
-    0.05  # of the least width of a block: as far as it moves where the limit is that of the geometry of the start
-)
+LONG_WAY = 0.05  # of the least width of a block: as far as it moves where the geometry of the start gives the limit
 
 
 @dataclasses.dataclass(repr=False)
@@ -122,31 +116,22 @@ class LoadPathResult(MotionResult):
         self.load_error = estimate + (0.0 if self.unlimited else 0.5 * (upper - lower))
 
     def as_dict(self) -> dict:
-        own = {"unlimited": self.unlimited, "answer": self.plain_answer, "yield_point": self.yield_point.as_dict()}
+        own: dict[str, Any] = {"unlimited": self.unlimited, "answer": self.plain_answer}
+        own |= {"yield_point": self.yield_point.as_dict()}
         # nothing is proven of other paths in the deformed geometry
         own |= {"path_dependent": True, "no_path_above": False, "associative": None}
+        own |= {"equilibria": len(self.run.path), "moved": self.moved}
+        if self.run.collapse is not None:
+            own |= {key: self.run.collapse[key] for key in ("blocks", "hinges")}
         return super().as_dict() | own | {"error_estimate": self.load_error, "simulated_time": None}
 
-    def text(self) -> str:
-        point, run = self.yield_point, self.run
-        unit = " N" if self.curve.unit == "N" else ""
-        lines = self.heading_lines
-        if self.unlimited:
-            return "\n".join([*lines, f"answer        {self.plain_answer}", f"history       {self.history}"])
-        fallen, V = present(run.collapse), present(point.V)
-        bar = self.load_error if self.load_error is not None else point.half_width
-        between = "stands at {}, falls at {}".format(*outward(point.V_lower, present(point.V_upper)))
-        angle = None if self.collapse is None else self.collapse["angle"]
-        name, told = "V" if self.collapse is None else "load factor", "" if angle is None else f", {angle:.5g} deg"
-        lines.append(f"{name:13} {' +- '.join(barred(V, bar))}{unit}{told} ({between}; this path)")
-        lines += [f"blocks        {listed(fallen['blocks'])}", f"hinges        {listed(fallen['hinges'])}"]
-        return "\n".join(lines + [self._moved_line] + self._closing_lines())
-
     @property
-    def _moved_line(self) -> str:
-        """Line on how far the blocks have moved up to the limit, which may be long after the one of the start; how far
-        one has turned, where that moves its corners twice as far. After a settlement it is known from there alone how
-        far they have moved."""
+    def moved(self) -> dict | None:
+        """How far a block has moved up to the limit, which may be long after the one of the start: its ``displacement``
+        (m), and its ``turn`` (rad) where that moves its corners twice as far, else None; ``far`` if the geometry of the
+        start gives another limit. After a settlement it is known from there alone how far blocks have moved."""
+        if self.run.collapse is None:
+            return None
         shifted, motion = np.linalg.norm(self.displacement, axis=1), self.run.motion
         bodies = motion.state.bodies
         traces = np.einsum("nij,nij->n", bodies.rotation, self.assembly.rotation)
@@ -154,31 +139,12 @@ class LoadPathResult(MotionResult):
         away = np.maximum(shifted, 0.5 * bodies.reach * turned)
         furthest = int(np.argmax(away))
         size = float(np.ptp(self.assembly.shapes[furthest].vertices, axis=0).min())
-        turns = shifted[furthest] < away[furthest]
-        far = f"{math.degrees(turned[furthest]):.3g} deg" if turns else _told(float(away[furthest]))
-        line = f"{'turned' if turns else 'moved':13} {self.assembly.names[furthest]} by {far} up to there"
-        if away[furthest] > LONG_WAY * size and not motion.settled:
-            line += "; large_displacements = false gives the limit before they move"
-        return line
-
-    def _closing_lines(self) -> list[str]:
-        """Lines on the joint that moves most, on reactions, and on the cost of the run."""
-        point, run = self.yield_point, self.run
-        carried = (point.N, point.V_1, point.V_2, point.M_T)
-        N, V_1, V_2, M_T = printed(carried, max(map(abs, carried)))
-        return [
-            f"joint         {' / '.join(point.joint)}: N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m",
-            f"mechanism     {point.mechanism}",
-            *self.lines_of(OF_LAWS),
-            *self.force_lines,
-            f"equilibria    {len(run.path)} in the deformed geometry, by {run.motion.steps} steps of relaxation, loop "
-            f"{run.loop_seconds:.3g} s",
-            f"history       {self.history}",
-        ]
-
-
-def _told(metres: float) -> str:
-    return plain(length(metres))
+        return {
+            "block": self.assembly.names[furthest],
+            "displacement": float(shifted[furthest]),
+            "turn": float(turned[furthest]) if shifted[furthest] < away[furthest] else None,
+            "far": bool(away[furthest] > LONG_WAY * size and not motion.settled),
+        }
 
 
 @dataclasses.dataclass(repr=False)
@@ -207,18 +173,7 @@ class DrivenPathResult(LoadPathResult):
         """Keep the error estimate of the largest V."""
         self.load_error = estimate
 
-    def text(self) -> str:
-        point, unit = self.yield_point, " N" if self.curve.unit == "N" else ""
-        lines = self.heading_lines
-        shown, bar = f"{point.V_peak:.6g}", NO_BAR
-        if self.load_error is not None:
-            shown, bar = barred(point.V_peak, self.load_error)
-            bar = f"+- {bar}{unit}"
-        lines.append(f"V_peak        {shown}{unit} ({bar}) at {_told(point.displacement_at_peak)}")
-        lines.append(f"V             {point.V:.6g}{unit} at the end, {_told(point.displacement)}")
-        if self.run.collapse is not None:
-            lines.append(f"blocks        {listed(self.run.collapse['blocks'])} come down there")
-        return "\n".join(lines + self._closing_lines())
+    moved = None  # on purpose
 
 
 @dataclasses.dataclass(repr=False)
@@ -291,10 +246,3 @@ class SettlementResult(MotionResult):
 
     def as_dict(self) -> dict:
         return super().as_dict() | {"settlement": self.settlement, "simulated_time": None}
-
-    def text(self) -> str:
-        lines = self.heading_lines
-        if self.collapse is not None:
-            lines += collapse_lines(self.collapse)
-        lines += [*self.lines_of(OF_SETTLEMENT, OF_LAWS), *self.force_lines, *self.lines_of(OF_WORK)]
-        return "\n".join([*lines, f"history       {self.history}"])

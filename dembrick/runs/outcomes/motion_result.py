@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dembrick.runs import left_out
-from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.outcomes.result import RunResult
 from dembrick.scenario.regimes import REAL_TIME, SUPPORTS
-from dembrick.views.key_numbers import OF_LAWS, OF_MOTION, OF_WORK
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -141,14 +139,6 @@ class MotionResult(RunResult):
         """The ties with their peaks (N), as seen at the rows."""
         peaks = self.run.peak_tension.tolist()
         return [tie | {"peak": peak} for tie, peak in zip(super()._tied(), peaks, strict=True)]
-
-    def text(self) -> str:
-        """Text of the command line."""
-        lines = self.heading_lines
-        if self.collapse is not None:
-            lines += collapse_lines(self.collapse)
-        lines += [*self.lines_of(OF_MOTION, OF_LAWS), *self.force_lines, *self.lines_of(OF_WORK)]
-        return "\n".join([*lines, f"history       {self.history}"])
 
 
 STOOD, FELL = "stood", "fell"

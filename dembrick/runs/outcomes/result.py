@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -25,8 +25,7 @@ from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
-from dembrick.views.key_numbers import Declared, cycle_numbers, key_numbers, told_by
-from dembrick.views.summary import limit_text, plain
+from dembrick.views.key_numbers import KeyNumber, aligned, key_numbers
 
 if TYPE_CHECKING:
     import pandas
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
     from dembrick.simulation.statics.rest.dead_load import Standing
 
 
-ROUNDING = 1e-7  # of the largest: a force or a moment that is none
-SHOWN = 8  # supports whose reactions, and ties whose tensions, the command line prints
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
 
@@ -110,39 +107,19 @@ class RunResult:
         return cycles_of(self.scenario, self.rows, turns, weight)
 
     @property
-    def cycle_lines(self) -> list[str]:
-        """Lines that the command line prints of the cycles of a protocol."""
-        return [number.line for number in cycle_numbers(self.cycles, self.curve.unit)]
-
-    @property
     def reactions(self) -> dict[str, list[float]] | None:
         """[Fx, Fy, Fz, Mx, My, Mz] of every support on the structure at the end, and of the guides on every block that
         they hold, about its centroid (N, N m; world axes); None if blocks fall that would be at rest."""
         names = (name for name, own in zip(self.assembly.names, self.assembly.supporting, strict=True) if own)
         return dict(zip(names, (self.run.reactions + 0.0).tolist(), strict=True))
 
-    @property
-    def force_lines(self) -> list[str]:
-        """Lines of the command line on the reactions of supports and on the ties."""
-        return self.cycle_lines + reaction_lines(self.reactions) + tie_lines(self._tied())
-
-    def lines_of(self, *tables: Sequence[Declared]) -> list[str]:
-        """Lines of the command line on the key numbers of ``tables``."""
-        results = self.as_dict()
-        return [number.line for table in tables for number in told_by(table, results)]
-
-    @property
-    def heading_lines(self) -> list[str]:
-        """First lines of the command line: the title, the formulation, and the stages before."""
-        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
-        if self.assembly.custom_law is not None:
-            lines.append(f"joint law     {described(self.assembly.custom_law.as_dict())}")
-        for stage, control in zip(self.stages, self.scenario.stages, strict=False):
-            point, pushed = stage.get("yield_point") or {}, control.drives == ACTUATORS
-            told = "" if point.get("V") is None else limit_text(point, stage.get("path"), "N" if pushed else "")
-            load = f", {'V' if pushed else 'load factor'} = {plain(str(told))}" if told else ""
-            lines.append(f"stage {stage['stage']:<8}{stage['kind']}: {stage['status']}{load}")
-        return lines
+    def text(self) -> str:
+        """Text of the command line: the title, the formulation, and the key numbers."""
+        law = self.assembly.custom_law
+        lines = [KeyNumber("formulation", self.scenario.joint.formulation)]
+        lines += [] if law is None else [KeyNumber("joint law", described(law.as_dict()))]
+        lines += [*key_numbers(self.as_dict(), self.curve.unit), KeyNumber("history", str(self.history))]
+        return "\n".join([self.scenario.title, *aligned(lines)])
 
     def agrees(self) -> bool:
         """Whether theory, where one holds, agrees."""
@@ -217,11 +194,6 @@ class RunResult:
         return page.fragment(self)
 
 
-def printed(values: Iterable[float], largest: float) -> list[str]:
-    """Numbers by six digits; what is only rounding beside the ``largest`` of their kind is 0."""
-    return [f"{value:.6g}" if abs(value) > ROUNDING * largest else "0" for value in values]
-
-
 def heading(scenario: Scenario) -> dict:
     """First entries in the JSON object of any run or limit analysis."""
     return {"scenario": scenario.path or "", "title": scenario.title, "formulation": scenario.joint.formulation}
@@ -232,31 +204,6 @@ def tied(assembly: Assembly, **values: np.ndarray) -> list[dict]:
     ties, names = assembly.ties, assembly.names
     numbers = zip(*ties.ends.block.T, *(own.tolist() for own in values.values()), strict=True)
     return [{"between": [names[a], names[b]]} | dict(zip(values, own, strict=True)) for a, b, *own in numbers]
-
-
-def tie_lines(ties: Sequence[Mapping]) -> list[str]:
-    """Lines of the command line on ties, as results have them."""
-    lines = []
-    for tie in ties[:SHOWN]:
-        kept = f", yielded by {tie['yielded']:.4g} m" if tie.get("yielded") else ""
-        peak = f", {tie['peak']:.6g} N at the most" if "peak" in tie else ""
-        lines.append(f"tie           {' - '.join(tie['between'])}: {tie['tension']:.6g} N{peak}{kept}")
-    if len(ties) > SHOWN:
-        lines.append(f"  ... and {len(ties) - SHOWN} more ties (--json lists all)")
-    return lines
-
-
-def reaction_lines(found: Mapping[str, list[float]] | None) -> list[str]:
-    """Lines of the command line on the reactions of supports."""
-    lines = []
-    largest = max((abs(value) for reaction in (found or {}).values() for value in reaction), default=0.0)
-    for name, reaction in list((found or {}).items())[:SHOWN]:
-        numbers = printed(reaction, largest)
-        force, moment = ", ".join(numbers[:3]), ", ".join(numbers[3:])
-        lines.append(f"reaction      {name}: {force} N; {moment} N m about its centroid")
-    if found is not None and len(found) > SHOWN:
-        lines.append(f"  ... and {len(found) - SHOWN} more supports (--json lists all)")
-    return lines
 
 
 class SearchResult(RunResult):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from dembrick.runs.outcomes.result import RunResult, SearchResult
 from dembrick.simulation import load_increments
 from dembrick.simulation.statics.rest.dead_load import DECIDES, does_not_stand, undecided
-from dembrick.views.key_numbers import OF_LAWS, OF_WORK
 
 if TYPE_CHECKING:
     from dembrick.simulation.statics.rest.dead_load import Standing
@@ -37,11 +36,6 @@ class RestResult(RunResult):
     def reactions(self) -> dict[str, list[float]] | None:
         """Those of the blocks at rest; None if there is no rest."""
         return super().reactions if self.statics["stands"] else None
-
-    def text(self) -> str:
-        """Text of the command line."""
-        lines = [*self.heading_lines, f"answer        {self.plain_answer}", *self.force_lines]
-        return "\n".join([*lines, *self.lines_of(OF_LAWS, OF_WORK), f"history       {self.history}"])
 
 
 @dataclasses.dataclass(repr=False)

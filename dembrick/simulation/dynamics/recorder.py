@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 TOGETHER = 64  # rows, at the most
 MOST_WAITING = 1 << 20  # bytes of them
 HELD = 0.05  # s, for which rows wait at the most while others come
-NO_ACTUATORS = np.zeros(0)
 
 
 def _in_frames(pressed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -233,8 +232,8 @@ class Recorder:
             "unbalanced": record.row["unbalanced"][:n].copy(),
             "lower": np.zeros(n),
             "upper": np.zeros(n),
-            "actuator_displacement": np.tile(NO_ACTUATORS, (n, 1)),
-            "actuator_force": np.tile(NO_ACTUATORS, (n, 1)),
+            "actuator_displacement": np.zeros((n, len(moving.assembly.actuators.names))),
+            "actuator_force": np.zeros((n, len(moving.assembly.actuators.names))),
             **self._of_actuators(curve[:, 1]),
             "energy": {name: record.energy[name][:n].copy() for name in BALANCE.names or () if len(record.energy)},
             "new_contacts": record.row["new_contacts"][:n].copy(),

@@ -92,7 +92,7 @@ def results_table(results: dict, unit: str = "N") -> str:
     if not lines:
         return "<p>There are no results yet: the run has not ended.</p>"
     rows = []
-    for name, value, remark, _ in lines:
+    for name, value, remark in lines:
         note = f'<br><small class="quiet">{escape(remark)}</small>' if remark else ""
         rows.append(f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}{note}</td></tr>')
     return f"<table>{''.join(rows)}</table>"
