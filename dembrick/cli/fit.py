@@ -70,10 +70,14 @@ def _curves(options, console) -> int:
 
 
 def _text(fits, confidence: float) -> str:
+    from dembrick.views.summary import barred
+
     lines = [f"friction coefficient, +- half the {100 * confidence:.0f} % confidence interval"]
     for one in fits:
-        half = "  (one test: no interval)" if one.half_width is None else f" +- {one.half_width:.4f}"
-        lines.append(f"\n{one.formulation:16} mu = {one.mu:.4f}{half}")
+        known = f"{one.mu:.4f}  (one test: no interval)"
+        if one.half_width is not None:
+            known = " +- ".join(barred(one.mu, one.half_width))
+        lines.append(f"\n{one.formulation:16} mu = {known}")
         lines.append(f"{'test':>10}{'measured [N]':>14}{'fitted [N]':>12}{'residual':>10}{'mu alone':>10}")
         for test in one.tests:
             alone = "-" if test["mu"] is None else f"{test['mu']:.4f}"

@@ -82,13 +82,27 @@ def _find_causes(options, console) -> int:
 
 def _answer(cell: dict, unit: str) -> str:
     """V of the one case of a cell as its run says it; of several the mean, and how they scatter."""
-    from dembrick.views.summary import limit_text, plain, with_error
+    from dembrick.views.summary import known, limit_text, plain
 
     if cell["count"] == 1:
         one_path = {"digits_open": cell["digits_open"] == "true"}
         return plain(str(limit_text({"V": cell["mean"], **cell}, one_path, unit)))
-    mean = plain(with_error(cell["mean"], cell["standard_error"], unit))
-    return f"{mean} on average of {cell['count']} cases, which deviate by {cell['deviation']:.4g} {unit}".rstrip()
+    if cell["digits_open"]:
+        return f"about {known(cell['mean'], None)} {unit}".rstrip() + f" (of these paths){_on_average(cell, unit)}"
+    return _mean(cell, unit) + _on_average(cell, unit)
+
+
+def _mean(cell: dict, unit: str) -> str:
+    """The mean of several cases, with 95 %."""
+    from dembrick.views.summary import NO_BAR, known, plain, with_error
+
+    if cell["error"] is None:
+        return f"{known(cell['mean'], cell['standard_error'])} {unit}".rstrip() + f" ({NO_BAR.partition(':')[0]})"
+    return plain(with_error(cell["mean"], cell["error"], unit)).rstrip()
+
+
+def _on_average(cell: dict, unit: str) -> str:
+    return f" on average of {cell['count']} cases (95 %), which deviate by {cell['deviation']:.4g} {unit}".rstrip()
 
 
 def _text(study, outcome) -> str:
@@ -106,14 +120,20 @@ def _text(study, outcome) -> str:
     for cell in outcome.statistics[:_MOST_LINES]:
         own = {key: value for key, value in cell.items() if key in study.keys}
         fixed = ", ".join(f"{key} = {value if isinstance(value, str) else show(value)}" for key, value in own.items())
+        missing = f"  {cell['unanswered']} more have no answer" if cell["unanswered"] else ""
         if study.search is not None:
             half = cell["half_width"]
-            found = (
-                f"{cell['mean']:.5g} ({cell['remark']})" if half is None else " +- ".join(barred(cell["mean"], half))
-            )
-            lines.append(f"{'falls ' + cell['falls']:13} {study.search.key} = {found}  {fixed}".rstrip())
+            if cell["count"] > 1:
+                found = _mean(cell, "") + _on_average(cell, "")
+            else:
+                found = (
+                    f"{cell['mean']:.5g} ({cell['remark']})"
+                    if half is None
+                    else " +- ".join(barred(cell["mean"], half))
+                )
+            lines.append(f"{'falls ' + cell['falls']:13} {study.search.key} = {found}  {fixed}".rstrip() + missing)
             continue
-        lines.append(f"V             {_answer(cell, unit)}  {fixed}".rstrip())
+        lines.append(f"V             {_answer(cell, unit)}  {fixed}".rstrip() + missing)
     if len(outcome.statistics) > _MOST_LINES:
         lines.append(f"              and {len(outcome.statistics) - _MOST_LINES} more: see the tables")
     return "\n".join(lines)

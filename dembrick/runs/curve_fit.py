@@ -1,8 +1,7 @@
 """Keys of a scenario that best explain measured curves of force over displacement, with their 95 % intervals.
 
 Least squares on the logarithms of the keys (they are positive): sum(((V_sim(u_i) - V_i) / V_peak)^2) over all measured
-points. Intervals are those of the linearised problem, Student's t with the scatter about the fit; all keys at once are
-within theirs with 95 %. Scatter that runs on from point to point, as the error of a model does, counts as fewer points.
+points. Intervals are those of the linearised problem (`fit_intervals`): all keys at once are within theirs with 95 %.
 Both ends are tried: the misfit there, with the other keys fitted again, must have risen as the linearised problem says.
 Where it has not, the end is searched for. A key that may go on by a factor of 100 is open at that end: the data do not
 determine it.
@@ -10,6 +9,7 @@ determine it.
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import tomllib
@@ -20,6 +20,7 @@ import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, needed
 from dembrick.runs.fit import CONFIDENCE
+from dembrick.runs.fit_intervals import half_widths
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import overrides
 from dembrick.scenario import toml as scenarios
@@ -42,6 +43,7 @@ AGREES = (0.7, 1.4)  # of the rise of the misfit over the expected one at an end
 CLOSE = 0.05  # of an end that is searched for
 # A key that the data do not determine stays about its start, by weights that are small beside what determines others.
 HOLD, HOLD_OF_SCATTER = 3e-3, 0.2
+OF_THE_RUN = ("control", "output", "solver")
 APART, MIXED = 1e-2, 0.1  # of the greatest slope, and of a direction: keys that curves hardly tell apart
 
 
@@ -89,6 +91,11 @@ def fit_curves(
     least_squares = needed("scipy.optimize", "a fit of curves").least_squares
     if len(given) not in (1, len(curves)):
         raise ScenarioError(f"{len(curves)} curves and {len(given)} scenarios; give one for all or one for each")
+    for one, other in itertools.combinations(curves, 2):
+        if np.array_equal(one.displacement, other.displacement) and np.array_equal(one.load, other.load):
+            raise ScenarioError(
+                f"{one.name} and {other.name} are the same curve, which tells nothing twice; give it once"
+            )
     alone = len(given) == 1
     given = [given[0]] * len(curves) if alone else list(given)
     start = _start(given, keys)
@@ -223,12 +230,10 @@ class _Runs:
             )
         return np.stack([(above - below) / (2.0 * STEP) for above, below in pairs], axis=1)
 
-    def correlation(self, residuals: np.ndarray) -> float:
-        """Of neighbouring residuals on a curve, as far as it makes the data say less."""
-        parts = np.split(residuals, np.cumsum([len(curve.load) for curve in self.measured])[:-1])
-        total = float((residuals**2).sum())
-        found = sum(float(own[1:] @ own[:-1]) for own in parts) / total if total > 0.0 else 0.0
-        return min(max(found, 0.0), 0.99)
+    @property
+    def ends(self) -> list[int]:
+        """Where curves end in the residuals, but for the last."""
+        return np.cumsum([len(curve.load) for curve in self.measured])[:-1].tolist()
 
 
 class _Better(Exception):
@@ -248,12 +253,10 @@ class _Trial:
         n, k = self.slopes.shape
         self.least = float(residuals @ residuals)
         self.scatter = max(math.sqrt(self.least / (n - k)), NUMERICAL)
-        stdtrit = needed("scipy.special", "a fit of curves").stdtrit
-        t = float(stdtrit(n - k, 1.0 - 0.5 * (1.0 - CONFIDENCE) / k))  # Bonferroni: of all keys at once
-        rho = runs.correlation(residuals)
-        self.rise = (1.0 + rho) / (1.0 - rho) * (t * self.scatter) ** 2
         _, sizes, directions = np.linalg.svd(self.slopes, full_matrices=False)
-        self.half = math.sqrt(self.rise) * np.linalg.norm(directions.T / np.maximum(sizes, 1e-9), axis=1)
+        alone = np.linalg.norm(directions.T / np.maximum(sizes, 1e-9), axis=1)  # by a scatter of one
+        self.half = np.maximum(half_widths(self.slopes, residuals, runs.ends, CONFIDENCE), 2.0 * NUMERICAL * alone)
+        self.rise = (self.half / alone) ** 2  # of the misfit by then, if all is linear
 
     def end(self, i: int, sign: float) -> float | None:
         """The end of the interval of key i, as the change of its logarithm; None if it is open."""
@@ -290,12 +293,12 @@ class _Trial:
             misfitting = float(residuals @ residuals)
             if not math.isfinite(misfitting):
                 break
-            if self.least - misfitting > 0.1 * self.rise:
+            if self.least - misfitting > 0.1 * self.rise[i]:
                 raise _Better(at.clip(-RANGE, RANGE))
             least = min(least, misfitting)
             at = at.copy()
             at[others] -= (back @ residuals).clip(-1.0, 1.0)
-        return (least - self.least) / self.rise
+        return (least - self.least) / self.rise[i]
 
 
 def _start(given: Sequence[Scenario], keys: Sequence[str]) -> list[float]:
@@ -304,6 +307,9 @@ def _start(given: Sequence[Scenario], keys: Sequence[str]) -> list[float]:
         raise ScenarioError("--vary names no key; for instance --vary joint.friction,joint.shear_stiffness")
     if len(set(keys)) < len(keys):
         raise ScenarioError(f"--vary names a key twice: {', '.join(keys)}")
+    for key in keys:
+        if key.split(".")[0] in OF_THE_RUN:
+            raise ScenarioError(f"{key} says how the test is run, and no curve tells it; vary what is tested")
     for scenario in given:
         control = scenario.control
         pressed = any(pressure.actuator for pressure in scenario.pressures)

@@ -8,8 +8,11 @@ The measurements come as a CSV file, one test a line::
 ``scenario`` is the test as a scenario file, seen from the folder of the CSV; its own friction is not looked at, so that
 all its joints must have one. ``V [N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's actuators.
 ``deviation``, of all lines or of none, and ``formulation`` may be left out: without the first every test counts by its
-relative error, with the second a line stands for that formulation only. mu minimises sum(((V(mu) - V_i) / s_i)^2) with
-V(mu) simulated, s_i the deviation, or V_i itself.
+relative error, with the second a line stands for that formulation only. mu solves
+
+    sum((V_i - V) V' / s_i^2) = 0,    s_i the deviation, or V itself,
+
+with V(mu) simulated and its slope V'. Errors over the measured V_i would favour tests that came out low.
 """
 
 from __future__ import annotations
@@ -18,7 +21,9 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from decimal import Decimal
+from functools import cache, partial
+from statistics import NormalDist
 
 import numpy as np
 
@@ -31,6 +36,7 @@ from dembrick.scenario.csv_tables import Table, cells_by_name, name_of, read_tab
 from dembrick.scenario.model import FORMULATIONS, DisplacementControl, Scenario, YieldControl
 
 CONFIDENCE = 0.95
+_NORMAL = NormalDist().inv_cdf(0.5 * (1.0 + CONFIDENCE))  # deviations, if they are known
 _COLUMNS = {"test": True, "scenario": True, "V": True, "deviation": False, "formulation": False}  # needed or not
 _SCANNED = tuple(0.04 * 2.0 ** (k / 2.0) for k in range(14))  # mu looked at first: V has kinks where a block tips over
 _STEP = 0.01  # relative change of mu for the slope of V
@@ -42,21 +48,23 @@ _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured yield point: V and its standard deviation in N (None: not known)."""
+    """A measured yield point: V, its standard deviation (None: not known) and what its last digit is worth, in N."""
 
     test: str
     scenario: Scenario
     V: float
     deviation: float | None = None
     formulation: str | None = None
+    digit: float = 0.0
 
 
 @dataclass(frozen=True)
 class Fit:
     """mu under one formulation (or, "as stated", each line under its own).
 
-    ``half_width`` is half the 95 % confidence interval by Student's t, from the scatter of the tests about the fit;
-    None for a single test. ``tests`` has V measured and fitted (N), their difference in % of the measured, and the mu
+    ``half_width`` is half the 95 % confidence interval: by Student's t from the scatter of the tests about the fit, and
+    no less than the stated deviations make it, or the rounding of what was read; None for a single test without
+    deviation. ``tests`` has V measured and fitted (N), their difference in % of the measured, and the mu
     that this test alone implies.
     """
 
@@ -100,7 +108,8 @@ def read(path: str | os.PathLike) -> list[Measurement]:
                         f"{place}: {scenario.path} gives the joints between {between} a {key} of their own, and one "
                         f"for all joints is looked for; leave {key} out of [[joints]]"
                     )
-        found.append(Measurement(cells["test"], scenario, V, deviation, formulation))
+        digit = columns["V"][1] * _last_digit(cells["V"])
+        found.append(Measurement(cells["test"], scenario, V, deviation, formulation, digit))
     missing = [number for (number, _), one in zip(table.lines, found, strict=True) if one.deviation is None]
     if 0 < len(missing) < len(found):
         raise ScenarioError(
@@ -117,6 +126,11 @@ def _positive(table: Table, number: int, row: Sequence[str], column: int, size: 
         name = name_of(table.titles[column])
         raise ScenarioError(f"{table.path}, line {number}: {name} = {value:g} must be greater than 0")
     return size * value
+
+
+def _last_digit(text: str) -> float:
+    """Worth of the last digit of a finite number in a text."""
+    return 10.0 ** int(Decimal(text.replace(",", ".")).as_tuple().exponent)
 
 
 def fit(
@@ -146,23 +160,24 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
     """mu by Gauss and Newton from the best of `_SCANNED`: two simulations of every test a round; V is proportional to
     mu where a block slides, so that few are needed. At a kink they go to and fro, and golden sections find it."""
     measured = np.array([m.V for m in group])
-    scale = np.array([m.deviation or m.V for m in group])
+    stated = None if group[0].deviation is None else np.array([m.deviation for m in group], float)
 
     @cache
     def simulated(mu: float) -> np.ndarray:
         return _simulated(group, name, mu)
 
-    def cost(mu: float) -> float:
+    def cost(mu: float, scale: np.ndarray) -> float:
         return float((((simulated(mu) - measured) / scale) ** 2).sum())
 
     least, most = _allowed(group)
     scanned = [mu for mu in _SCANNED if least <= mu <= most] or [least or most]
-    best = int(np.argmin([cost(mu) for mu in scanned]))
+    best = int(np.argmin([cost(mu, measured if stated is None else stated) for mu in scanned]))
     low = scanned[best - 1] if best else least
     high = scanned[best + 1] if best + 1 < len(scanned) else most
     mu = scanned[best]
     for _ in range(_ITERATIONS):
         V, slope = _with_slope(simulated, mu)
+        scale = V if stated is None else stated
         weight = slope / scale
         if not np.abs(slope * mu).max() > _TELLS * V.max():
             raise ScenarioError(f"{name}: no test slips, so that none of them tells anything about friction")
@@ -176,7 +191,7 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
             raise NotConvergedError(
                 f"{name}: no friction coefficient was found in {_ITERATIONS} rounds, the last {mu:.6g}"
             )
-        mu, change = _least(cost, low, high), 0.0
+        mu, change = _least(partial(cost, scale=scale), low, high), 0.0
         V, slope = _with_slope(simulated, mu)
         weight = slope / scale
     if mu <= least != 0.0 or mu >= most:
@@ -184,9 +199,14 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
         raise ScenarioError(f"{name}: the best friction coefficient lies outside of what strengths allow, {ends}")
     V = V + slope * change
     scatter = half = None
+    alone = 1.0 / math.sqrt(float(weight @ weight))  # of mu, by a scatter of one
     if len(group) > 1:
         scatter = math.sqrt(float((((V - measured) / scale) ** 2).sum()) / (len(group) - 1))
-        half = student(CONFIDENCE, len(group) - 1) * scatter / math.sqrt(float(weight @ weight))
+        read = np.array([m.digit for m in group]) / (math.sqrt(12.0) * scale)
+        rounding = float(np.linalg.norm(weight * read)) * alone
+        half = student(CONFIDENCE, len(group) - 1) * max(scatter, rounding) * alone
+    if stated is not None:
+        half = max(half or 0.0, _NORMAL * alone)
     tests = [
         {
             "test": m.test,

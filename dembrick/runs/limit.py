@@ -136,7 +136,7 @@ class LimitResult:
         """Text of the command line."""
         unit = " N" if recorded_curve(self.scenario.control, self.assembly.actuators).unit == "N" else ""
         if self.limit.unlimited:
-            lines = [self.scenario.title, *aligned([KeyNumber("limit", _unlimited(self.scenario.control))], 13)]
+            lines = [self.scenario.title, *aligned([KeyNumber("limit", _unlimited(self.scenario.control))])]
             return "\n".join([*lines, *self.remarks])
         what = "V" if unit else "load factor"
         angle = "" if self.angle is None else f"{self.angle:.6g} deg, "
@@ -152,7 +152,7 @@ class LimitResult:
             numbers.append(KeyNumber("heuristic", f"{one.load_factor:.5g}{unit} {bound}"))
         numbers += [KeyNumber("left out", one.text) for one in self.left_out]
         numbers += [KeyNumber("remark", remark) for remark in self.remarks]
-        return "\n".join([self.scenario.title, *aligned(numbers, 13)])
+        return "\n".join([self.scenario.title, *aligned(numbers)])
 
     def picture(self, path: str | os.PathLike, **look) -> str:
         """A PNG of the mechanism; ``look`` as for ``dembrick.views.render.picture``."""

@@ -36,6 +36,7 @@ from dembrick.views.summary import (
 )
 
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
+_COLUMN = 13  # characters, or more
 _ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
 
 
@@ -47,9 +48,9 @@ class KeyNumber(NamedTuple):
     remark: str = ""
 
 
-def aligned(numbers: Sequence[KeyNumber], least: int = 0) -> list[str]:
-    """Key numbers as lines of the command line, names in a column ``least`` wide or more."""
-    width = max([least, *(len(number.name) for number in numbers)])
+def aligned(numbers: Sequence[KeyNumber]) -> list[str]:
+    """Key numbers as lines of the command line, names in a column."""
+    width = max([_COLUMN, *(len(number.name) for number in numbers)])
     return [plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}") for name, value, remark in numbers]
 
 

@@ -161,6 +161,7 @@ def test_the_misfit_of_loops_against_a_curve_that_goes_one_way():
     (["joint.frictoin"], "friction"),
     (["joint.formulation"], "no number"),
     (["joint.cohesion"], "above zero"),
+    (["joint.friction", "control.travel"], "control.travel says how the test is run"),
 ])  # fmt: skip
 def test_keys_that_cannot_be_fitted(keys, said, curve, start):
     with pytest.raises(ScenarioError, match=said):
@@ -170,6 +171,9 @@ def test_keys_that_cannot_be_fitted(keys, said, curve, start):
 def test_data_that_cannot_be_fitted(curve, start):
     with pytest.raises(ScenarioError, match="2 measured points cannot tell 2 keys"):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1, count=2)], list(TRUE))
+    twice = [measured(curve, 5e-8, 3.4e-6, 1), measured(curve, 5e-8, 3.4e-6, 1)]
+    with pytest.raises(ScenarioError, match="the same curve, which tells nothing twice"):
+        curve_fit.fit_curves([start], twice, ["joint.friction"])
     with pytest.raises(ScenarioError, match="lengthen control.travel"):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3e-5, 1)], ["joint.friction"])
     for kind in ("wall_tilt", "set4a"):  # a table, and a search, whose record is no test

@@ -10,6 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
+from dembrick import cli
+from dembrick.cli import sweep
 from dembrick.errors import OutputError, ScenarioError
 from dembrick.runs import study as studies
 from dembrick.runs.study.draws import Draws, distribution
@@ -252,6 +254,34 @@ def test_local_processes_give_the_same_table_and_the_scatter_of_V(write, tmp_pat
         share = statistics.stdev(drawn) / statistics.fmean(drawn)
         assert cell["deviation"] / cell["mean"] == pytest.approx(share, rel=1e-2)
         assert cell["standard_error"] == pytest.approx(cell["deviation"] / math.sqrt(8.0))
+
+
+def test_the_mean_of_draws_has_the_bars_of_its_cases_and_of_its_scatter(write, tmp_path, capsys):
+    """A mean of cases each known to a tenth was said to be known to a millionth, as they hardly scatter."""
+    rough = "[grid]\ncontrol.tolerance = [0.1]\n"
+    body = DRAWS.replace("deviation = 0.03", "deviation = 1e-6").replace("[grid]\n", rough)
+    outcome = studies.sweep(write(body), tmp_path / "out")
+    for cell in outcome.statistics:
+        rows = [row for row in read_csv(outcome.csv) if row["joint.formulation"] == cell["joint.formulation"]]
+        half = statistics.fmean(0.5 * (float(row["V_upper"]) - float(row["V_lower"])) for row in rows)
+        t = 2.364624  # Student's, of eight
+        assert cell["half_width"] == pytest.approx(half, rel=0.2) and cell["unanswered"] == 0
+        assert cell["error"] == pytest.approx(cell["half_width"] + t * cell["standard_error"], rel=1e-6)
+    assert cli.main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert " on average of 8 cases (95 %), which deviate by " in capsys.readouterr().out
+
+
+def test_means_of_what_depends_on_the_path_have_two_digits():
+    cell = {"count": 3, "mean": 0.43387, "digits_open": True, "deviation": 1e-7, "error": 1e-7, "standard_error": 1e-7}
+    assert sweep._answer(cell, "").startswith("about 0.43 (of these paths) on average of 3 cases")
+    shut = cell | {"digits_open": False, "error": None}
+    assert sweep._answer(shut, "").startswith("0.43387 (no error bar) on average")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "[1.0, -inf]", "1979-05-27"])
+def test_values_that_no_table_holds_are_refused(write, value):
+    with pytest.raises(ScenarioError, match="holds finite numbers, texts, and lists of them"):
+        studies.load(write(f'[grid]\n"joint.friction" = [0.5, {value}]\n'))
 
 
 def test_histories_if_asked_for(write, tmp_path):

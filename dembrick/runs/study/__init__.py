@@ -9,6 +9,7 @@ import itertools
 import math
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +17,7 @@ from pathlib import Path
 from statistics import fmean, stdev
 
 from dembrick.errors import OutputError
+from dembrick.runs.fit import CONFIDENCE, student
 from dembrick.runs.study.case import UNANSWERED, run_cases
 from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
 from dembrick.runs.study.plan import Study, load, scenario_of, shard
@@ -36,8 +38,10 @@ class Outcome:
     (``finished``) and ``failed``, the tables (paths, ``csv`` and ``h5``), and the time that it took (``wall``, s).
 
     ``statistics``: a row for each combination of the keys that are not drawn at random, with the number of cases that
-    gave a V (of a search: a value), its mean, its standard deviation and the standard error of the mean; of a search
-    also the mean half-width of the brackets.
+    gave a V (of a search: a value), its mean, its standard deviation and the standard error of the mean;
+    ``half_width``, the mean half-width of the brackets, and how many cases have no answer (``unanswered``). Of several
+    cases ``error`` is how far the mean may be off: what half the brackets leave open, and with 95 % (Student's t) what
+    the scatter of the draws does; None if a bracket is open. ``digits_open``: a V depends on the path.
     """
 
     cases: int
@@ -154,30 +158,48 @@ _OF_SEARCHES = ("stands", "falls", "remark")
 def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
     """Mean and scatter of the answers over the draws of each population, and how many cases have none."""
     cells: dict[str, tuple[dict, list, list]] = {}
+    unanswered: Counter[str] = Counter()
     rows = stored(folder, study.columns)
     wanted = ("status", study.answer, *BAR, *_OF_SEARCHES)
     found = {row["case"]: {name: row.get(name) for name in wanted} for row in rows}
     for case, row in found.items():
-        if row[study.answer] is not None and row["status"] not in UNANSWERED:
-            fixed = study.cell(case)
+        fixed = study.cell(case)
+        if row[study.answer] is None or row["status"] in UNANSWERED:
+            unanswered[repr(fixed)] += 1
+        else:
             _, answers, bars = cells.setdefault(repr(fixed), (fixed, [], []))
             answers.append(row[study.answer])
             bars.append({name: row[name] for name in (*BAR, *_OF_SEARCHES)})
     statistics = []
-    for fixed, answers, bars in cells.values():
+    for key, (fixed, answers, bars) in cells.items():
         deviation = stdev(answers) if len(answers) > 1 else None
         error = None if deviation is None else deviation / math.sqrt(len(answers))
-        bar = {}
+        widths = [_half_width(one, answer) for one, answer in zip(bars, answers, strict=True)]
+        closed = [width for width in widths if width is not None]
+        half = fmean(closed) if len(closed) == len(widths) else None
+        bar: dict = {"half_width": half}
         if study.search is not None:
             below = {one["falls"] < one["stands"] for one in bars}
             falls = "at" if len(below) > 1 else "below" if True in below else "above"
-            widths = [one["half_width"] for one in bars]
-            bar = {"half_width": None if None in widths else fmean(widths), "falls": falls, "remark": bars[0]["remark"]}
+            bar |= {"falls": falls, "remark": bars[0]["remark"]}
         elif len(bars) == 1:
             bar = {name: bars[0][name] for name in BAR if name != "half_width"}
+        else:
+            bar["digits_open"] = any(one["digits_open"] in (True, "true") for one in bars)
+        if error is not None:
+            scatter = student(CONFIDENCE, len(answers) - 1) * error
+            bar["error"] = None if half is None else half + scatter
         numbers = {"count": len(answers), "mean": fmean(answers), "deviation": deviation, "standard_error": error}
-        statistics.append({**fixed, **numbers, **bar})
+        statistics.append({**fixed, **numbers, **bar, "unanswered": unanswered[key]})
     return statistics, sum(row["status"] in UNANSWERED for row in found.values())
+
+
+def _half_width(bar: dict, answer: float) -> float | None:
+    """How far an answer may be off by its bracket; None if that is open."""
+    if bar["half_width"] is not None:
+        return bar["half_width"]
+    lower, upper = bar["V_lower"], bar["V_upper"]
+    return None if lower is None or upper is None else max(upper - answer, answer - lower)
 
 
 def _make(folder: Path) -> None:

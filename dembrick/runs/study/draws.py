@@ -25,6 +25,7 @@ _KEYS = {
 }
 _BOUNDS = ("lower", "upper")
 _STANDARD = NormalDist()
+_WIDEST = 1e6  # of the mean, a deviation
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,8 @@ def distribution(key: str, table: Mapping) -> Distribution:
             raise ScenarioError(f"{place}: deviation = {found.deviation:g} must be greater than 0")
         if kind == "lognormal" and not found.mean > 0.0:
             raise ScenarioError(f"{place}: a lognormal distribution needs a mean greater than 0, not {found.mean:g}")
+        if kind == "lognormal" and not found.deviation < _WIDEST * found.mean:
+            raise ScenarioError(f"{place}: deviation = {found.deviation:g} is more than {_WIDEST:g} times the mean")
         if not found._share_below(found.upper) - found._share_below(found.lower) > 1e-12:
             raise ScenarioError(f"{place}: nothing of the distribution lies between lower and upper")
     return found

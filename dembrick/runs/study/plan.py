@@ -33,7 +33,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -147,6 +147,8 @@ def _study(document: dict, path: str) -> Study:
     base = scenarios.text_of(scenarios.load(base_path, regular=True))
     grid = {key: _grid_values(key, value) for key, value in _flat(document.get("grid", {}), "grid").items()}
     lines = _lines(document, path)
+    for changes in (*({key: values} for key, values in grid.items()), *lines):
+        _check_values(changes)
     draws = _draws(document["draws"]) if "draws" in document else None
     keys = [*grid, *lines[0], *(draws.of if draws else ())]
     double = next((key for key in keys if keys.count(key) > 1), None)
@@ -225,6 +227,17 @@ def _refuse_aliases(base: dict, keys: list[str]) -> None:
                 raise ScenarioError(
                     f"the columns {show(keys[j])} and {show(keys[i])} set the same: leave one of them out"
                 )
+
+
+def _check_values(changes: Mapping[str, Any]) -> None:
+    """ScenarioError for values that no table can hold: numbers that are not finite, dates and times."""
+    for key, value in changes.items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError):
+            raise ScenarioError(
+                f"{key} = {show(value)}: a case holds finite numbers, texts, and lists of them"
+            ) from None
 
 
 def _rounded(value: float) -> float:

@@ -121,7 +121,7 @@ class EquilibriumPath(ABC):
         return False
 
     def close(self, parameter: float) -> float:
-        """What is not told apart of the parameter, where blocks come down, bonds break or blocks jump there."""
+        """Distance of values of the parameter that are told apart, where blocks fall, bonds break or blocks jump."""
         return self.tolerance * parameter
 
     @abstractmethod
