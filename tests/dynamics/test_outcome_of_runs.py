@@ -1,6 +1,7 @@
 """What a run in real time says at its end: times and velocities that belong together, what has fallen, the onset."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ import pytest
 from dembrick.assembly.build import assemble
 from dembrick.errors import EnergyAuditError
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine, TiltControl
 from dembrick.scenario.model import Block, Output, Solver
 from dembrick.simulation.energy_audit import Auditor, Sums
 from helpers.key_lines import words
+from helpers.scenario_text import block, header
 from helpers.stone_scenes import law, of_stone
 
 G = 9.81
@@ -166,3 +169,32 @@ def test_blocks_without_a_joint_tilt_and_fall():
     stone = Block("b", "stone", (0.2, 0.4, 0.5), (0.0, 0.0, 0.4))
     control = TiltControl((0.0, 1.0, 0.0), 10.0, 0.02)
     assert simulate(of_stone(law("concave", 0.5, 1e9), control, (floor, stone))).collapse["mechanism"] == "uplift"
+
+
+def turned_table(angle, at, friction, more="", width=6.0):
+    """A block at x = ``at`` on a table that a settlement turns by ``angle`` (deg), and then left to itself."""
+    text = header(friction=0.5, normal_stiffness=1e8)
+    text += block("table", (0.0, 0.0, -0.1), (width, 4.0, 0.2), "fixed = true") + more
+    text += block("up", (at, 0.0, 0.05), (0.3, 0.3, 0.1))
+    text += f'[[joints]]\nbetween = ["table", "up"]\nfriction = {friction}\nstages = [2]\n'
+    text += '[[stages]]\nkind = "settlement"\nsupports = ["table"]\n'
+    return toml.loads(
+        f'{text}rotation = {{ axis = [0.0, 1.0, 0.0], angle = {angle} }}\n[control]\nkind = "dynamic"\nduration = 1.0\n'
+    )
+
+
+@pytest.mark.parametrize("at", [-2.0, 0.0, 2.0])
+def test_what_a_settlement_has_carried_has_not_fallen_after_it(at):
+    """It rests on the turned table: seen from where the stage began, nothing has come down, wherever it is."""
+    scenario = turned_table(2.0, at, 0.5)
+    result = simulate(replace(scenario, control=DynamicControl(0.05)), record=False)
+    assert result.fallen == [] and np.linalg.norm(result.displacement[-1]) < 1e-6
+    assert np.isclose(result.run.turned, 0.0, atol=1e-4).all()
+
+
+def test_what_falls_after_a_settlement_has_fallen():
+    """A table that has turned by 10 degrees becomes slippery: the block slides off, onto a floor below."""
+    floor = block("floor", (3.6, 0.0, -0.56), (4.0, 4.0, 0.2), "fixed = true")
+    scenario = turned_table(10.0, 1.3, 0.05, floor, 3.0)
+    result = simulate(replace(scenario, control=DynamicControl(2.0)), record=False)
+    assert result.displacement[-1, 2] < -0.15 and result.fallen == ["up"]

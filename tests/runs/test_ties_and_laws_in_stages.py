@@ -12,7 +12,7 @@ from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
 from helpers.restart_cases import stop_in_stages, told_of_checkpoints
-from helpers.scenario_text import BASE, header, refused
+from helpers.scenario_text import BASE, header, jack, refused
 from helpers.scenario_text import block as block_text
 
 MU, N, A, B = 0.64, 467.0, 0.3, 0.2
@@ -250,3 +250,18 @@ def test_stages_of_ties_and_joints_are_written_and_read_back():
     given = scenario(STATICS, YIELD, parts=tie([2]) + law([1], friction=0.3))
     assert toml.loads(toml.dumps(given)) == given
     assert (given.ties[0].stages, given.joints[0].stages) == ((2,), (1,))
+
+
+def test_a_search_hands_on_the_state_at_its_limit():
+    """A bar tie that a block slackens as it turns: V falls behind its peak. A second search begins where the first one
+    found its limit, and finds it again; it began with the tension at the end of the path, and was 2 % lower."""
+    text = header("convex", 0.8, 1e11, keys="cohesion = 2000.0\ntensile_strength = 700.0\n")
+    text += block_text("low", (0.0, 0.0, -0.15), (2.0, 2.0, 0.3), "fixed = true")
+    text += block_text("up", (0.0, 0.0, 0.125), (0.6, 0.4, 0.25)) + jack("up", (0.0, -0.1, 0.1), (1.0, 0.2, 0.0))
+    ends = '{ block = "low", point = [0.0, -0.8, 0.0] }, { block = "up", point = [0.0, 0.0, 0.25] }'
+    text += f"[[ties]]\nbetween = [{ends}]\nstiffness = 1e7\nstrength = 400.0\nprestress = 300.0\n"
+    text += "tension_only = false\n"
+    once = simulate(toml.loads(text + "[control]\n" + YIELD), record=False).yield_point
+    twice = simulate(toml.loads(text + "[[stages]]\n" + YIELD + "[control]\n" + YIELD), record=False)
+    assert once.V_after < 0.99 * once.V == pytest.approx(0.99 * twice.stages[0]["yield_point"]["V"], rel=1e-9)
+    assert twice.yield_point.V == pytest.approx(once.V, rel=1e-4)

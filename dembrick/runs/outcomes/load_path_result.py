@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.outcomes.motion_result import MotionResult
 from dembrick.runs.outcomes.statics_result import RestResult
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED
@@ -129,13 +130,13 @@ class LoadPathResult(MotionResult):
     def moved(self) -> dict | None:
         """How far a block has moved up to the limit, which may be long after the one of the start: its ``displacement``
         (m), and its ``turn`` (rad) where that moves its corners twice as far, else None; ``far`` if the geometry of the
-        start gives another limit. After a settlement it is known from there alone how far blocks have moved."""
+        start gives another limit. After a settlement both count from there."""
         if self.run.collapse is None:
             return None
         shifted, motion = np.linalg.norm(self.displacement, axis=1), self.run.motion
         bodies = motion.state.bodies
-        traces = np.einsum("nij,nij->n", bodies.rotation, self.assembly.rotation)
-        turned = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0)) * (not motion.settled)
+        traces = np.einsum("nij,nij->n", bodies.rotation, rotation_matrix(motion.upright))
+        turned = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0))
         away = np.maximum(shifted, 0.5 * bodies.reach * turned)
         furthest = int(np.argmax(away))
         size = float(np.ptp(self.assembly.shapes[furthest].vertices, axis=0).min())

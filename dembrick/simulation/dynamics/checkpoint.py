@@ -188,7 +188,7 @@ def start_at_rest(moving: Motion) -> float:
         _take(moving, found.state, None)
     except DembrickError:
         return 0.0
-    bodies.start[:] = drawn
+    bodies.start[:], moving.upright[:] = drawn, moving.assembly.orientation
     return found.rest.force_error
 
 
@@ -206,7 +206,7 @@ def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
     bodies = moving.state.bodies
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
     bodies.applied[:] = 0.0  # loads that act in this stage come with its first step
-    bodies.start[:] = bodies.position
+    bodies.start[:], moving.upright[:] = bodies.position, bodies.orientation
     moving.settled = True
 
 
@@ -220,7 +220,7 @@ def _take(moving: Motion, left: State, before: TiesBefore | None) -> None:
     bodies.position[:] += left.blocks.displacement
     bodies.orientation[:] = unit_quaternion(turned_by(left.blocks.rotation, left.blocks.orientation))
     bodies.rotation[:] = rotation_matrix(bodies.orientation)
-    bodies.start[:] = bodies.position
+    bodies.start[:], moving.upright[:] = bodies.position, bodies.orientation
     joint_families.take_memory(state, left)
     yielded, rest = (np.zeros(0), np.zeros(0)) if left.ties is None else (left.ties.yielded, left.ties.rest)
     whole = TiesBefore(len(yielded), tuple(range(len(yielded)))) if before is None else before

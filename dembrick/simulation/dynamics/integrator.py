@@ -68,9 +68,10 @@ class Motion:
     """An assembly that can come to rest and move: its time step (s), and how long it took (s).
 
     ``settled``: it begins in the equilibrium that a settlement left, new contacts and all. ``loop_seconds`` went into
-    compiled steps, ``phases`` into what lies between them. ``falling`` (n,): blocks that
-    find no equilibrium under the dead loads; ``attempt`` (2,): of the search for it, the step at which the present
-    attempt began, and after how many the first block was seen to fall (-1: none yet).
+    compiled steps, ``phases`` into what lies between them. ``falling`` (n,): blocks that find no equilibrium under the
+    dead loads; ``attempt`` (2,): of the search for it, the step at which the present attempt began, and after how many
+    the first block was seen to fall (-1: none yet). ``upright`` (n, 4): orientations that turns count from, those at
+    the start of the stage.
     """
 
     assembly: object
@@ -88,6 +89,7 @@ class Motion:
     contact_detection: ContactDetection = field(init=False)
     energy: MotionEnergy = field(init=False)
     falling: np.ndarray = field(init=False)
+    upright: np.ndarray = field(init=False)
     attempt: np.ndarray = field(default_factory=lambda: np.array([0.0, -1.0]))
     travel: np.ndarray = field(default_factory=lambda: np.zeros(2))  # m, see `Course`
     pace: Pace = field(default_factory=Pace)
@@ -102,6 +104,7 @@ class Motion:
         self.contact_detection = ContactDetection(self.assembly, self.damping)
         self.energy = MotionEnergy(self.state)
         self.falling = np.zeros(len(self.assembly.names), bool)
+        self.upright = np.array(self.assembly.orientation, float)
 
     @property
     def state(self) -> MovingState:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.record import Extremes as Noted
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
@@ -52,7 +53,7 @@ class Extremes:
             tension=np.full(tie, -math.inf),
             turned=np.ones(n),
             threshold=np.array([OFF_BALANCE * float(np.linalg.norm(moving.assembly.gravity))]),
-            upright=np.array(moving.assembly.orientation, float),
+            upright=moving.upright,
         ), np.zeros(n))  # fmt: skip
 
     def look(self, moving: Motion, take: Callable[[], None]) -> None:
@@ -73,7 +74,7 @@ class Extremes:
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
-        kept = {name: getattr(self.noted, name) for name in ("furthest", "quiet", "last", "turned")}
+        kept = {name: getattr(self.noted, name) for name in ("furthest", "quiet", "last", "turned", "upright")}
         kept["calm"] = self.calm
         return {PEAK_TENSIONS: self.noted.tension} | {f"extremes.{name}": array for name, array in kept.items()}
 
@@ -96,7 +97,7 @@ def fallen(moving: Motion) -> np.ndarray:
         return np.zeros(len(assembly.names), bool)
     down = np.asarray(assembly.gravity, float) / weight
     least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
-    line = np.einsum("nij,i->nj", assembly.rotation, down)  # of the start, in body axes
+    line = np.einsum("nij,i->nj", rotation_matrix(moving.upright), down)  # of the start, in body axes
     away, found = moving.displacement, free.copy()
     for carried, turn in _carried(moving):
         dropped = (away - carried) @ down > DROPPED * least
@@ -135,7 +136,7 @@ def _carried(moving: Motion) -> list[tuple[np.ndarray, np.ndarray]]:
     """How far all blocks (n, 3) would be, and how turned (3, 3), if they had moved with each support as one body; once
     for all supports that stand still."""
     assembly, bodies, away = moving.assembly, moving.state.bodies, moving.displacement
-    turn = bodies.rotation @ np.swapaxes(assembly.rotation, 1, 2)
+    turn = bodies.rotation @ np.swapaxes(rotation_matrix(moving.upright), 1, 2)
     still = (away == 0.0).all(axis=1) & (np.abs(turn - np.eye(3)).max(axis=(1, 2)) < STILL)
     moved = np.flatnonzero(np.asarray(assembly.fixed) & ~still)
     rides = [(np.zeros(3), np.eye(3))] if len(moved) < int(np.sum(assembly.fixed)) or not len(moved) else []

@@ -138,7 +138,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     return Replay(
         yield_point=point,
         state=limit,
-        left=state,
+        left=_handed_on(limit, state),
         reached=follower.limit.reached if path.converged and _rocks_on(point, state, follower.way) else None,
         after=_after(state, limit, at_start, follower.way.limit < path.equilibria),
         # bounds that are proven close, or are said to be open
@@ -155,6 +155,13 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         moved=limit.blocks.displacement - at_start,
         phases=phases,
     )
+
+
+def _handed_on(limit: State, end: State) -> State:
+    """State for the next stage: that at the limit; the end of the path where bonds broke behind it, as they were the
+    limit."""
+    pairs = zip(joint_families.bonds(end), joint_families.bonds(limit), strict=True)
+    return end if any((now < before).any() for now, before in pairs) else limit
 
 
 def _rocks_on(point: YieldPoint, state: State, way: PathState) -> bool:
