@@ -196,8 +196,8 @@ def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | No
             if len(named) != 1:
                 both = ", ".join(show(names[i]) for i in fitting)
                 raise ScenarioError(
-                    f"{table.path}: the columns {both} all have a unit of {quantity}; pick one by columns = "
-                    f"[...], or call one {quantity!r}"
+                    f"{table.path}: the columns {both} all have a unit of {quantity}; call one {quantity!r}, "
+                    "or pick it by columns = [...] where a scenario reads the file"
                 )
             fitting = named
         if not fitting:

@@ -138,6 +138,11 @@ class JointLaw:
         return self.cohesion > 0.0 or self.tensile_strength > 0.0 or self.friction_after < self.friction
 
     @property
+    def weakens(self) -> bool:
+        """Whether some of its strength is lost by the first slip or opening."""
+        return self.cohesion > self.cohesion_after or self.tensile_strength > 0.0 or self.friction > self.friction_after
+
+    @property
     def dry(self) -> bool:
         """Whether there is nothing but friction, the same before and after slip."""
         return not (self.bonded or self.dilation > 0.0 or self.compressive_strength is not None)

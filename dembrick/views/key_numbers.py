@@ -130,7 +130,11 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
         remark += "; --refine gives the range" + ("" if bound is not None else ", --bound a bound of it")
     elif not is_open:
         remark = remark.replace("indicator", "indicator, not certified")
-        remark += "" if "meet" in remark else f": bounds {' and '.join(outward(lower, upper))} {unit}".rstrip()
+        remark += (
+            ""
+            if "meet" in remark or " to " in said.value
+            else f": bounds {' and '.join(outward(lower, upper))} {unit}".rstrip()
+        )
         remark += "; of this path" if not path and results.get("path_dependent") is True else ""
     lines = [KeyNumber(load[0] if is_open else load[1], said.value, remark)]
     start = start_text(path, unit)

@@ -97,7 +97,7 @@ def test_marks_of_thousands_are_no_decimals(tmp_path, numbers, said, divider):
         ("time [s],velocity [m/s]\n0,0\n1,1\n", "no column has a unit of acceleration"),
         (
             "time [s],x [g],y [g]\n0,0,0\n1,1,1\n",
-            "the columns 'x', 'y' all have a unit of acceleration; pick one by col",
+            "the columns 'x', 'y' all have a unit of acceleration; call one 'acceleration', or pick it by col",
         ),
         ("time [s],a [g]\n0,0\n1\n", "line 3: 1 values for 2 columns"),
         ("time [s],a [g]\n0,0\n# note\n1,1_0\n", "line 4: '1_0' in column 'a' is no finite number"),

@@ -25,6 +25,7 @@ from dembrick.scenario.model import (
 )
 from dembrick.simulation.statics import guards
 from dembrick.simulation.statics.handover import starting_state
+from helpers.key_lines import key_lines
 from helpers.stone_scenes import law, of_stone
 
 SETS = ("2a", "2b", "4a", "4b")
@@ -318,3 +319,19 @@ def test_what_hangs_over_an_edge_is_told_by_plane_geometry():
     state = starting_state(assembly, None)
     state.blocks.orientation[1] = math.cos(math.pi / 8), 0.0, 0.0, math.sin(math.pi / 8)
     assert guards.overhang(assembly, state) == pytest.approx([3.0 - 2.0 * math.sqrt(2.0)], rel=1e-12)
+
+
+@pytest.mark.parametrize("left, of_this_path", [(0.0, True), (2000.0, False)])
+def test_what_is_left_of_broken_bonds_is_said_to_be_of_this_path(left, of_this_path):
+    """Two bonded blocks: which joint breaks first hangs on the rate, 212 N fast and 330 slowly, each known to 1e-6."""
+    laws = JointLaw("convex", 0.45, 1e11, 4e10, cohesion=2000.0, tensile_strength=2000.0, residual_cohesion=left)
+    laws = dataclasses.replace(laws, tensile_strength=0.0 if left else 2000.0)
+    blocks = (
+        Block("low", "stone", (2.0, 2.0, 0.3), (0.0, 0.0, -0.15), fixed=True),
+        Block("b0", "stone", (0.5, 0.4, 0.1), (0.0, 0.0, 0.05)),
+        Block("b1", "stone", (0.4, 0.4, 0.15), (0.0, 0.0, 0.175)),
+    )
+    jack = (Actuator("a", "b1", (0.0, 0.0, 0.15), (1.0, 0.0, 0.0)),)
+    found = simulate(of_stone(laws, DisplacementControl(1e-3, 3e-4), blocks, actuators=jack), record=False)
+    assert found.as_dict().get("path_dependent", False) == of_this_path
+    assert ("of this path" in key_lines(found)["limit load V"]) == of_this_path

@@ -338,6 +338,7 @@ class Result(SearchResult):
             path=self.path,
             after=self.after,
             **({} if self.others is None else self.others.as_dict()),
+            **({"path_dependent": True} if run.broke else {}),
             blocks=self.blocks,
             yield_point=self.yield_point.as_dict(),
             theory=None if self.theory is None else dataclasses.asdict(self.theory),

@@ -160,8 +160,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
 def _handed_on(limit: State, end: State) -> State:
     """State for the next stage: that at the limit; the end of the path where bonds broke behind it, as they were the
     limit."""
-    pairs = zip(joint_families.bonds(end), joint_families.bonds(limit), strict=True)
-    return end if any((now < before).any() for now, before in pairs) else limit
+    return end if joint_families.broke(end, limit) else limit
 
 
 def _rocks_on(point: YieldPoint, state: State, way: PathState) -> bool:

@@ -76,6 +76,7 @@ class Replay(Ended):
     after: After | None = None
     phases: dict | None = None  # s, of the loop, where it was timed by phase
     turns: tuple[int, ...] | None = None  # rows at which the ways of a protocol end
+    broke: bool = False  # of a constant-rate test: whether bonds broke, in an order that its rate may decide
 
 
 class LoadSystem:
