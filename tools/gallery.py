@@ -19,7 +19,8 @@ import dembrick
 from dembrick import history
 from dembrick.scenario import shipped
 from dembrick.views import plot, render
-from dembrick.views.key_numbers import KeyNumber, key_numbers
+from dembrick.views.key_numbers import key_numbers
+from dembrick.views.number_lines import KeyNumber
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "gallery"
 SIZE = (640, 480)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from dembrick.cli.paths import FRAME, frame_of
 
 if TYPE_CHECKING:
-    from dembrick.views.key_numbers import KeyNumber
+    from dembrick.views.number_lines import KeyNumber
 
 
 def add_arguments(parser) -> None:
@@ -29,7 +29,8 @@ def run(options, console) -> int:
 
 def _report(file, options, console) -> int:
     from dembrick.scenario.joint_laws import described
-    from dembrick.views.key_numbers import KeyNumber, aligned, key_numbers
+    from dembrick.views.key_numbers import key_numbers
+    from dembrick.views.number_lines import KeyNumber, aligned
 
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
@@ -75,7 +76,7 @@ def _report(file, options, console) -> int:
 
 def _run_again(file, path: str) -> list[KeyNumber]:
     """How the run of a history is made again, and with a change; or why no command makes it."""
-    from dembrick.views.key_numbers import KeyNumber
+    from dembrick.views.number_lines import KeyNumber
 
     if isinstance(file.settings.get("custom_law"), dict):
         return [KeyNumber("run again", "in Python only, as its joint law is a function that the file does not hold")]

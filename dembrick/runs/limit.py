@@ -26,7 +26,7 @@ from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
-from dembrick.views.key_numbers import KeyNumber, aligned
+from dembrick.views.number_lines import KeyNumber, aligned
 from dembrick.views.structure_numbers import of_ties
 from dembrick.views.summary import listed
 
@@ -143,7 +143,7 @@ class LimitResult:
         digits = _digits(self.limit)
         ends = f"{self.lower:.{digits + 1}g} and {self.upper:.{digits + 1}g}{unit}"
         numbers = [KeyNumber("limit", f"{angle}{what} {self.load_factor:.{digits}g}{unit}, proven between {ends}")]
-        numbers += [KeyNumber(*told) for told in of_ties({"ties": self._ties()})]
+        numbers += of_ties({"ties": self._ties()})
         numbers.append(KeyNumber("flow", "associative: an upper bound for friction without dilatancy"))
         numbers += [KeyNumber("mechanism", present(self.mechanism)), KeyNumber("blocks", listed(self.blocks))]
         if self.second_opinion is not None:

@@ -1,12 +1,13 @@
 """Key numbers of a structure beside its limit: other paths to it, blocks and hinges, stages, ties, reactions.
 
-They are told as name, value and remark, of results that may hold anything.
+They are told of results that may hold anything.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from dembrick.views.number_lines import KeyNumber
 from dembrick.views.summary import known, length, limit_text, listed, number, part, texts, yield_point
 
 _SHOWN = 8  # supports or ties that have a line each
@@ -15,33 +16,33 @@ _WRENCH = 6  # numbers of a reaction
 _PUSHED = ("yield", "displacement")  # stages whose load is that of actuators
 
 
-def of_path(beside: Mapping, unit: str) -> Iterator[tuple[str, str, str]]:
+def of_path(beside: Mapping, unit: str) -> Iterator[KeyNumber]:
     """Lines on what other paths bear, from what stands beside a limit load in ``unit`` (``collapse`` or ``path``)."""
     after, at = number(beside.get("mechanism_load_factor")), number(beside.get("load_factor"))
     if after is not None and at is not None and after < at:
         told = f"{'' if unit else 'load factor '}{known(after, 0.0, 5)} {unit}".rstrip()
-        yield "after a peak", told, "how high the peak is depends on the way there"
+        yield KeyNumber("after a peak", told, "how high the peak is depends on the way there")
     if (ends := pair(beside.get("wanders"))) is not None:
-        yield "wanders", _range(*ends, unit), "blocks snap on and on, and no limit is narrower"
+        yield KeyNumber("wanders", _range(*ends, unit), "blocks snap on and on, and no limit is narrower")
     if (ends := pair(beside.get("path_range"))) is not None:
         count = pair(beside.get("paths"))
         by = "" if count is None else f"by {count[0]:.0f} of {count[1]:.0f} paths of the same structure"
-        yield "path range", _range(*ends, unit), by
+        yield KeyNumber("path range", _range(*ends, unit), by)
         upper = number(part(beside, "associative").get("upper"))
         if upper is not None:
-            yield "bound", f"{known(upper, 0.0, 5)} {unit}".rstrip(), "associative: no path ends above"
+            yield KeyNumber("bound", f"{known(upper, 0.0, 5)} {unit}".rstrip(), "associative: no path ends above")
         elif beside.get("no_path_above") is True:
-            yield "bound", "no path ends above", "normality allows the mechanism"
+            yield KeyNumber("bound", "no path ends above", "normality allows the mechanism")
 
 
-def of_collapse(collapse: Mapping) -> Iterator[tuple[str, str, str]]:
+def of_collapse(collapse: Mapping) -> Iterator[KeyNumber]:
     """The blocks that come down, and the hinges between them."""
     for key, name in (("blocks", "blocks that move"), ("hinges", "hinges")):
         if isinstance(collapse.get(key), list):
-            yield name, listed(texts(collapse[key])), ""
+            yield KeyNumber(name, listed(texts(collapse[key])), "")
 
 
-def of_stages(results: Mapping) -> Iterator[tuple[str, str, str]]:
+def of_stages(results: Mapping) -> Iterator[KeyNumber]:
     """The stages before the last: their kind, how they ended, and their limit load where they had one."""
     stages = results.get("stages")
     for stage in stages if isinstance(stages, list) else ():
@@ -53,7 +54,7 @@ def of_stages(results: Mapping) -> Iterator[tuple[str, str, str]]:
         pushed = kind in _PUSHED
         limit = limit_text(point, part(stage, "path"), "N" if pushed else "") if "V" in point else None
         load = "" if limit is None else f"{'V' if pushed else 'load factor'} = {limit.value}, {limit.kind}"
-        yield f"stage {count:.0f}", f"{kind}: {status}", load
+        yield KeyNumber(f"stage {count:.0f}", f"{kind}: {status}", load)
 
 
 def ties_of(results: Mapping) -> list[Mapping]:
@@ -62,7 +63,7 @@ def ties_of(results: Mapping) -> list[Mapping]:
     return [tie for tie in ties if isinstance(tie, Mapping)] if isinstance(ties, list) else []
 
 
-def of_ties(results: Mapping) -> Iterator[tuple[str, str, str]]:
+def of_ties(results: Mapping) -> Iterator[KeyNumber]:
     """The tension of every tie, its peak, and by how much it has yielded."""
     known_ties = ties_of(results)
     for tie in known_ties[:_SHOWN]:
@@ -71,12 +72,12 @@ def of_ties(results: Mapping) -> Iterator[tuple[str, str, str]]:
             continue
         remarks = [] if peak is None else [f"{peak:.6g} N at the most"]
         remarks += [f"yielded by {length(yielded)}"] if yielded else []
-        yield f"tie {' - '.join(texts(tie.get('between')))}".rstrip(), f"{tension:.6g} N", ", ".join(remarks)
+        yield KeyNumber(f"tie {' - '.join(texts(tie.get('between')))}".rstrip(), f"{tension:.6g} N", ", ".join(remarks))
     if len(known_ties) > _SHOWN:
-        yield "more ties", str(len(known_ties) - _SHOWN), "--json lists all"
+        yield KeyNumber("more ties", str(len(known_ties) - _SHOWN), "--json lists all")
 
 
-def of_reactions(results: Mapping) -> Iterator[tuple[str, str, str]]:
+def of_reactions(results: Mapping) -> Iterator[KeyNumber]:
     """Force and moment of every support on the structure."""
     found = part(results, "reactions")
     wrenches = {}
@@ -87,9 +88,11 @@ def of_reactions(results: Mapping) -> Iterator[tuple[str, str, str]]:
     largest = max((abs(value) for wrench in wrenches.values() for value in wrench), default=0.0)
     for name, wrench in list(wrenches.items())[:_SHOWN]:
         shown = [f"{value:.6g}" if abs(value) > _ROUNDING * largest else "0" for value in wrench]
-        yield f"reaction of {name}", f"{', '.join(shown[:3])} N", f"{', '.join(shown[3:])} N m about its centroid"
+        yield KeyNumber(
+            f"reaction of {name}", f"{', '.join(shown[:3])} N", f"{', '.join(shown[3:])} N m about its centroid"
+        )
     if len(wrenches) > _SHOWN:
-        yield "more supports", str(len(wrenches) - _SHOWN), "--json lists all"
+        yield KeyNumber("more supports", str(len(wrenches) - _SHOWN), "--json lists all")
 
 
 def pair(value: object) -> tuple[float, float] | None:

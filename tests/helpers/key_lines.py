@@ -1,6 +1,7 @@
 """The key numbers of a result as the command line prints them: by name, and as words without their columns."""
 
-from dembrick.views.key_numbers import KeyNumber, aligned, key_numbers
+from dembrick.views.key_numbers import key_numbers
+from dembrick.views.number_lines import KeyNumber, aligned
 
 
 def key_lines(result) -> dict[str, str]:

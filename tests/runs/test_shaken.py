@@ -9,7 +9,8 @@ import pytest
 import dembrick
 from dembrick import cli, history
 from dembrick.views import page
-from dembrick.views.key_numbers import OF_MOTION, OF_WORK, told_by
+from dembrick.views.motion_numbers import OF_MOTION, OF_WORK
+from dembrick.views.number_lines import told_by
 from dembrick.views.summary import plain
 from helpers.key_lines import key_lines, lines_of, words
 from helpers.scenario_text import block, header

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dembrick.views import summary
-from dembrick.views.key_numbers import KeyNumber, key_numbers
+from dembrick.views.key_numbers import key_numbers
+from dembrick.views.number_lines import KeyNumber
 from dembrick.views.summary import rounded_up, with_error
 
 

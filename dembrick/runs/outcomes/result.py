@@ -25,7 +25,8 @@ from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
-from dembrick.views.key_numbers import KeyNumber, aligned, key_numbers
+from dembrick.views.key_numbers import key_numbers
+from dembrick.views.number_lines import KeyNumber, aligned
 
 if TYPE_CHECKING:
     import pandas

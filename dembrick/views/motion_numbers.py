@@ -1,0 +1,224 @@
+"""Key numbers of motion, of settlements, of laws and of the work of a run: tables of `Declared`.
+
+They are told of results that may hold anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+
+from dembrick.views import structure_numbers as structure
+from dembrick.views.number_lines import Declared, Told, no_bar
+from dembrick.views.summary import length, listed, load_text, number, outward, part, rounded_up, texts, with_error
+
+
+def _moved(results: Mapping) -> Told | None:
+    """How far a block has moved or turned up to a limit in the deformed geometry."""
+    moved = part(results, "moved")
+    way, turn = number(moved.get("displacement")), number(moved.get("turn"))
+    if way is None:
+        return None
+    value = f"{moved.get('block')} by {length(way) if turn is None else f'{math.degrees(turn):.3g} deg'}"
+    far = "; large_displacements = false gives the limit before they move" if moved.get("far") is True else ""
+    return Told(value, f"up to there{far}")
+
+
+def _after(results: Mapping) -> Told | None:
+    """Other blocks that move on beyond the limit."""
+    after = part(results, "after")
+    moved, load, names = number(after.get("displacement")), number(after.get("load")), texts(after.get("blocks"))
+    if moved is None or not names:
+        return None
+    at = "" if load is None else f", at {load:.3g}"
+    return Told(listed(names), f"by {after.get('mechanism')}, to {length(moved)}{at}; --frame last shows it")
+
+
+def _outcome(results: Mapping) -> Told | None:
+    """It stood or fell; of what stands and moves when the run ends nobody knows yet."""
+    told, speed = results.get("outcome"), number(results.get("speed_at_the_end"))
+    if not isinstance(told, str):
+        return None
+    open_ended = told == "stood" and speed is not None and speed > 0.0
+    return Told(told, f"so far: it still moves at {speed:.2g} m/s; give a longer duration" if open_ended else "")
+
+
+def _moving(results: Mapping) -> Told | None:
+    """Forces at the end are those of an instant where blocks still move."""
+    speed = number(results.get("speed_at_the_end"))
+    return Told(f"at {speed:.2g} m/s at the end", "forces and reactions are those of that instant") if speed else None
+
+
+def _drift(results: Mapping) -> Told | None:
+    drift = part(results, "drift")
+    value = number(drift.get("value"))
+    if value is None:
+        return None
+    return Told(f"{100.0 * value:.3g} %", f"displacement over height of {drift.get('block')}, at any time")
+
+
+def _greatest(results: Mapping) -> Told | None:
+    ways = {name: number(way) for name, way in part(results, "greatest_displacement").items()}
+    known_ways = {name: way for name, way in ways.items() if way is not None}
+    if not known_ways:
+        return None
+    furthest = max(known_ways, key=lambda name: known_ways[name])
+    return Told(length(known_ways[furthest]), f"of the centroid of {furthest}, at any time")
+
+
+def _at_the_end(results: Mapping) -> Told | None:
+    moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
+    if moved is None:
+        return None
+    value = length(moved) if error is None else with_error(moved, error, "m")
+    return Told(value, "of a centroid; " + (no_bar(results) if error is None else "from stiffer joints"))
+
+
+def _peak_tie(results: Mapping) -> Told | None:
+    peaks = [number(tie.get("peak")) for tie in structure.ties_of(results)]
+    known_peaks = [peak for peak in peaks if peak is not None]
+    return Told(load_text(max(known_peaks)), "of all ties, at any time") if known_peaks else None
+
+
+def _fallen(results: Mapping) -> Told | None:
+    return Told(listed(texts(results["fallen"]))) if isinstance(results.get("fallen"), list) else None
+
+
+def _not_standing(results: Mapping) -> Told | None:
+    names = texts(results.get("not_standing"))
+    return Told(listed(names), "no equilibrium under the dead loads") if names else None
+
+
+def _left_out(results: Mapping) -> Told | None:
+    said = []
+    for found in (own.get("left_out") for own in (results, part(results, "path"), part(results, "collapse"))):
+        said += [one.get("text") for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
+    return Told("; ".join(texts(said))) if texts(said) else None
+
+
+def _settled(results: Mapping) -> Told | None:
+    collapse = part(results, "collapse")
+    at, bar = number(collapse.get("settlement")), number(collapse.get("error_estimate"))
+    if at is None:
+        return None
+    text = f"{at:.5g} m" if bar is None else with_error(at, abs(bar), "m")
+    ends = structure.pair(collapse.get("settlement_range"))
+    between = "" if ends is None else "between {} and {} m; ".format(*outward(*ends))
+    return Told(text, between + (no_bar(results) if bar is None else "from runs refined"))
+
+
+def _reaction(results: Mapping) -> Told | None:
+    found = part(results, "settlement")
+    reaction, bar, reached = (number(found.get(key)) for key in ("reaction", "reaction_error", "displacement"))
+    if reaction is None:
+        return None
+    text = f"{reaction:.6g} N" if bar is None else with_error(reaction, abs(bar), "N")
+    remark = "" if reached is None else f"at {length(reached)}; "
+    return Told(text, remark + (no_bar(results) if bar is None else "refined"))
+
+
+def _extreme_reaction(which: str, results: Mapping) -> Told | None:
+    one = part(part(results, "settlement"), which)
+    value, where = number(one.get("reaction")), number(one.get("displacement"))
+    return None if value is None or where is None else Told(f"{value:.6g} N", f"at {length(where)}")
+
+
+def _reaction_at_rest(results: Mapping) -> Told | None:
+    value = number(part(results, "settlement").get("at_rest"))
+    return None if value is None else Told(f"{value:.6g} N", "before the supports moved")
+
+
+def _allowed_reaction(results: Mapping) -> Told | None:
+    """Range of the reaction that limit analysis allows before the supports move, if that was asked for."""
+    allowed = part(results, "settlement").get("limit_analysis")
+    if not isinstance(allowed, Mapping):
+        return None
+    low, high = ("no limit" if end is None else f"{end:.6g} N" for end in allowed.values())
+    return Told(f"{low} to {high}", "before the supports moved, by limit analysis")
+
+
+def _equilibria(results: Mapping) -> Told | None:
+    count = number(part(results, "settlement").get("equilibria") or results.get("equilibria"))
+    return None if count is None else Told(f"{count:.0f}", "in the deformed geometry")
+
+
+def _unbalanced(results: Mapping) -> Told | None:
+    value = number(results.get("unbalanced"))
+    asked = bool(part(results, "statics") or part(results, "settlement"))
+    return Told(f"{value:.2g}", "of the joint forces") if asked and value is not None else None
+
+
+def _load_path(results: Mapping) -> Told | None:
+    found = part(results, "statics")
+    increments, error = number(found.get("increments")), number(found.get("path_error"))
+    if increments is None or error == 0.0:
+        return None
+    known = (
+        "forces as in one step"
+        if error is None
+        else f"forces are known to {rounded_up(error, 1)} of the greatest joint force"
+    )
+    return Told(f"{increments:.0f} increment{'s' if increments > 1 else ''}", known)
+
+
+def _simulated(results: Mapping) -> Told | None:
+    seconds = number(results.get("simulated_time"))
+    return None if seconds is None else Told(f"{seconds:.6g} s")
+
+
+def _time_step(results: Mapping) -> Told | None:
+    step, critical = number(results.get("time_step")), number(results.get("critical_time_step"))
+    if step is None or critical is None or not step > 0.0 or results.get("simulated_time") is None:
+        return None
+    return Told(f"{step:.3g} s", f"critical {critical:.3g} s")
+
+
+def _energy(results: Mapping) -> Told | None:
+    audit = part(results, "energy")
+    residual, stepping = number(audit.get("relative_residual")), number(audit.get("step_error"))
+    if residual is None:
+        return None
+    remark = "residual over the energy put in"
+    if stepping is not None:
+        remark += f"; {stepping:.1e} of it went in joints that open or close within a step"
+    return Told(f"{residual:.1e}", remark)
+
+
+def _steps(results: Mapping) -> Told | None:
+    steps, seconds = number(results.get("steps")), number(part(results, "wall").get("loop"))
+    if steps is None:
+        return None
+    return Told(f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop")
+
+
+BESIDE = (Declared("moved", _moved), Declared("beyond the limit", _after))
+OF_MOTION = (
+    Declared("outcome", _outcome),
+    Declared("drift", _drift),
+    Declared("greatest displacement", _greatest),
+    Declared("displacement at the end", _at_the_end, unless="outcome"),
+    Declared("residual displacement", _at_the_end, only="outcome"),
+    Declared("still moving", _moving, unless="outcome"),
+    Declared("peak tie force", _peak_tie),
+    Declared("fallen", _fallen),
+    Declared("not standing", _not_standing),
+)
+OF_LAWS = (Declared("left out", _left_out),)
+OF_SETTLEMENT = (
+    Declared("settlement at collapse", _settled),
+    Declared("reaction along the motion", _reaction),
+    Declared("least reaction", partial(_extreme_reaction, "least")),
+    Declared("greatest reaction", partial(_extreme_reaction, "greatest")),
+    Declared("reaction at rest", _reaction_at_rest),
+    Declared("reaction allowed", _allowed_reaction),
+)
+OF_WORK = (
+    Declared("equilibria", _equilibria),
+    Declared("out of balance", _unbalanced),
+    Declared("way of the loads", _load_path),
+    Declared("simulated time", _simulated),
+    Declared("time step", _time_step),
+    Declared("energy balance", _energy),
+    Declared("steps", _steps),
+)
