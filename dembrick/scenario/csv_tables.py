@@ -7,8 +7,8 @@ The first line that is no remark (``#``) names the columns, with their units in 
     0.01, 0.012
 
 Columns are divided by commas, semicolons or tabs, whichever the first line has; between semicolons or tabs decimals may
-have a comma, in all numbers of a file or in none; marks of thousands are refused. A byte order mark, either kind of
-line end and empty lines do no harm. Every column of numbers states its unit, ``[mm]`` or ``(mm)``: see `units`. A
+have a comma, and numbers that may have marks of thousands are refused. A byte order mark, either kind of line end and
+empty lines do no harm. Every column of numbers states its unit, ``[mm]`` or ``(mm)``: see `units`. A
 column is found by its unit; where several have a unit that fits, by its name. Records of the PEER data base (``.AT2``,
 ``.VT2``, ``.DT2``) are read as well.
 """
@@ -33,7 +33,7 @@ PEER = {".at2": "acceleration", ".vt2": "velocity", ".dt2": "displacement"}  # e
 _TITLE = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\]|\(\s*([^()]*?)\s*\))?\s*", re.DOTALL)
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?")
 _WITH_MARK = re.compile(r"\s*[-+]?\d*([.,])\d+(?:[eE][-+]?\d+)?\s*")  # a number with a point or a comma
-_THOUSANDS = re.compile(r"\s*[-+]?[1-9]\d{0,2},\d{3}\s*")
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # or three decimals
 _ALSO = {"time": "t", "force": "load"}  # other names of columns
 _EXAMPLES = {"time": "time [s]", "displacement": "displacement [mm]", "velocity": "velocity [m/s]",
              "acceleration": "acceleration [m/s2]", "force": "force [N]", "factor": "factor [1]"}  # fmt: skip
@@ -90,30 +90,21 @@ def read_table(path: str | os.PathLike, what: str) -> Table:
 
 
 def _check_decimals(path: str, lines: Sequence[tuple[int, tuple[str, ...]]]) -> None:
-    """ScenarioError where numbers have points and commas, or commas that may all be marks of thousands."""
-    first: dict[str, tuple[int, str]] = {}
-    thousands = True
+    """ScenarioError where the commas of all numbers may mark thousands, or the points beside commas."""
+    seen: dict[str, list[tuple[int, str]]] = {",": [], ".": []}
     for number, cells in lines:
         for cell in cells:
-            found = _WITH_MARK.fullmatch(cell)
-            if found is None:
-                continue
-            first.setdefault(found[1], (number, cell.strip()))
-            thousands = thousands and (found[1] == "." or _THOUSANDS.fullmatch(cell) is not None)
-    if "," not in first:
-        return
-    line, comma = first[","]
-    if "." in first:
-        other, point = first["."]
-        raise ScenarioError(
-            f"{path}: {comma} in line {line} has a comma and {point} in line {other} a point, so that one marks "
-            "thousands; write decimals one way, and no thousands"
-        )
-    if thousands:
-        raise ScenarioError(
-            f"{path}, line {line}: {comma} may be {comma.replace(',', '')} or {comma.replace(',', '.')}, like all "
-            "numbers with a comma here; write decimals with points, and no thousands"
-        )
+            if found := _WITH_MARK.fullmatch(cell):
+                seen[found[1]].append((number, cell.strip()))
+    for mark, other in ((",", "."), (".", ",")):
+        if not seen[mark] or (mark == "." and not seen[other]):
+            continue
+        if all(_THOUSANDS.fullmatch(cell) for _, cell in seen[mark]):
+            line, cell = seen[mark][0]
+            raise ScenarioError(
+                f"{path}, line {line}: {cell} may be {cell.replace(mark, '')} or {cell.replace(mark, '.')}; write "
+                "decimals with points, and no thousands"
+            )
 
 
 def _cells(path: str, number: int, line: str, divider: str) -> tuple[str, ...]:

@@ -169,9 +169,9 @@ class Diagram(NamedTuple):
 
     def limit(self, results: Mapping) -> tuple[float, float | None, str] | None:
         """Bounds of the limit load in ``unit``, the upper one None where nothing bounds it, and the limit in words;
-        None without a lower bound or if the run failed."""
+        None without a lower bound, of a test that goes to and fro and if the run failed."""
         point = summary.yield_point(results)
-        if "error" in results or any(key not in point for key in ("V", "V_lower")):
+        if "cycles" in results or "error" in results or any(key not in point for key in ("V", "V_lower")):
             return None
         beside = summary.part(results, "path") | summary.part(results, "collapse")
         if self.tilts:
