@@ -27,7 +27,8 @@ def add_arguments(parser) -> None:
         "--refine",
         action="store_true",
         help="how far the answer is known: searches again with other stiffness ratios, shorter steps and forces locked "
-        "in; in real time with stiffer joints and at half the rate",
+        "in; in real time with stiffer joints and at half the rate, in the deformed geometry with stiffer joints and "
+        "half the steps",
     )
     parser.add_argument(
         "--bound",

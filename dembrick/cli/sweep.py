@@ -102,7 +102,8 @@ def _mean(cell: dict, unit: str) -> str:
 
 
 def _on_average(cell: dict, unit: str) -> str:
-    return f" on average of {cell['count']} cases (95 %), which deviate by {cell['deviation']:.4g} {unit}".rstrip()
+    sure = " (95 %)" if cell["error"] is not None and not cell.get("digits_open") else ""
+    return f" on average of {cell['count']} cases{sure}, which deviate by {cell['deviation']:.4g} {unit}".rstrip()
 
 
 def _text(study, outcome) -> str:

@@ -16,7 +16,7 @@ def run(options, console) -> int:
     from dembrick import history
     from dembrick.errors import HistoryError
     from dembrick.runs.lab import write_csv
-    from dembrick.views.summary import limit_text, mechanism, on_one_path, part, plain
+    from dembrick.views.summary import limit_text, mechanism, on_one_path, part, plain, yield_point
 
     said = []
     files = [history.read(path) for path in options.histories]
@@ -25,6 +25,10 @@ def run(options, console) -> int:
         point = (file.results or {}).get("yield_point")
         if not point:
             raise HistoryError(f"{path}: this history has no yield point (status {file.status}); run it to the end")
+        if isinstance(error := file.results.get("error"), str):
+            raise HistoryError(f"{path}: this run found no yield point: {error}")
+        told = yield_point(file.results)
+        point |= {key: told[key] for key in ("V_lower", "V_upper", "bracket") if key in told}
         theory, beside = (file.results or {}).get("theory") or {}, part(file.results, "path")
         text = "unlimited" if point["V"] is None else str(limit_text(point, beside, file.curve.unit.strip("1")))
         said.append((plain(text), mechanism(file.results)))
@@ -68,6 +72,6 @@ def _text(rows: list[dict], said: list[tuple[str, str]]) -> str:
         if row["V"] is not None:
             upper = row["V_lower"] if row["V_upper"] is None else row["V_upper"]
             peak = known(row["V_peak"], None if row["digits_open"] else 0.1 * (upper - row["V_lower"]))
-            line += f"{peak:>12}{row['M_T']:12.4f}  {by}"
+            line += f"{peak:>12}{row['M_T']:z12.4f}  {by}"
         lines.append(line)
     return "\n".join(lines)

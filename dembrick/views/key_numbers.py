@@ -11,13 +11,14 @@ from collections.abc import Mapping
 
 from dembrick.views import structure_numbers as structure
 from dembrick.views.motion_numbers import BESIDE, OF_LAWS, OF_MOTION, OF_SETTLEMENT, OF_WORK
-from dembrick.views.number_lines import KeyNumber, Told, no_bar, told_by
+from dembrick.views.number_lines import KeyNumber, Told, no_bar, refuses_refining, told_by
 from dembrick.views.summary import (
     angle_text,
     barred,
     known,
     length,
     limit_text,
+    listed,
     mechanism,
     number,
     on_one_path,
@@ -25,12 +26,14 @@ from dembrick.views.summary import (
     part,
     peak_text,
     start_text,
+    texts,
     with_error,
     yield_point,
 )
 
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
-_ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
+_REACHED = 1e-3  # of a limit: as near a record comes to one that it reaches
+_ROUNDING = 1e-7  # of N (times 1 m): forces below are not there
 
 
 def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
@@ -41,10 +44,10 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     lines = []
     if isinstance(results.get("error"), str):
         lines.append(KeyNumber("no answer", results["error"]))
-    if isinstance(results.get("answer"), str):
+    if isinstance(results.get("answer"), str) and results["answer"] != results.get("error"):
         lines.append(KeyNumber("answer", results["answer"]))
     collapse, path = part(results, "collapse"), part(results, "path")
-    point = _refined(yield_point(results), results)
+    point = yield_point(results)
     of_blocks = collapse or unit == "1"
     lines += told_by(OF_SETTLEMENT, results)
     lines += _of_collapse(collapse, point, results)
@@ -54,7 +57,8 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
         lines += structure.of_collapse(results if "hinges" in results else collapse)
     lines += cycle_numbers(results.get("cycles"), unit)
     lines += told_by(BESIDE, results)
-    lines += _of_theory(part(results, "theory"))
+    lines += _after(part(results, "after"), "" if of_blocks else unit)
+    lines += _of_theory(part(results, "theory"), unit)
     at_rest = point or part(results, "settlement") or part(results, "statics")
     lines += [] if at_rest else told_by(OF_MOTION, results)
     lines += told_by(OF_LAWS, results)
@@ -62,14 +66,6 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
         lines += of(results)
     lines += told_by(OF_WORK, results)
     return lines
-
-
-def _refined(point: dict, results: Mapping) -> dict:
-    """A yield point whose bracket is as wide as the error estimate beside it, if refined runs gave one."""
-    V, error = point.get("V"), number(results.get("error_estimate"))
-    if V is None or error is None or point.get("bracket") != "indicator":
-        return point
-    return point | {"V_lower": V - error, "V_upper": V + error, "bracket": "refined"}
 
 
 def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyNumber]:
@@ -80,8 +76,12 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
     load, limit = ("V", "limit load V") if unit else ("load factor", "load factor")
     open_ended = point.get("bracket", "open") == "open" or not {"V_lower", "V_upper"} <= point.keys()
     timed = results.get("simulated_time") is not None
-    told = _limit(point, unit, path, open_ended)
-    if not path and not open_ended and results.get("path_dependent") is True:
+    told = _limit(point, unit, results, path, open_ended)
+    if open_ended and not timed and "displacement" in point:  # along a path in the deformed geometry, to its end
+        falls = ", where blocks come down" if results.get("status") == "collapse" else ""
+        at = f"at the end, {length(point['displacement'])}{falls}"
+        told = told._replace(remark=told.remark.replace("at the end", at, 1))
+    if "path_dependent" not in path and not open_ended and results.get("path_dependent") is True:
         told = told._replace(remark=f"{told.remark}; of this path")
     lines = [KeyNumber(load if open_ended else limit, *told)]
     start = start_text(path, unit)
@@ -95,7 +95,7 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
     if carried:
         at_limit = "limit_at" in point or point.get("bracket") == "certified" or not (timed or open_ended)
         which = f"{point['joint']}, " if "joint" in point else ""
-        when = "at the limit" if at_limit else "at the end"
+        when = "at the largest load" if _short_of_the_limit(point) else "at the limit" if at_limit else "at the end"
         lines.append(KeyNumber("the joint carries", ", ".join(carried), f"{which}{when}"))
     if mechanism({"collapse": path}) != "none":
         lines.append(KeyNumber("mechanism", mechanism({"collapse": path})))
@@ -108,20 +108,28 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
     return lines
 
 
-def _limit(point: dict, unit: str, path: dict, open_ended: bool) -> Told:
+def _limit(point: dict, unit: str, results: Mapping, path: dict, open_ended: bool) -> Told:
     """The limit load with its bar, and what is proven of it."""
     said = limit_text(point, path, unit)
     if on_one_path(path):
         bound = number(part(path, "associative").get("upper"))
         most = "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any"
         bounded = ", --bound a bound of it" if bound is None else ""
-        return Told(said.value, f"{said.kind}{most}; --refine gives the range{bounded}")
+        advice = "" if refuses_refining(results) else f"; --refine gives the range{bounded}"
+        return Told(said.value, f"{said.kind}{most}{advice}")
     if open_ended:
         return Told(*said)
     remark = said.kind.replace("indicator", "indicator, not certified")
     if not ("meet" in remark or " to " in said.value):  # which both tell the bounds
         remark += f": bounds {' and '.join(outward(point['V_lower'], point['V_upper']))} {unit}".rstrip()
     return Told(said.value, remark)
+
+
+def _short_of_the_limit(point: dict) -> bool:
+    """Whether the record of a search comes nearer and nearer to its limit, and ends before it."""
+    peak, lower = point.get("V_peak"), point.get("V_lower")
+    known = point.get("bracket", "open") != "open" and peak is not None and lower is not None
+    return known and peak < (1.0 - _REACHED) * lower
 
 
 def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: bool) -> Told:
@@ -131,6 +139,9 @@ def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: b
     peak, where = peak_text(point, path, unit, at_rate)
     error = number(results.get("error_estimate"))
     if not on_the_way:
+        if _short_of_the_limit(point):
+            share = 100.0 * point["V_peak"] / point["V_lower"]
+            where += f", {share:.3g} % of the limit, which it comes nearer and nearer to"
         return Told(peak, where)
     if error is None:
         return Told(peak, f"{where}; {no_bar(results)}")
@@ -153,7 +164,18 @@ def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
     return lines
 
 
-def _of_theory(theory: dict) -> list[KeyNumber]:
+def _after(after: dict, unit: str) -> list[KeyNumber]:
+    """Other blocks that move on beyond the limit, and the load (in ``unit``, else a factor) at which they do."""
+    moved, load, names = number(after.get("displacement")), number(after.get("load")), texts(after.get("blocks"))
+    if moved is None or not names:
+        return []
+    told = f"by {after.get('mechanism')}, to {length(moved)}"
+    if load is not None:
+        told += f", at V = {load:.3g} {unit}" if unit else f", at a load factor of {load:.3g}"
+    return [KeyNumber("beyond the limit", listed(names), f"{told}; --frame last shows it")]
+
+
+def _of_theory(theory: dict, unit: str) -> list[KeyNumber]:
     V, error = number(theory.get("V")), number(theory.get("error"))
     if V is None:
         return []
@@ -161,7 +183,7 @@ def _of_theory(theory: dict) -> list[KeyNumber]:
     gap = number(theory.get("discretisation_error"))
     if gap is not None:
         remark += f"{'; ' if remark else ''}the points miss the continuum by {100.0 * gap:.2g} %"
-    return [KeyNumber("theory", f"{V:.7g} N", remark)]
+    return [KeyNumber("theory", f"{V:.7g} {unit.strip('1')}".rstrip(), remark)]
 
 
 def _of_collapse(collapse: dict, point: dict, results: Mapping) -> list[KeyNumber]:

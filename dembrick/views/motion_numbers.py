@@ -25,16 +25,6 @@ def _moved(results: Mapping) -> Told | None:
     return Told(value, f"up to there{far}")
 
 
-def _after(results: Mapping) -> Told | None:
-    """Other blocks that move on beyond the limit."""
-    after = part(results, "after")
-    moved, load, names = number(after.get("displacement")), number(after.get("load")), texts(after.get("blocks"))
-    if moved is None or not names:
-        return None
-    at = "" if load is None else f", at {load:.3g}"
-    return Told(listed(names), f"by {after.get('mechanism')}, to {length(moved)}{at}; --frame last shows it")
-
-
 def _outcome(results: Mapping) -> Told | None:
     """It stood or fell; of what stands and moves when the run ends nobody knows yet."""
     told, speed = results.get("outcome"), number(results.get("speed_at_the_end"))
@@ -72,7 +62,10 @@ def _at_the_end(results: Mapping) -> Told | None:
     if moved is None:
         return None
     value = length(moved) if error is None else with_error(moved, error, "m")
-    return Told(value, "of a centroid; " + (no_bar(results) if error is None else "from stiffer joints"))
+    bar = "from stiffer joints" if error is not None else no_bar(results)
+    if part(results, "collapse").get("error_estimate") is not None:  # which has the bar of the refined runs
+        bar = "no error bar"
+    return Told(value, f"of a centroid; {bar}")
 
 
 def _peak_tie(results: Mapping) -> Told | None:
@@ -94,7 +87,7 @@ def _left_out(results: Mapping) -> Told | None:
     said = []
     for found in (own.get("left_out") for own in (results, part(results, "path"), part(results, "collapse"))):
         said += [one.get("text") for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
-    return Told("; ".join(texts(said))) if texts(said) else None
+    return Told("; ".join(dict.fromkeys(texts(said)))) if texts(said) else None
 
 
 def _settled(results: Mapping) -> Told | None:
@@ -152,7 +145,7 @@ def _unbalanced(results: Mapping) -> Told | None:
 def _load_path(results: Mapping) -> Told | None:
     found = part(results, "statics")
     increments, error = number(found.get("increments")), number(found.get("path_error"))
-    if increments is None or error == 0.0:
+    if increments is None or error == 0.0 or found.get("stands") is False:
         return None
     known = (
         "forces as in one step"
@@ -192,7 +185,7 @@ def _steps(results: Mapping) -> Told | None:
     return Told(f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop")
 
 
-BESIDE = (Declared("moved", _moved), Declared("beyond the limit", _after))
+BESIDE = (Declared("moved", _moved),)
 OF_MOTION = (
     Declared("outcome", _outcome),
     Declared("drift", _drift),

@@ -56,6 +56,11 @@ def told_by(declared: Sequence[Declared], results: Mapping) -> list[KeyNumber]:
     return found
 
 
+def refuses_refining(results: Mapping) -> bool:
+    """Whether ``--refine`` is refused: of runs with stages, and of laws of the user's own."""
+    return "stages" in results or "custom_law" in results
+
+
 def no_bar(results: Mapping) -> str:
     """That a number has no error bar, and what gives it one, if anything does."""
-    return NO_BAR.partition(":")[0] if "stages" in results or "custom_law" in results else NO_BAR
+    return NO_BAR.partition(":")[0] if refuses_refining(results) else NO_BAR

@@ -86,7 +86,8 @@ def of_reactions(results: Mapping) -> Iterator[KeyNumber]:
         if isinstance(name, str) and len(numbers) == _WRENCH and None not in numbers:
             wrenches[name] = [value for value in numbers if value is not None]
     largest = max((abs(value) for wrench in wrenches.values() for value in wrench), default=0.0)
-    about = "about its centroid, at the end" if "cycles" in results else "about its centroid"
+    when = ", at the end" if "cycles" in results else ", at the last load tried" if results.get("unlimited") else ""
+    about = f"about its centroid{when}"
     for name, wrench in list(wrenches.items())[:_SHOWN]:
         shown = [f"{value:.6g}" if abs(value) > _ROUNDING * largest else "0" for value in wrench]
         force, moment = f"{', '.join(shown[:3])} N", f"{', '.join(shown[3:])} N m {about}"

@@ -38,7 +38,10 @@ def part(results, name: str) -> dict:
 
 
 def yield_point(results) -> dict[str, float]:
-    """The finite numbers of the yield point by name; ``torsion_centre`` a pair, ``bracket`` and ``mechanism`` texts."""
+    """The finite numbers of the yield point by name; ``torsion_centre`` a pair, ``bracket`` and ``mechanism`` texts.
+
+    Its bracket is as wide as the error that refined runs gave, where they did.
+    """
     found = part(results, "yield_point")
     point: dict = {name: number(value) for name, value in found.items()}
     point = {name: value for name, value in point.items() if value is not None}
@@ -51,6 +54,9 @@ def yield_point(results) -> dict[str, float]:
         centre = tuple(number(x) for x in centre)
         if None not in centre:
             point["torsion_centre"] = centre
+    error = number(results.get("error_estimate")) if isinstance(results, Mapping) else None
+    if error is not None and "V" in point and point.get("bracket") == "indicator":
+        point |= {"V_lower": point["V"] - error, "V_upper": point["V"] + error, "bracket": "refined"}
     return point
 
 
@@ -68,7 +74,8 @@ def barred(value: float, error: float) -> tuple[str, str]:
         return f"{value:.7g}", rounded_up(error)
     decimals = max(0, 1 - _magnitude(error))
     fixed = decimals <= 12 and error < 1e6
-    shown = f"{value:.{decimals}f}" if fixed else f"{value:.9g}"
+    digits = _magnitude(value) - _magnitude(error) + 2 if value else 1
+    shown = f"{value:.{decimals}f}" if fixed else f"{value:.{min(9, max(1, digits))}g}"
     digits = max(2, _magnitude(error) + 1) if fixed else 2
     bar = rounded_up(error + abs(value - float(shown)), digits)
     return shown, f"{float(bar):.{decimals}f}" if fixed and error > _TINY * abs(value) else bar

@@ -220,3 +220,12 @@ def test_warnings_stand_on_standard_error_and_quiet_hides_them(capsys):
 @pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.toml")), ids=lambda path: path.stem)
 def test_no_shipped_scenario_looks_like_a_slip(path):
     assert slips(toml.load(path)) == []
+
+
+def test_a_run_without_a_limit_has_no_yield_point(tmp_path, capsys):
+    """It was called "unlimited", though its travel was too short to tell."""
+    path = str(tmp_path / "short.h5")
+    assert main(["run", str(SCENARIOS / "set4a_curve.toml"), "--set", "control.travel=1e-6", "--out", path]) == 1
+    capsys.readouterr()
+    assert main(["yield", path]) == 2
+    assert "found no yield point: no limit load: the joint has not begun to slip" in capsys.readouterr().err

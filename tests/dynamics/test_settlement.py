@@ -360,3 +360,13 @@ def test_a_support_goes_along_its_path_and_stays_where_it_is_held(turn):
 
 def _matrix(quaternion) -> np.ndarray:
     return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+
+
+def test_what_has_moved_is_told_of_free_blocks_alone():
+    """A lintel turns about the inner edge of one pier as the other sinks, on whose outer edge it lies: 0.8 of 2.0 m."""
+    piers = tuple(Block(n, "stone", (0.4, 0.4, 0.2), (x, 0.0, -0.1), fixed=True) for n, x in (("l", -1.0), ("r", 1.0)))
+    lintel = Block("lintel", "stone", (2.4, 0.4, 0.2), (0.0, 0.0, 0.1))
+    control = SettlementControl(("r",), displacement=(0.0, 0.0, -0.02), quasi_static=False, rate=0.02)
+    found = simulate(of_stone(law("concave", 0.6, 1e8), control, (*piers, lintel)), record=False).as_dict()
+    assert found["displacement"] == pytest.approx(0.02 * 0.8 / 2.0, rel=0.05)
+    assert found["displacement"] <= found["greatest_displacement"]["lintel"] * (1.0 + 1e-9)

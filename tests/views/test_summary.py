@@ -147,3 +147,40 @@ def test_an_error_is_never_rounded_down(error, text):
     assert rounded_up(error) == text and float(text) >= error
     assert rounded_up(1.31e-3, 1) == "0.002"
     assert with_error(12345.0, 340.2, "N") == "12345 ± 341 N" and with_error(216.0, 1.01, "N") == "216.0 ± 1.1 N"
+
+
+def test_bars_of_refined_runs_are_those_of_the_limit():
+    """One bracket for all who ask: that of the refined runs, where it is wider than that of the path."""
+    refined = {"yield_point": POINT | {"bracket": "indicator"}, "error_estimate": 5.0}
+    point = summary.yield_point(refined)
+    assert (point["V_lower"], point["V_upper"], point["bracket"]) == (point["V"] - 5.0, point["V"] + 5.0, "refined")
+    assert summary.yield_point(refined | {"yield_point": POINT})["bracket"] == POINT["bracket"]  # a theorem stays one
+
+
+def test_a_value_is_cut_at_the_second_digit_of_a_great_bar():
+    assert summary.barred(545073.597, 2.8e6) == ("5e+05", "2.9e+06")
+    assert summary.barred(1.2345678e9, 3.2e6) == ("1.2346e+09", "3.3e+06")
+
+
+def test_what_a_collapse_leaves_out_is_told_once():
+    beside = {"left_out": [{"text": "4 joints rock about points"}]}
+    assert names({"path": beside, "collapse": beside})["left out"].value == "4 joints rock about points"
+
+
+def test_a_path_that_ends_in_a_collapse_says_so():
+    point = POINT | {"V": 198.9, "V_lower": 198.9, "V_upper": None, "bracket": "open", "displacement": 0.1576}
+    told = names({"yield_point": point, "status": "collapse"})["V"]
+    assert told.remark == "at the end, 157.6 mm, where blocks come down, no upper bound"
+
+
+def test_a_record_that_comes_near_its_limit_says_how_near():
+    point = POINT | {"V": 216.0, "V_lower": 215.0, "V_upper": 217.0, "V_peak": 210.7, "displacement_at_peak": 0.04}
+    told = names({"yield_point": point | {"bracket": "indicator"}})
+    assert "98 % of the limit" in told["largest V"].remark and "at the largest load" in told["the joint carries"].remark
+
+
+def test_loads_of_pressures_have_no_unit():
+    results = {"theory": {"V": 3.5316}, "after": {"displacement": 1.0, "load": 0.2, "blocks": ["a"], "mechanism": "x"}}
+    told = {line.name: line for line in key_numbers(results, "1")}
+    assert told["theory"].value == "3.5316" and "at a load factor of 0.2;" in told["beyond the limit"].remark
+    assert "at V = 0.2 N;" in names(results)["beyond the limit"].remark

@@ -49,6 +49,11 @@ class MotionResult(RunResult):
         return self.run.motion.displacement
 
     @property
+    def _furthest(self) -> float:
+        """How far a free block has moved at the end, at the most (m)."""
+        return float(np.linalg.norm(self.displacement[self.run.motion.state.bodies.free], axis=1).max(initial=0.0))
+
+    @property
     def greatest_displacement(self) -> dict[str, float]:
         """Of the centroid of every free block, as seen at the rows (m)."""
         free = self.run.motion.state.bodies.free.tolist()
@@ -109,7 +114,7 @@ class MotionResult(RunResult):
             time_step=motion.time_step,
             critical_time_step=motion.critical_time_step,
             simulated_time=motion.time,
-            displacement=float(np.linalg.norm(self.displacement, axis=1).max()),
+            displacement=self._furthest,
             displacement_error=self.displacement_error,
             unbalanced=self.run.unbalanced,
             greatest_displacement=self.greatest_displacement,
@@ -132,7 +137,7 @@ class MotionResult(RunResult):
             "outcome": outcome(self.fallen, self.not_standing),
             "speed_at_the_end": self.run.speed,
             "drift": None if found is None else found._asdict(),
-            "residual_displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
+            "residual_displacement": self._furthest,
         }
 
     def _tied(self) -> list[dict]:

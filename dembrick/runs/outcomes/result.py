@@ -119,7 +119,8 @@ class RunResult:
         law = self.assembly.custom_law
         lines = [KeyNumber("formulation", self.scenario.joint.formulation)]
         lines += [] if law is None else [KeyNumber("joint law", described(law.as_dict()))]
-        lines += [*key_numbers(self.as_dict(), self.curve.unit), KeyNumber("history", str(self.history))]
+        lines += key_numbers(self.as_dict(), self.curve.unit)
+        lines += [] if self.history is None else [KeyNumber("history", self.history)]
         return "\n".join([self.scenario.title, *aligned(lines)])
 
     def agrees(self) -> bool:

@@ -94,7 +94,7 @@ def read_off(state: State, certificate: Certificate, names, physical: bool = Fal
     driven = state.actuators.driven[0]
     peak = float(driven.greatest)
     if not physical and kind != "open":
-        peak = min(max(peak, lower), upper)
+        peak = min(peak, upper)  # below the lower bound where it comes nearer and nearer to the limit
     # + 0.0: a negative zero would only puzzle the reader
     return YieldPoint(
         V=V,
