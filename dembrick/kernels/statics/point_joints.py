@@ -256,7 +256,8 @@ def write_contacts(points, p, joints, viscous, out):
     """Force (N, world) on block b at every contact point of joint ``p`` into ``out`` (c, 3).
 
     The shear force is the elastic part and a dashpot on all of the slip, cut off at the strength: that is what
-    `coulomb` gave, since it returns along the trial force.
+    `coulomb` gave, since it returns along the trial force. Where a bond has just broken, the elastic part alone may be
+    beyond what is left of the strength, until the next step.
     """
     j = points.joint[p]
     axes = joints.axes[j]
@@ -266,7 +267,8 @@ def write_contacts(points, p, joints, viscous, out):
         t1 = points.elastic_1[i] + k * (slip[0] - slip[2] * points.y_s[i])
         t2 = points.elastic_2[i] + k * (slip[1] + slip[2] * points.x_s[i])
         size = sqrt(t1 * t1 + t2 * t2)
-        cap = strength(points.strengths, points.bonds, points, p, i, points.normal[i])
+        kept = sqrt(points.elastic_1[i] * points.elastic_1[i] + points.elastic_2[i] * points.elastic_2[i])
+        cap = max(strength(points.strengths, points.bonds, points, p, i, points.normal[i]), kept)
         if size > cap and points.custom is None:
             t1 *= cap / size
             t2 *= cap / size
