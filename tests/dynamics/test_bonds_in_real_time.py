@@ -130,3 +130,27 @@ def test_what_breaks_and_crushes_is_restarted_to_the_last_bit(tmp_path):
     stop_at_look(scenario, stopped, 40)
     restart(stopped)
     check_same(whole, stopped)
+
+
+def thrown(formulation, speed, c, thick):
+    """A plate of that thickness on a bond of cohesion c (Pa), thrown along it."""
+    text = header(formulation, 0.2, 1e8, keys=f"cohesion = {c}\ntensile_strength = {c}")
+    text += block("base", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
+    text += block("block", (0.0, 0.0, 0.5 * thick), (0.3, 0.2, thick), f"velocity = [{float(speed)!r}, 0.0, 0.0]")
+    return toml.loads(f'{text}[control]\nkind = "dynamic"\nduration = 2e-3\n[solver]\nstep_factor = 0.02\n')
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_dashpots_break_no_bond(formulation):
+    """m x'' + 2 z w m x' + k x = 0 from x' = v: the spring is stretched to k v / w exp(-z atan(s / z) / s) at the most,
+    s = sqrt(1 - z^2). The bond breaks by that, whatever the dashpot bears beside it."""
+    c, thick = 3000.0, 0.002
+    mass, k = 2000.0 * AREA * thick, 4e7 * AREA
+    moving = simulate(thrown(formulation, 1e-3, c, thick)).run.motion
+    z = 0.5 * float(moving.state.links.viscous[0, 1]) * moving.time_step * np.sqrt(k / mass)
+    s = np.sqrt(1.0 - z * z)
+    speed = (c * AREA + 0.2 * mass * G) / np.sqrt(k * mass) * np.exp(z * np.arctan(s / z) / s)
+    for share, held in ((0.97, 1.0), (1.03, 0.0)):
+        result = simulate(thrown(formulation, share * speed, c, thick))
+        assert result.frames["bond"][-1, 0] == held
+    assert result.rows["energy"]["fracture"][-1] > 0.3 * 0.5 * mass * speed**2  # what its springs held

@@ -307,23 +307,30 @@ def bonded_area(limit, strengths, i, springs, friction, negligible, dashpots, mo
         least, _ = extremes(polygon.x, polygon.y, polygon.first, polygon.last, g0 + rise, gx, gy)
         n, nx, ny = bonded_pressure(polygon, viscous, bonded, most, (g0 + rise, gx, gy), motion.growth)
         n *= k_n
-        cap = shear_strength(strengths, i, area, bonded, friction, n)
+        brittle = breaks_at_once(strengths, i)
         t1 = b1 + damped * k_t * s1
         t2 = b2 + damped * k_t * s2
         tm = bm + damped * k_r * turn
-        whole = held and (least < 0.0 or breaks_at_once(strengths, i))
+        whole = held and (least < 0.0 or brittle)
         tears = k_n * least < -strengths.tension[i] and not held
+        elastic = b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn
         if not (whole or tears):
-            whole = chord(None, 0, limit.radius, t1, t2, tm) <= cap
+            e1, e2, em = t1, t2, tm
+            pressed = n
+            if brittle:  # by its springs alone, which store what it takes: dashpots break nothing
+                (pressed, _, _), _ = area_springs(polygon, bonded, most, g0 + rise, gx, gy)
+                pressed *= k_n
+                e1, e2, em = elastic
+            cap = shear_strength(strengths, i, area, bonded, friction, pressed)
+            whole = chord(None, 0, limit.radius, e1, e2, em) <= cap
             if not whole and cap > 0.0:
-                size, start = gauge(limit, (t1 / cap, t2 / cap, tm / cap), start)
+                size, start = gauge(limit, (e1 / cap, e2 / cap, em / cap), start)
                 whole = size <= 1.0
         if whole:
-            elastic = b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn
             same = Memory(elastic, start, bonded, rise)
             return (n, k_n * nx, k_n * ny), (t1, t2, tm), still, 0.0, 1, same
         bonded = 0.0
-        if tears or breaks_at_once(strengths, i):  # the springs go at once, and no dashpot acts in this step
+        if tears or brittle:  # the springs go at once, and no dashpot acts in this step
             viscous = 0.0
             damped = 1.0
     dilation = strengths.dilation[i]
