@@ -362,6 +362,16 @@ def _matrix(quaternion) -> np.ndarray:
     return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
+def test_blocks_that_never_were_calm_fell_at_some_settlement():
+    """A floor is pulled away at once: it was said to fall at 0 m, between 0 and 0."""
+    floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    column = Block("column", "stone", (0.1, 0.1, 1.0), (0.0, 0.0, 0.5))
+    control = SettlementControl(("floor",), displacement=(0.3, 0.0, 0.0), quasi_static=False, rate=1.0)
+    fallen = simulate(of_stone(law("concave", 0.8, 1e8), control, (floor, column)), record=False).collapse
+    low, high = fallen["settlement_range"]
+    assert low == 0.0 < fallen["settlement"] < high
+
+
 def test_what_has_moved_is_told_of_free_blocks_alone():
     """A lintel turns about the inner edge of one pier as the other sinks, on whose outer edge it lies: 0.8 of 2.0 m."""
     piers = tuple(Block(n, "stone", (0.4, 0.4, 0.2), (x, 0.0, -0.1), fixed=True) for n, x in (("l", -1.0), ("r", 1.0)))

@@ -37,11 +37,12 @@ class Extremes:
     """The greatest values of a run so far, which every row notes into the arrays of ``noted`` (`write_row`).
 
     ``calm`` (n,): when the mean acceleration of each block was last below half of the threshold (s), where supports
-    move (`look`).
+    move (`look`); ``apart`` (1,): the time between rows (s).
     """
 
     noted: Noted
     calm: np.ndarray
+    apart: np.ndarray
 
     @classmethod
     def of(cls, moving: Motion) -> Extremes:
@@ -54,13 +55,14 @@ class Extremes:
             turned=np.ones(n),
             threshold=np.array([OFF_BALANCE * float(np.linalg.norm(moving.assembly.gravity))]),
             upright=moving.upright,
-        ), np.zeros(n))  # fmt: skip
+        ), np.zeros(n), np.zeros(1))  # fmt: skip
 
     def look(self, moving: Motion, take: Callable[[], None]) -> None:
         """Have a row taken, and see which blocks were calm until then; those that have fallen and lie still are not."""
         bodies, last, time = moving.state.bodies, self.noted.last, moving.time
         passed = time - float(last[-1, 0])
         if passed > 0.0:
+            self.apart[0] = passed
             speeds_up = np.linalg.norm(bodies.velocity - last[:-1], axis=1) / passed
             self.calm[speeds_up <= 0.5 * self.noted.threshold[0]] = time
         take()
@@ -75,7 +77,7 @@ class Extremes:
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
         kept = {name: getattr(self.noted, name) for name in ("furthest", "quiet", "last", "turned", "upright")}
-        kept["calm"] = self.calm
+        kept |= {"calm": self.calm, "apart": self.apart}
         return {PEAK_TENSIONS: self.noted.tension} | {f"extremes.{name}": array for name, array in kept.items()}
 
     def go_on_with(self, peaks: np.ndarray, before: TiesBefore) -> None:
@@ -175,19 +177,22 @@ def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray
     time ``onset`` (s), when the first of the blocks that fell left its balance for good.
 
     It speeds up little by little. The settlement is read off by a straight line through those at half of the threshold
-    and at the whole; how far it goes back from there is how far it may be off (``settlement_range``).
+    and at the whole; how far it goes back from there, and how far the supports go from row to row, is how far it may be
+    off (``settlement_range``). Of blocks that never were calm nothing is known but that they fell.
     """
     away = np.linalg.norm(moving.displacement, axis=1)
     blocks = np.flatnonzero(fallen(moving))
     first = blocks[np.argmin(extremes.noted.quiet[blocks])]
     onset = float(extremes.noted.quiet[first])
-    whole, half = driving.share(np.array([onset, min(onset, extremes.calm[first])])) * driving.supports.length
+    times = np.array([onset, min(onset, extremes.calm[first])]) if onset > 0.0 else np.array([moving.time, 0.0])
+    whole, half, later = driving.share(np.append(times, times[0] + extremes.apart[0])) * driving.supports.length
     back = min(float(whole - half), 0.5 * float(whole))
     settlement = max(float(whole) - 2.0 * back, back)  # half of it, known by as much, where blocks never were calm
+    off = back + float(later - whole)
     return settlement_collapse(moving, at_rest, blocks) | {
         "onset": onset,
         "settlement": settlement,
-        "settlement_range": [settlement - back, settlement + back],
+        "settlement_range": [max(settlement - off, 0.0), settlement + off],
         "time": float(moving.time),
         "displacement": float(away[blocks].max()),
     }
