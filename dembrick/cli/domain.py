@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 from dembrick.cli.paths import FIGURES, add_force, require_ending
 
 TOLERANCE = 1e-3
+SMOOTH = 91  # points of a curve in a picture, at least
 _HEADER = f"{'formulation':16}{'source':>8}{'V [N]':>12}{'M_T [N m]':>12}{'+-':>11}"
 
 
@@ -72,12 +75,30 @@ def run(options, console) -> int:
         if options.plot:
             from dembrick.views import plot
 
-            curves = [name for name in formulations if name in ("convex", "concave", "corrected")]
-            shown = (*joint.edges, joint.friction, joint.normal_force, joint.cohesion)
+            turned = math.radians(options.shear_angle)
+            smooth = domain.by_theory(joint, formulations, max(options.points, SMOOTH), request)
+            curves = _curves(smooth, options.height)
+            shown = plot.RectangularJoint(
+                *joint.edges, joint.friction, joint.normal_force, joint.cohesion,
+                direction=(math.cos(turned), math.sin(turned)), eccentricity=joint.eccentricity,
+            )  # fmt: skip
             figure = plot.domains(simulated, joint=shown, formulations=curves, experiments={})
             plot.save(figure, options.plot)
     sound = all(_sound(found, tolerance) for found in checks.values())
     return 0 if sound else 3
+
+
+def _curves(rows: list[dict], height: float) -> dict:
+    """V and M_T of the rows of each formulation, with its pressure and the ``height`` (m) of the load where they are
+    not the paper's."""
+    import numpy as np
+
+    above = f", load {1e3 * height:.3g} mm up" if height else ""
+    curves: dict[str, list[tuple[float, float]]] = {}
+    for row in rows:
+        pressed = "" if row["pressure"] == "full" else f", {row['pressure']} pressure"
+        curves.setdefault(row["formulation"] + pressed + above, []).append((row["V"], row["M_T"]))
+    return {name: np.array(points).T for name, points in curves.items()}
 
 
 def _joint(options):

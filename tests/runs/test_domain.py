@@ -14,6 +14,7 @@ from dembrick.runs import domain
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.theory_check import theory_of
 from dembrick.scenario.ties import Tie, TieEnd
+from dembrick.views import plot
 
 LAB = ["--a", "0.3", "--b", "0.2", "--mu", "0.64", "--N", "467"]
 OBLIQUE = "0,0;0.4,0;0.35,0.2;0.05,0.25"
@@ -56,6 +57,59 @@ def test_the_load_above_a_joint_that_follows_the_bending(capsys):
                          "--simulate", "4", "--points", "2")  # fmt: skip
     assert code == 0 and not found["checks"]["convex"]["certified"]
     assert found["checks"]["convex"]["error_vs_theory"] < 1e-3
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """The figures that would be written."""
+    drawn = []
+    monkeypatch.setattr(plot, "save", lambda figure, path: drawn.append(figure))
+    return drawn
+
+
+def test_the_picture_has_the_eccentricity_and_the_direction_of_the_table(capsys, figures):
+    """Four corners under N beside the middle: all pressed, by N / 4 (1 + 4 e_1 x / a^2 + 4 e_2 y / b^2) each."""
+    e, turned = np.array([0.03, -0.02]), np.radians(30.0)
+    beside = ["--eccentricity", *map(str, e), "--shear-angle", "30"]
+    code, found = answer(capsys, *LAB, *beside, "--formulation", "concave", "--simulate", "5", "--to", "domain.png")
+    axes = figures[0].axes[0]
+    (curve,) = (line.get_xydata() for line in axes.lines if line.get_label() == "concave")
+    corners = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
+    bearing = 0.64 * 467 / 4 * (1.0 + corners @ (4.0 * e / [0.3**2, 0.2**2]))
+    x, y = np.meshgrid(np.linspace(-0.15, 0.15, 601), np.linspace(-0.1, 0.1, 401))
+    couple = sum(own * np.hypot(x - r[0], y - r[1]) for own, r in zip(bearing, corners, strict=True)).min()
+    assert curve[-1] == pytest.approx([0.0, couple], rel=1e-5, abs=1e-9)  # it turns where that takes least
+    # pure shear turns as well: the least of all slips with as much work of the force, and none of torsion
+    along, across = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
+    v, w = np.meshgrid(np.linspace(-1.0, 1.0, 401), np.linspace(-10.0, 10.0, 2001))
+    slip = [along[k] + v * across[k] for k in (0, 1)]
+    work = sum(own * np.hypot(slip[0] - w * r[1], slip[1] + w * r[0]) for own, r in zip(bearing, corners, strict=True))
+    assert curve[0] == pytest.approx([work.min(), 0.0], rel=1e-4, abs=1e-9) and curve[0, 0] < 0.98 * bearing.sum()
+    assert code == 0 and _off(found, curve) < 1e-3
+    assert "at 30° from $t_1$" in axes.get_xlabel() and "N = 467 N at (30, -20) mm" in axes.get_title()
+
+
+@pytest.mark.parametrize("words", [["--pressure", "linear"], ["--pressure", "effective", "--height", "0.04"]])
+def test_the_picture_has_the_pressure_and_the_height_of_the_table(capsys, figures, words):
+    beside = ["--eccentricity", "0.08", "0.03", "--formulation", "convex"]
+    code, found = answer(capsys, *LAB, *beside, *words, "--simulate", "5", "--to", "domain.png")
+    (curve,) = (line.get_xydata() for line in figures[0].axes[0].lines if line.get_label().startswith("convex, "))
+    assert code == 0 and _off(found, curve) < 1e-3
+
+
+def _off(found: dict, curve: np.ndarray) -> float:
+    """How far the simulated points lie from the curve that is drawn, over their distance from the origin."""
+    points = np.array([(row["V"], row["M_T"]) for row in found["rows"] if row["source"] == "DEM"])
+    scale = np.abs(points).max(axis=0)
+    turn = [np.arctan2(own[:, 1], own[:, 0]) for own in (points / scale, curve / scale)]
+    size = [np.hypot(*own.T) for own in (points / scale, curve / scale)]
+    return float(np.abs(np.interp(turn[0], turn[1], size[1]) / size[0] - 1.0).max())
+
+
+def test_formulations_with_one_curve_share_it(capsys, figures):
+    assert answer(capsys, *LAB, "--to", "domain.png")[0] == 0
+    names = [line.get_label() for line in figures[0].axes[0].lines]
+    assert names == ["concave", "corrected = corrected-shear", "convex = distributed"]
 
 
 def test_from_python():

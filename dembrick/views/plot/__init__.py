@@ -14,7 +14,7 @@ from dembrick.views.plot.curves import (
     read_measured,
     unbalanced,
 )
-from dembrick.views.plot.domains import domain_points, domains, interaction
+from dembrick.views.plot.domains import RectangularJoint, domain_points, domains, interaction
 from dembrick.views.plot.joint_plane import joint_plane, joint_stages
 from dembrick.views.plot.layout import layout
 from dembrick.views.plot.paths import joint_path, load_path
@@ -30,6 +30,7 @@ __all__ = [
     "CurvePanel",
     "MeasuredCurve",
     "Motion",
+    "RectangularJoint",
     "StudyTable",
     "causes",
     "control_points",

@@ -13,6 +13,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.theory.paper_tables import SETS
 from dembrick.views import summary
 from dembrick.views.plot import runs, style
+from dembrick.views.plot.paths import direction_in_words
 from dembrick.views.plot.subject import chosen_joint, is_brittle, pushes_several, strengths
 
 if TYPE_CHECKING:
@@ -32,13 +33,16 @@ _APPROXIMATE = (":", "--", "-.", (0, (10, 3)))
 
 
 class RectangularJoint(NamedTuple):
-    """Joint for which a domain is drawn: edges along t1 and t2 (m), friction, normal force (N), cohesion (Pa)."""
+    """Joint for which a domain is drawn: edges along t1 and t2 (m), friction, normal force (N), cohesion (Pa), the
+    ``direction`` of the shear force in t1, t2, and the ``eccentricity`` of N in t1, t2 from the middle (m)."""
 
     a: float
     b: float
     friction: float
     normal_force: float
     cohesion: float = 0.0
+    direction: tuple[float, float] = (0.0, 1.0)
+    eccentricity: tuple[float, float] = (0.0, 0.0)
 
     @property
     def strength(self) -> float:
@@ -106,11 +110,11 @@ def interaction(
     with style.settings():
         figure, axes = style.canvas(ax)
         for names in _same_shape(formulations):
-            v, m = theory.interaction_curve(names[0], *joint).normalised
+            v, m = theory.interaction_curve(names[0], *joint[:5]).normalised
             colour, line, _ = style.FORMULATION[names[0]]
             axes.plot(v, m, color=colour, ls=line, label=" = ".join(names))
         for i, name in enumerate(approximations):
-            domain = theory.approximate_domain(name, *joint)
+            domain = theory.approximate_domain(name, *joint[:5])
             axes.plot(
                 *domain.curve(), color=style.GREY, lw=0.9, ls=_APPROXIMATE[i % len(_APPROXIMATE)], label=domain.label
             )
@@ -131,15 +135,17 @@ def interaction(
 def domains(
     points=(),
     joint: Sequence[float] | None = None,
-    formulations: Sequence[str] = CURVES,
+    formulations: Sequence[str] | Mapping[str, tuple[np.ndarray, np.ndarray]] = CURVES,
     experiments: Mapping[str, tuple[float, float]] | None = None,
     ax: Axes | None = None,
 ) -> Figure:
     """Dimensional domains M_T (N m) over V (N) with simulated and measured points, as the paper's Fig. 5.
 
     ``points`` and ``joint`` as for :func:`interaction`; without it all points must be of equal joints under one N,
-    else ScenarioError. ``experiments``: name -> (V, M_T); left out, the measured
-    sets of the paper where the joint is the laboratory's, {} for none.
+    else ScenarioError. ``formulations``: those whose domains are drawn, or the curves themselves by name, (V, M_T) in N
+    and N m, for the shear direction and the eccentricity of a ``joint`` that is a :class:`RectangularJoint`.
+    ``experiments``: name -> (V, M_T); left out, the measured sets of the paper where the joint is the laboratory's, {}
+    for none.
     """
     rows = _rows(points)
     if joint is None:
@@ -151,12 +157,12 @@ def domains(
         experiments = lab_points() if is_lab else {}
     with style.settings():
         figure, axes = style.canvas(ax)
-        curves = {name: theory.interaction_curve(name, *joint) for name in formulations}
-        shear_in, shear = runs.unit_of_loads([curve.V for curve in curves.values()], "N")
-        torsion_in, torsion = runs.unit_of_loads([curve.M_T for curve in curves.values()], "N m")
-        for name, curve in curves.items():
-            colour, line, _ = style.FORMULATION[name]
-            axes.plot(shear * curve.V, torsion * curve.M_T, color=colour, ls=line, label=name)
+        curves = formulations if isinstance(formulations, Mapping) else _curves(formulations, joint)
+        shear_in, shear = runs.unit_of_loads([V for V, _ in curves.values()], "N")
+        torsion_in, torsion = runs.unit_of_loads([M_T for _, M_T in curves.values()], "N m")
+        for names in _coinciding(curves):
+            (V, M_T), (colour, line, _) = curves[names[0]], style.FORMULATION[names[0].split(",")[0]]
+            axes.plot(shear * V, torsion * M_T, color=colour, ls=line, label=" = ".join(names))
         for row in rows:
             _mark(axes, row, shear * _shear(row), torsion * abs(row["M_T"]))
         if experiments:
@@ -168,15 +174,41 @@ def domains(
             for x, column in named.items():  # one label a column of points, at its top
                 y, name = max(column)[0], ", ".join(name for _, name in sorted(column))
                 axes.annotate(name, (x, y), (7, 2), textcoords="offset points", ha="left", va="bottom")
-        axes.set_xlabel(f"V [{shear_in}]")
+        axes.set_xlabel(f"V {direction_in_words(joint.direction)} [{shear_in}]")
         axes.set_ylabel(rf"$M_T$ [{torsion_in}]")
-        a, b, friction, normal, cohesion = joint
+        a, b, friction, normal, cohesion = joint[:5]
         bond = f", cohesion {1e-3 * cohesion:.3g} kPa" if cohesion else ""
         bond += "\nbefore any bond breaks" if any(row.get("brittle") for row in rows) else ""
-        axes.set_title(f"joint {a:.3g} x {b:.3g} m, N = {summary.load_text(normal)}, friction {friction:.3g}{bond}")
+        x, y = (1e3 * own for own in joint.eccentricity)
+        beside = f" at ({x:.3g}, {y:.3g}) mm" if max(abs(x), abs(y)) > 1e3 * _SAME * max(a, b) else ""
+        pressed = f"N = {summary.load_text(normal)}{beside}"
+        axes.set_title(f"joint {a:.3g} x {b:.3g} m, {pressed}, friction {friction:.3g}{bond}")
         axes.set(xlim=(0.0, None), ylim=(0.0, None))
         style.legend(figure, axes, ax is None)
     return figure
+
+
+def _curves(formulations: Sequence[str], joint: RectangularJoint) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """V and M_T of the domain of each formulation."""
+    curves = {name: theory.interaction_curve(name, *joint[:5]) for name in formulations}
+    return {name: (curve.V, curve.M_T) for name, curve in curves.items()}
+
+
+def _coinciding(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> list[list[str]]:
+    """The names of curves, those of one and the same curve together."""
+    groups: list[list[str]] = []
+    for name, (V, M_T) in curves.items():
+        for group in groups:
+            first = curves[group[0]]
+            if len(first[0]) == len(V) and all(
+                np.allclose(one, other, rtol=0.0, atol=1e-6 * np.abs(other).max())
+                for one, other in zip((V, M_T), first, strict=True)
+            ):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+    return groups
 
 
 def lab_points() -> dict[str, tuple[float, float]]:
@@ -225,7 +257,7 @@ def _require_alike(rows: Sequence[Mapping], keys: Mapping[str, str]) -> None:
 def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = None) -> RectangularJoint:
     """Joint that was given, else that of the first row."""
     if given is not None:
-        return RectangularJoint(*(float(value) for value in given))
+        return RectangularJoint(*given)
     keys = ("a", "b", "friction", "N")
     if rows and all(rows[0].get(key) is not None for key in keys):
         return RectangularJoint(*(float(rows[0][key]) for key in keys), float(rows[0].get("cohesion") or 0.0))
@@ -237,7 +269,7 @@ def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = N
 def _torsion_strength(formulation: str, joint: RectangularJoint) -> float:
     """M_T0 (N m); that of the whole area for ``distributed``, whose points tend to it."""
     name = "convex" if formulation == "distributed" else formulation
-    return theory.torsion_strength(theory.formulation_law(name, *joint))
+    return theory.torsion_strength(theory.formulation_law(name, *joint[:5]))
 
 
 def _same_shape(formulations: Sequence[str]) -> list[list[str]]:

@@ -209,7 +209,7 @@ def load_path(
         first = paths[0]
         cohesive = any(path.cohesive for path in paths)
         over = (r"over $c\,A + \mu N$ [-]" if cohesive else r"over $\mu N$ [-]") if relative else f"[{shear_in}]"
-        axes.set_xlabel(f"shear force V {_named(first.direction)} {over}")
+        axes.set_xlabel(f"shear force V {direction_in_words(first.direction)} {over}")
         axes.set_ylabel(r"torsion $M_T$ " + (f"over {torsion_strength(paths)} [-]" if relative else f"[{torsion_in}]"))
         pressed = "N of the moment" if relative else f"N = {summary.load_text(first.normal_force)}"
         least = [(float(np.nanmin(path.drawn[k], initial=0.0)) for path in paths) for k in (0, 1)]
@@ -226,7 +226,7 @@ def torsion_strength(paths: Sequence[JointPath]) -> str:
     return f"the {names.pop()} strength at its N" if len(names) == 1 else "the strength of each formulation at its N"
 
 
-def _named(direction: np.ndarray) -> str:
+def direction_in_words(direction: Sequence[float] | np.ndarray) -> str:
     """A direction in the joint in words: along an axis, or its angle from the first one."""
     for i, name in enumerate(("$t_1$", "$t_2$")):
         if abs(direction[i]) > 1.0 - 1e-4:
