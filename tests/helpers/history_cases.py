@@ -134,6 +134,13 @@ def frames(start, stop, n_block=2):
     return 1e-4 * frame, displacement, orientation
 
 
+def to_and_fro():
+    """Four frames: at the start, turned by 0.03, back to a tenth of that, and to a thousandth."""
+    parts = [frames(k, k + 1) for k in (0.0, 3.0, 0.3, 0.003)]
+    displacement, orientation = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
+    return 1e-4 * np.arange(4.0), displacement, orientation
+
+
 def motion(start, stop, n_block=2, n_point=4):
     """Velocity, spin and contact forces of frames start to stop."""
     frame = np.arange(start, stop, dtype=float)[:, None, None]

@@ -13,6 +13,7 @@ from dembrick.scenario import toml
 from dembrick.views import render
 from dembrick.views.motion.frames import frame_number
 from dembrick.views.motion.joints import JointMotion
+from dembrick.views.page import content
 from dembrick.views.render import images, scene, screen
 from dembrick.views.render.look import VIEWS
 from helpers import history_cases as cases
@@ -45,6 +46,28 @@ def test_magnification_makes_motion_visible_and_never_shrinks_it(run):
     factor = render.automatic_magnification(run, 3)
     assert factor == 2.0  # 0.12 x 0.3 m over 10.2 mm is 3.5
     assert frame_number(run, time=2.1e-4) == 2
+
+
+def test_what_comes_back_is_magnified_by_its_greatest_motion_in_the_frames_that_are_drawn(tmp_path, drawing):
+    """The farthest corner goes 10.2 mm, 1.02 mm and 0.0102 mm: 0.12 x 0.3 m are 3.5, 35 and 3,500 times as much."""
+    rows, poses = cases.record(0, 5), cases.to_and_fro()
+    with cases.written(tmp_path / "run.h5", rows, poses, status="yield") as found:
+        expected = {(0, 1, 2, 3): 2.0, (0, 2, 3): 20.0, (3,): 2000.0, (0,): 1.0}
+        for frames, factor in expected.items():
+            with drawn(found, frames=frames) as shown:
+                assert ("true scale" if factor == 1.0 else f"motion x {factor:g}\n") in shown._text.input
+            assert render.automatic_magnification(found, frames) == factor
+        with render._scenes([found] * 2, render.Look(), [[0, 1], [2, 3]], (320, 240), smooth=False) as scenes:
+            assert all("motion x 2\n" in own._text.input for own in scenes)
+        assert content.collect(found)["magnification"]["start"] == pytest.approx(np.log10(2.0))
+
+
+def test_frames_that_are_not_finite_are_not_magnified(tmp_path):
+    time, displacement, orientation = cases.to_and_fro()
+    displacement[3, 1] = np.nan
+    rows, poses = cases.record(0, 5), (time, displacement, orientation)
+    with cases.written(tmp_path / "run.h5", rows, poses, status="yield") as found:
+        assert render.automatic_magnification(found, range(4)) == 2.0
 
 
 def test_joints_are_not_shown_compressed_by_more_than_a_quarter_of_a_block(tmp_path):

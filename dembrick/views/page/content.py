@@ -52,7 +52,7 @@ def collect(history: History) -> dict:
     moved = _moved(history, carried, blocks, frames.number.tolist(), shown)
     at = int(np.abs(frames.number - shown).argmin())
     colours = _colours(history, frames, moved, at)
-    start = automatic_magnification(history, int(frames.number[at]))
+    start = automatic_magnification(history, frames.number[: at + 1].tolist())  # not of what falls after a limit
     path = recorded_path(history)
     record = diagrams.record_at(history, frames.time, moved)
     # by actuators, not by the weight of a tilted structure

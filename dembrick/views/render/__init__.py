@@ -138,7 +138,7 @@ def _scenes(
     """A scene for each history, side by side: to one scale, with the same colours and magnification."""
     require_drawing()
     if len(histories) > 1 and look.magnification is None:
-        factors = [automatic_magnification(own, last) for own, (*_, last) in zip(histories, frames, strict=True)]
+        factors = [automatic_magnification(own, numbers) for own, numbers in zip(histories, frames, strict=True)]
         look = replace(look, magnification=min(factors))
     names = [os.path.splitext(os.path.basename(own.path))[0] if len(histories) > 1 else "" for own in histories]
     plotters = []

@@ -40,9 +40,9 @@ _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: 
 class Scene:
     """Blocks, actuators, ties, reactions, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
 
-    ``frames``: those that will be shown; the colours and the camera suit all of them. ``below``: the part of the
-    picture's height that is left free at its foot. ``name`` stands before the title. With ``waits`` nothing is built
-    yet: :meth:`build` is called once the scenes beside it are known.
+    ``frames``: those that will be shown; the colours, the camera and the magnification suit all of them. ``below``: the
+    part of the picture's height that is left free at its foot. ``name`` stands before the title. With ``waits`` nothing
+    is built yet: :meth:`build` is called once the scenes beside it are known.
     """
 
     def __init__(
@@ -69,9 +69,7 @@ class Scene:
         self._length = largest_extent(self._start, self._starts, moving or range(history.n_block))
         self._factor = look.magnification
         if self._factor is None:
-            self._factor = min(
-                automatic_magnification(history, frame) for frame in {frames[0], frames[-1]} - {0} or {0}
-            )
+            self._factor = automatic_magnification(history, frames)
         extent = float(np.ptp(self._start, axis=0).max())
         self._ties = DrawnTies(history, self._factor)
         self._loads = DrawnLoads(history, self._factor, self._length, extent)
