@@ -51,7 +51,8 @@ class DomainJoint:
             if not (math.isfinite(value) and value > 0.0):
                 raise ScenarioError(f"{name} = {value!r} is out of range: a domain needs one greater than 0")
         place = np.array([self.eccentricity], float)
-        outside = float(polygons.distance_outside(place, self.polygon)[0])
+        # a joint of several feet holds N between them as well
+        outside = float(polygons.distance_outside(place, theory.polygons.convex_hull(self.polygon))[0])
         if self.cohesion == 0.0 and not outside <= 1e-9 * float(np.abs(self.polygon).max()):
             raise ScenarioError(
                 f"eccentricity = {tuple(place[0].tolist())} m lies outside the joint by {1e3 * outside:.4g} mm, so "
@@ -106,6 +107,11 @@ class DomainJoint:
         straight = len(self.polygon) == 4 and abs(polygons.area(self.polygon) - a * b) <= 1e-9 * a * b
         return (a, b) if straight else None
 
+    @property
+    def has_several_feet(self) -> bool:
+        """Whether blocks of several parts touch in several polygons, here strung together."""
+        return len(np.unique(self.polygon, axis=0)) < len(self.polygon)  # the walk round them comes back to a corner
+
     def as_dict(self) -> dict:
         """As in the JSON output; a and b are null unless the joint is a rectangle."""
         a, b = self.edges or (None, None)
@@ -141,12 +147,17 @@ class Request:
         return self.points if formulation == "distributed" else None
 
 
-def _check(formulations: Sequence[str], request: Request) -> None:
+def _check(joint: DomainJoint, formulations: Sequence[str], request: Request) -> None:
     for name in formulations:
         if name not in FORMULATIONS:
             raise ScenarioError(f"unknown formulation {name!r}: {nearest(name, FORMULATIONS)}")
     if request.pressure not in PRESSURES:
         raise ScenarioError(f"unknown pressure {request.pressure!r}: {nearest(request.pressure, PRESSURES)}")
+    if joint.has_several_feet and (joint.cohesion > 0.0 or set(formulations) != {"convex"}):
+        raise ScenarioError(
+            "the domain of a joint of several feet is known for the convex formulation without cohesion alone: give "
+            "--formulation convex without cohesion, or find single limits of the scenario by a run"
+        )
 
 
 def _formulation(joint: DomainJoint, name: str, request: Request, continuum: bool) -> theory.Formulation:
@@ -175,7 +186,7 @@ def by_theory(
 ) -> list[dict]:
     """Points of the domain of each formulation; ``distributed`` is drawn as its limit, the no-tension continuum."""
     request = request or Request()
-    _check(formulations, request)
+    _check(joint, formulations, request)
     load = directions(count, request.space, request.shear_angle) * [1.0, 1.0, lever_of(joint.polygon)]
     rows = []
     for name in formulations:
@@ -216,7 +227,7 @@ def simulate_domain(
 
 
 def _simulated(joint, formulation, count, request, threads=None, progress=None) -> YieldDomain:
-    _check([formulation], request)
+    _check(joint, [formulation], request)
     if joint.cohesion > 0.0:
         return bonded_yield_domain(joint, formulation, count, request, progress)
     return yield_domain(
@@ -245,7 +256,7 @@ def by_simulation(
     """A row for each of ``count`` directions and each formulation, with its bracket and its error against theory, and
     for each formulation what the points say of the set: convexity, normality, greatest error against theory."""
     request = request or Request()
-    _check(formulations, request)
+    _check(joint, formulations, request)
     rows, checks = [], {}
     a, b = joint.edges or (None, None)
     other = [name for name in ("convex", "distributed", "concave") if name in formulations[1:]]

@@ -15,6 +15,8 @@ from dembrick.runs.lab import lab_scenario
 from dembrick.runs.theory_check import theory_of
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.views import plot
+from helpers.scenario_text import block, header, jack
+from helpers.stone_scenes import GRAVITY
 
 LAB = ["--a", "0.3", "--b", "0.2", "--mu", "0.64", "--N", "467"]
 OBLIQUE = "0,0;0.4,0;0.35,0.2;0.05,0.25"
@@ -57,6 +59,51 @@ def test_the_load_above_a_joint_that_follows_the_bending(capsys):
                          "--simulate", "4", "--points", "2")  # fmt: skip
     assert code == 0 and not found["checks"]["convex"]["certified"]
     assert found["checks"]["convex"]["error_vs_theory"] < 1e-3
+
+
+PARTS = {(0.0, 0.0, 0.4): (1.0, 0.4, 0.2), (-0.4, 0.0, 0.15): (0.2, 0.4, 0.3), (0.4, 0.0, 0.15): (0.2, 0.4, 0.3)}
+TWO_FEET = (
+    header("convex", 0.7, 1e10)
+    + block("floor", (0.0, 0.0, -0.1), (3.0, 2.0, 0.2), "fixed = true")
+    + '[[blocks]]\nname = "bridge"\nmaterial = "stone"\n'
+    + "".join(f"[[blocks.parts]]\nbox = {list(box)}\nposition = {list(at)}\n" for at, box in PARTS.items())
+    + jack("bridge", (0.5, 0.0, 0.0), (0.3, 1.0, 0.0))
+    + '[control]\nkind = "yield"\n'
+)
+
+
+@pytest.fixture
+def two_feet(tmp_path):
+    path = tmp_path / "bridge.toml"
+    path.write_text(TWO_FEET)
+    return str(path)
+
+
+def test_a_block_on_two_feet_does_not_tip_between_them(capsys, two_feet):
+    """Torsion about the middle: mu N times the mean distance of the feet's area from it. The run's limit is on it."""
+    code, found = answer(capsys, "--scenario", two_feet, "--simulate", "3", "--points", "2")
+    x, y = np.meshgrid(0.3 + 0.2 * (np.arange(400) + 0.5) / 400, -0.2 + 0.4 * (np.arange(400) + 0.5) / 400)
+    slides = 0.7 * 2000.0 * abs(GRAVITY[2]) * (0.4 * 0.2 + 2 * 0.2 * 0.4 * 0.3)
+    assert code == 0 and found["rows"][0]["V"] == pytest.approx(slides, rel=1e-9)
+    assert found["rows"][1]["M_T"] == pytest.approx(slides * np.hypot(x, y).mean(), rel=1e-5)
+    point = dembrick.simulate(dembrick.loads(TWO_FEET), progress=False).yield_point
+    turned = str(np.degrees(np.arctan2(1.0, 0.3)))
+    _, found = answer(capsys, "--scenario", two_feet, "--shear-angle", turned, "--points", "181")
+    V, M_T = ([row[name] for row in found["rows"]] for name in ("V", "M_T"))
+    assert np.interp(-np.hypot(point.V_1, point.V_2), -np.array(V), M_T) == pytest.approx(point.M_T, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["--eccentricity", "0.51", "0"], "outside the joint by 10 mm, so that N tips the block over"),
+        (["--formulation", "concave"], "a joint of several feet is known for the convex formulation without cohesion"),
+        (["--cohesion", "1e4"], "a joint of several feet is known for the convex formulation without cohesion"),
+    ],
+)
+def test_what_the_domain_of_two_feet_does_not_know_is_said(capsys, two_feet, words, said):
+    assert main(["domain", "--scenario", two_feet, "--simulate", "2", *words]) == 2
+    assert said in capsys.readouterr().err
 
 
 @pytest.fixture
