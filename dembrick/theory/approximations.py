@@ -145,19 +145,24 @@ def interaction_curve(
     *,
     count: int = 181,
     direction: ArrayLike = (0.0, 1.0),
+    centre: ArrayLike | None = None,
     pressure: str = "full",
     cells: tuple[int, int] | None = None,
 ) -> InteractionCurve:
-    """Yield domain for a centrally pressed rectangle a x b sheared along ``direction`` (the paper: along y).
+    """Yield domain for a rectangle a x b pressed at ``centre`` (m from the middle, None: there) and sheared along
+    ``direction`` (the paper: along y).
 
     Points lie on ``count`` rays, equally spaced in angle in the non-dimensional plane. By symmetry a force along an
-    edge has no transverse part in its limit; for another direction the curve is that of forces held to that direction.
+    edge has no transverse part in its limit, if the joint is pressed in the middle; else the curve is that of forces
+    held to that direction.
     """
     d = np.asarray(direction, float)
     size = float(np.hypot(*d))
     if not size > 0.0 or count < 2:
         raise ScenarioError("an interaction curve needs a direction longer than 0 and at least 2 points")
-    law = formulation_law(formulation, a, b, friction, normal_force, cohesion, pressure=pressure, cells=cells)
+    law = formulation_law(
+        formulation, a, b, friction, normal_force, cohesion, centre=centre, pressure=pressure, cells=cells
+    )
     M_T0 = torsion_strength(law)
     if not law.strength > 0.0:
         raise ScenarioError("an interaction curve needs friction and normal force greater than 0")

@@ -27,6 +27,7 @@ RESULTS = {"title": "Set 4a: one force", "formulation": "concave", "yield_point"
 @pytest.fixture
 def run(tmp_path):
     rows, poses = cases.record(0, 40), cases.frames(0, 4)
+    rows["joint"][..., 4:6] = 0.0  # N acts in the middle
     with cases.written(tmp_path / "run.h5", rows, poses, status="yield", results=RESULTS) as found:
         yield found
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +11,29 @@ from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.theory.paper_tables import SETS
 from dembrick.views import summary
+from dembrick.views.motion.frames import nearest, peak_time
 from dembrick.views.plot import runs, style
-from dembrick.views.plot.paths import direction_in_words
-from dembrick.views.plot.subject import chosen_joint, is_brittle, pushes_several, strengths
+from dembrick.views.plot.rectangular_joint import (
+    SAME,
+    RectangularJoint,
+    domain_curve,
+    domain_curves,
+    require_one_curve,
+    same_shape,
+    shear_of,
+    shown,
+    torsion_strength,
+    under,
+    under_points,
+)
+from dembrick.views.plot.subject import (
+    carried_by,
+    chosen_joint,
+    is_brittle,
+    pressure_centre,
+    pushes_several,
+    strengths,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +43,6 @@ if TYPE_CHECKING:
 
 CURVES = ("convex", "concave", "corrected")
 _LAB_JOINT = (0.3, 0.2, 467.0)  # a, b (m), N of the laboratory's sets
-_SAME = 1e-3
 _OF_DOMAIN = {
     "a": "the edge a of its joint (m)", "b": "the edge b of its joint (m)", "friction": "its friction",
     "N": "its normal force N (N)", "cohesion": "its cohesion (Pa)",
@@ -32,28 +50,11 @@ _OF_DOMAIN = {
 _APPROXIMATE = (":", "--", "-.", (0, (10, 3)))
 
 
-class RectangularJoint(NamedTuple):
-    """Joint for which a domain is drawn: edges along t1 and t2 (m), friction, normal force (N), cohesion (Pa), the
-    ``direction`` of the shear force in t1, t2, and the ``eccentricity`` of N in t1, t2 from the middle (m)."""
-
-    a: float
-    b: float
-    friction: float
-    normal_force: float
-    cohesion: float = 0.0
-    direction: tuple[float, float] = (0.0, 1.0)
-    eccentricity: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def strength(self) -> float:
-        """V_0 (N)."""
-        return self.cohesion * self.a * self.b + self.friction * self.normal_force
-
-
 def domain_points(histories) -> list[dict]:
     """One row a history with a yield point: ``V``, its bounds, ``V_1``, ``V_2``, ``M_T``, ``N``, the formulation,
     edges ``a`` and ``b`` (m) of the joint, its ``friction`` and ``cohesion`` (Pa) before slip and whether some of these
-    are lost by slip (``brittle``), ``load_height`` (m) of the actuators above it.
+    are lost by slip (``brittle``), its ``pressure``, ``load_height`` (m) of the actuators above it and the
+    ``eccentricity`` (m) of N but for what these shift it by.
 
     Histories that reached no yield point give no row; HistoryError if the joint is not a rectangle.
     """
@@ -67,7 +68,8 @@ def domain_points(histories) -> list[dict]:
                 f"{history.path}: its load acts on several blocks, so its yield point is no point of the domain of one "
                 "joint; --kind path draws a joint's own forces"
             )
-        joint = _yielding_joint(history)
+        number = _yielding_joint(history)
+        joint = history.joints[number]
         a, b = np.ptp(joint["polygon"], axis=0)
         if abs(a * b - joint["area"]) > 1e-6 * joint["area"]:
             raise HistoryError(f"{history.path}: its joint is not a rectangle, so no domain can be drawn for it")
@@ -77,16 +79,26 @@ def domain_points(histories) -> list[dict]:
         row |= {"cohesion": strengths(joint)[1], "brittle": is_brittle(joint)}
         row |= {"formulation": history.results.get("formulation", joint["formulation"])}
         row |= {"load_height": float(np.mean(heights)) if heights else 0.0, "history": history.path}
+        row |= {"pressure": joint["pressure"], "eccentricity": _eccentricity(history, number, row["load_height"])}
         rows.append(row)
     return rows
 
 
-def _yielding_joint(history: History) -> dict:
-    """The joint of the yield point, at the block that the actuators push; the only joint of a laboratory test."""
+def _eccentricity(history: History, number: int, height: float) -> tuple[float, float]:
+    """Where N acted at the limit, but for the moment of a shear force at a ``height`` (m) above the joint; m from O."""
+    carried = carried_by(history, number, int(nearest(history.time, [peak_time(history)])[0]))
+    carried |= {"M_1": carried["M_1"] + height * carried["V_2"], "M_2": carried["M_2"] - height * carried["V_1"]}
+    x, y = pressure_centre(carried) if carried["N"] > 0.0 else (0.0, 0.0)
+    return float(x), float(y)
+
+
+def _yielding_joint(history: History) -> int:
+    """Number of the joint of the yield point, at the block that the actuators push."""
     loaded = {actuator["block"] for actuator in history.actuators}
-    joint = history.joints[chosen_joint(history)]
+    number = chosen_joint(history)
+    joint = history.joints[number]
     if not loaded or loaded & {joint["block_a"], joint["block_b"]}:
-        return joint
+        return number
     raise HistoryError(f"{history.path}: it has no joint at the block that is pushed, so no domain can be drawn for it")
 
 
@@ -97,35 +109,38 @@ def interaction(
     approximations: Sequence[str] = (),
     ax: Axes | None = None,
 ) -> Figure:
-    """Non-dimensional curves M_T / M_T0 over V / V_0 for a force along t2, as the paper's Fig. 4.
+    """Non-dimensional curves M_T / M_T0 over V / V_0, as the paper's Fig. 4.
 
-    ``points``: histories, or rows as of :func:`domain_points`. ``joint``: (a, b, friction, N); without it the first
+    ``points``: histories, or rows as of :func:`domain_points`, for whose shear direction and eccentricity of N the
+    curves are; without any a force along t2 and N in the middle. ``joint``: (a, b, friction, N); without it the first
     point's. Each point is normalised by its own V_0 and by the M_T0 of its formulation. ScenarioError if the joints of
-    the points have not one ratio of their edges.
+    the points have not one ratio of their edges, or their loads not one curve.
     """
     rows = _rows(points)
     if joint is None:
         _require_alike(rows, {"a/b": "the ratio of its edges a/b"})
-    joint = _joint(rows, joint)
+    joint = _loaded(rows, joint)
+    require_one_curve(rows, joint, formulations)
     with style.settings():
         figure, axes = style.canvas(ax)
-        for names in _same_shape(formulations):
-            v, m = theory.interaction_curve(names[0], *joint[:5]).normalised
+        for names in same_shape(shown(formulations, rows, joint), joint):
+            v, m = domain_curve(names[0], joint).normalised
             colour, line, _ = style.FORMULATION[names[0]]
             axes.plot(v, m, color=colour, ls=line, label=" = ".join(names))
         for i, name in enumerate(approximations):
-            domain = theory.approximate_domain(name, *joint[:5])
+            domain = theory.approximate_domain(name, *joint[:5], direction=joint.direction)
             axes.plot(
                 *domain.curve(), color=style.GREY, lw=0.9, ls=_APPROXIMATE[i % len(_APPROXIMATE)], label=domain.label
             )
         for row in rows:
-            own = _joint([row], None, fallback=joint)
+            own = under(_joint([row], None, fallback=joint), row, joint)
             V_0 = own.strength
-            M_T0 = _torsion_strength(row["formulation"], own)
-            _mark(axes, row, _shear(row) / V_0, abs(row["M_T"]) / M_T0)
+            M_T0 = torsion_strength(row["formulation"], own)
+            _mark(axes, row, shear_of(row) / V_0, abs(row["M_T"]) / M_T0)
         axes.set_xlabel(r"$V / V_0$ [-]")
         axes.set_ylabel(r"$M_T / M_{T0}$ [-]")
-        axes.set_title(f"a/b = {joint.a / joint.b:.3g}, shear along b")
+        way = {"along $t_1$": "along a", "along $t_2$": "along b"}.get(joint.sheared, joint.sheared)
+        axes.set_title(f"a/b = {joint.a / joint.b:.3g}, shear {way}{joint.pressed_at and f', N{joint.pressed_at}'}")
         axes.set(xlim=(0.0, None), ylim=(0.0, None))
         axes.set_aspect("equal")
         style.legend(figure, axes, ax is None)
@@ -142,29 +157,38 @@ def domains(
     """Dimensional domains M_T (N m) over V (N) with simulated and measured points, as the paper's Fig. 5.
 
     ``points`` and ``joint`` as for :func:`interaction`; without it all points must be of equal joints under one N,
-    else ScenarioError. ``formulations``: those whose domains are drawn, or the curves themselves by name, (V, M_T) in N
-    and N m, for the shear direction and the eccentricity of a ``joint`` that is a :class:`RectangularJoint`.
+    else ScenarioError, as it is for loads of several curves. ``formulations``: those whose domains are drawn, or the
+    curves themselves by name, (V, M_T) in N and N m, for the shear direction and the eccentricity of a ``joint`` that
+    is a :class:`RectangularJoint`.
     ``experiments``: name -> (V, M_T); left out, the measured sets of the paper where the joint is the laboratory's, {}
     for none.
     """
     rows = _rows(points)
     if joint is None:
         _require_alike(rows, _OF_DOMAIN)
-    joint = _joint(rows, joint)
+    joint = _loaded(rows, joint)
+    if not isinstance(formulations, Mapping):
+        require_one_curve(rows, joint, formulations)
     if experiments is None:
         mine = (joint.a, joint.b, joint.normal_force)
-        is_lab = all(abs(x - y) <= _SAME * y for x, y in zip(mine, _LAB_JOINT, strict=True))
+        is_lab = (
+            joint.centred
+            and joint.sheared == "along $t_2$"
+            and all(abs(x - y) <= SAME * y for x, y in zip(mine, _LAB_JOINT, strict=True))
+        )
         experiments = lab_points() if is_lab else {}
     with style.settings():
         figure, axes = style.canvas(ax)
-        curves = formulations if isinstance(formulations, Mapping) else _curves(formulations, joint)
+        curves = formulations
+        if not isinstance(curves, Mapping):
+            curves = domain_curves(shown(formulations, rows, joint), joint)
         shear_in, shear = runs.unit_of_loads([V for V, _ in curves.values()], "N")
         torsion_in, torsion = runs.unit_of_loads([M_T for _, M_T in curves.values()], "N m")
         for names in _coinciding(curves):
             (V, M_T), (colour, line, _) = curves[names[0]], style.FORMULATION[names[0].split(",")[0]]
             axes.plot(shear * V, torsion * M_T, color=colour, ls=line, label=" = ".join(names))
         for row in rows:
-            _mark(axes, row, shear * _shear(row), torsion * abs(row["M_T"]))
+            _mark(axes, row, shear * shear_of(row), torsion * abs(row["M_T"]))
         if experiments:
             V, M_T = np.array(list(experiments.values())).T * [[shear], [torsion]]
             axes.plot(V, M_T, label="experiment", zorder=5, clip_on=False, **style.EXPERIMENT)
@@ -174,24 +198,16 @@ def domains(
             for x, column in named.items():  # one label a column of points, at its top
                 y, name = max(column)[0], ", ".join(name for _, name in sorted(column))
                 axes.annotate(name, (x, y), (7, 2), textcoords="offset points", ha="left", va="bottom")
-        axes.set_xlabel(f"V {direction_in_words(joint.direction)} [{shear_in}]")
+        axes.set_xlabel(f"V {joint.sheared} [{shear_in}]")
         axes.set_ylabel(rf"$M_T$ [{torsion_in}]")
         a, b, friction, normal, cohesion = joint[:5]
         bond = f", cohesion {1e-3 * cohesion:.3g} kPa" if cohesion else ""
         bond += "\nbefore any bond breaks" if any(row.get("brittle") for row in rows) else ""
-        x, y = (1e3 * own for own in joint.eccentricity)
-        beside = f" at ({x:.3g}, {y:.3g}) mm" if max(abs(x), abs(y)) > 1e3 * _SAME * max(a, b) else ""
-        pressed = f"N = {summary.load_text(normal)}{beside}"
+        pressed = f"N = {summary.load_text(normal)}{joint.pressed_at}"
         axes.set_title(f"joint {a:.3g} x {b:.3g} m, {pressed}, friction {friction:.3g}{bond}")
         axes.set(xlim=(0.0, None), ylim=(0.0, None))
         style.legend(figure, axes, ax is None)
     return figure
-
-
-def _curves(formulations: Sequence[str], joint: RectangularJoint) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """V and M_T of the domain of each formulation."""
-    curves = {name: theory.interaction_curve(name, *joint[:5]) for name in formulations}
-    return {name: (curve.V, curve.M_T) for name, curve in curves.items()}
 
 
 def _coinciding(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> list[list[str]]:
@@ -245,7 +261,7 @@ def _require_alike(rows: Sequence[Mapping], keys: Mapping[str, str]) -> None:
     for row in rows[1:]:
         for key, what in keys.items():
             first, other = value(rows[0], key), value(row, key)
-            if first is None or other is None or abs(first - other) <= _SAME * max(abs(first), abs(other)):
+            if first is None or other is None or abs(first - other) <= SAME * max(abs(first), abs(other)):
                 continue
             named = [own.get("history") or "a point" for own in (rows[0], row)]
             raise ScenarioError(
@@ -266,26 +282,10 @@ def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = N
     raise ScenarioError("a yield domain needs a joint (a, b, friction, N) or a history that reached its yield point")
 
 
-def _torsion_strength(formulation: str, joint: RectangularJoint) -> float:
-    """M_T0 (N m); that of the whole area for ``distributed``, whose points tend to it."""
-    name = "convex" if formulation == "distributed" else formulation
-    return theory.torsion_strength(theory.formulation_law(name, *joint[:5]))
-
-
-def _same_shape(formulations: Sequence[str]) -> list[list[str]]:
-    """Formulations in groups with one non-dimensional curve: shrinking the points scales M_T and M_T0 alike."""
-    alike = [name for name in formulations if name in ("concave", "corrected", "corrected-shear")]
-    groups: list[list[str]] = []
-    for name in formulations:
-        if name not in alike:
-            groups.append([name])
-        elif name == alike[0]:
-            groups.append(alike)
-    return groups
-
-
-def _shear(row: Mapping) -> float:
-    return math.hypot(row["V_1"], row["V_2"])
+def _loaded(rows: Sequence[Mapping], given) -> RectangularJoint:
+    """The joint as its points load it, unless it is ``given`` with its load."""
+    joint = _joint(rows, given)
+    return joint if isinstance(given, RectangularJoint) or not rows else under_points(joint, rows)
 
 
 def _mark(axes, row: Mapping, x: float, y: float) -> None:
