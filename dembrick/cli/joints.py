@@ -55,7 +55,7 @@ def state(file, frame: int | str | None, time: float | None, whole: bool = False
     at = moment(file, frame, time)
     told = words(file, at.frame) if time is None else words_of_row(file, at.row)
     if time is not None and at.frame_time != at.time:
-        told.append(f"openings of the frame at {at.frame_time:.4g} s")
+        told.append(f"openings of the frame at {at.frame_time:.4g}{'' if file.counts_equilibria else ' s'}")
     text = f"{', '.join(told)}\n\n{_text(rows, len(rows) if whole else MOST)}"
     if reactions:
         text += "\n\n" + _text_of_reactions(reactions, len(reactions) if whole else MOST)

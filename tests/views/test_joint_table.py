@@ -10,7 +10,7 @@ from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
-from dembrick.views.motion.table import UNITS, joint_table
+from dembrick.views.motion.table import UNITS, joint_table, reaction_table
 from helpers.places import SCENARIOS
 
 
@@ -98,3 +98,49 @@ def test_signs_are_those_that_docs_symbols_draws(tmp_path):
             pytest.approx(row["M_2"] / row["N"], abs=1e-12),
             pytest.approx(-row["M_1"] / row["N"]),
         )
+
+
+PUSHED_OFF = """title = "slides"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "concave"
+friction = 0.5
+normal_stiffness = 1e8
+shear_stiffness = 4e7
+[materials.stone]
+density = 2000.0
+[[blocks]]
+name = "floor"
+material = "stone"
+box = [2.0, 2.0, 0.2]
+position = [0.0, 0.0, -0.1]
+fixed = true
+[[blocks]]
+name = "block"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [0.0, 0.0, 0.05]
+[control]
+kind = "pushover"
+direction = [1.0, 0.0, 0.0]
+large_displacements = true
+"""
+
+
+def test_the_last_equilibrium_at_a_time_of_the_collapse(tmp_path, capsys):
+    """12 kg slide at a load factor of 0.5: 117.72 N and 58.86 N. A row is given by a time, and zero where none is."""
+    path = str(tmp_path / "slides.h5")
+    simulate(scenarios.loads(PUSHED_OFF), path)
+    with history.read(path) as found:
+        last = float(found.time[-1])
+        falling = [float(time) for time in found.frame_time if last < time < last + 0.5]
+        (row,) = joint_table(found, time=falling[0])
+        (floor,) = reaction_table(found, time=falling[0])
+        assert (row["N"], row["V_1"]) == (pytest.approx(117.72, rel=1e-6), pytest.approx(58.86, rel=1e-3))
+        assert row["utilisation"] == pytest.approx(1.0, abs=2e-3)
+        assert (floor["F_z"], floor["F_x"]) == (pytest.approx(117.72, rel=1e-6), pytest.approx(-58.86, rel=1e-3))
+        (row,), (floor,) = joint_table(found, -1), reaction_table(found, -1)
+        assert row["N"] == row["V_1"] == floor["F_z"] == floor["F_x"] == 0.0
+    assert main(["joints", path, "--time", str(falling[0])]) == 0
+    when = capsys.readouterr().out.splitlines()[0]
+    assert when.startswith(f"equilibrium {last:g}") and when.endswith(f"openings of the frame at {falling[0]:.4g}")

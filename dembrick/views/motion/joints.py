@@ -291,7 +291,8 @@ class JointFrames:
             found[..., i] = self._history.series(f"joint/{name}", first, last)[
                 rows - first, self.joints.column["joint"]
             ]
-        found[coming_down(self._history, self._frames), :, :6] = 0.0
+        if self._rows is None:
+            found[coming_down(self._history, self._frames), :, :6] = 0.0
         return found
 
     @cached_property
@@ -305,8 +306,10 @@ class JointFrames:
     def point_forces(self) -> np.ndarray | None:
         """(f, c, 3) N: force on b at every contact point, world axes; None if the history does not have them, or not
         at the rows asked for."""
-        if self._rows is not None and (self._rows != self.joints.rows(self._frames)).any():
-            return None
+        if self._rows is not None:
+            others = self._rows != self.joints.rows(self._frames)
+            if (others | coming_down(self._history, self._frames)).any():
+                return None
         return self._values("contact_force")
 
     @cached_property

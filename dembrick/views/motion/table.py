@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dembrick.views.motion.frames import frame_number, nearest
+from dembrick.views.motion.frames import coming_down, frame_number, nearest
 from dembrick.views.motion.joints import STATES, JointMotion
 
 if TYPE_CHECKING:
@@ -61,11 +61,13 @@ def joint_table(history: History, frame: int | str | None = None, time: float | 
         history.joint("N")  # says what to record
     at = moment(history, frame, time)
     joints = JointMotion(history)
-    now = joints.at([at.frame]) if time is None else joints.at([at.frame], [at.row])
+    moved = now = joints.at([at.frame])
+    if time is not None:  # the row has a frame of its own, from which contact forces and bonds are
+        now = joints.at([int(nearest(history.frame_time, [at.time])[0])], [at.row])
     columns = dict(zip(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip"), now.resultants[0].T, strict=True))
     columns["e_1"], columns["e_2"] = np.where(columns["N"] > 0.0, now.pressure_centre[0].T, np.nan)
-    columns["open_share"], columns["utilisation"] = now.relative.open_share[0], now.utilisation[0]
-    names, state = history.block_names, now.relative.state[0]
+    columns["open_share"], columns["utilisation"] = moved.relative.open_share[0], now.utilisation[0]
+    names, state = history.block_names, moved.relative.state[0]
     return [
         {"joint": f"{names[joints.block_a[j]]}/{names[joints.block_b[j]]}", "state": STATES[state[j]]}
         | {name: float(columns[name][j]) if np.isfinite(columns[name][j]) else None for name in UNITS}
@@ -75,11 +77,15 @@ def joint_table(history: History, frame: int | str | None = None, time: float | 
 
 def reaction_table(history: History, frame: int | str | None = None, time: float | None = None) -> list[dict]:
     """One dict a support: ``support`` and its force ``F_x``, ``F_y``, ``F_z`` (N) and moment ``M_x``, ``M_y``, ``M_z``
-    (N m, about its centroid at the start) on the structure, in the row next to a frame or to a ``time`` (s)."""
+    (N m, about its centroid at the start) on the structure, in the row next to a frame or to a ``time`` (s); zero, as
+    the forces of joints are, in a frame that no row tells of."""
     if not (history.n_support and history.n_row):
         return []
-    row = moment(history, frame, time).row
+    at = moment(history, frame, time)
+    reaction = history.reaction[at.row]
+    if time is None and coming_down(history, [at.frame])[0]:
+        reaction = np.zeros_like(reaction)
     return [
         {"support": name} | dict(zip(REACTION, wrench, strict=True))
-        for name, wrench in zip(history.support_names, history.reaction[row].tolist(), strict=True)
+        for name, wrench in zip(history.support_names, reaction.tolist(), strict=True)
     ]
