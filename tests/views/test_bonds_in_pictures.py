@@ -75,3 +75,33 @@ def test_stages_of_a_brittle_joint_show_its_peak_and_what_it_carries_after(tmp_p
     whole = 0.06 / len(last.points) if formulation == "convex" else 1.0
     assert whole * last.friction.sum(axis=0)[1] == pytest.approx(-shear[-1], rel=2e-2)
     assert last.limit * whole * len(last.points) == pytest.approx(0.5 * 467.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_of_a_joint_that_has_lost_part_of_its_bond_the_next_point_counts(tmp_path, recorded):
+    """A couple breaks 4 rows of points one by one: each is at 1 then, where a linear stress over all of the joint made
+    0.81 of it. Pull over f_t A and shear over c A + mu N of the recorded forces; without these it is not known."""
+    strength, area = 2e4, A * 0.2 / 24
+    law = {"cohesion": strength, "tensile_strength": strength}
+    given = scene("distributed", jacks=BENDING, points=(6, 4))
+    given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, **law))
+    channels = ("joints", "frames", "contacts") if recorded else ("joints", "frames")
+    given = dataclasses.replace(given, output=dataclasses.replace(given.output, channels=channels))
+    frames = simulate(given, tmp_path / "cracked.h5").frames
+    held = frames["bond"][:, 0]
+    apart = (held > 0.0) & (held < 1.0)
+    assert apart.sum() > 2 and (held == 1.0).sum() > 2
+    with history.read(tmp_path / "cracked.h5") as found:
+        used = JointMotion(found).at(range(found.n_frames)).utilisation[:, 0]
+    assert np.isfinite(used[~apart]).all()
+    if not recorded:
+        assert np.isnan(used[apart]).all()
+        return
+    force = np.array(frames["contact_force"])[apart]  # world axes are those of the joint
+    pull = -force[..., 2] / (strength * area)
+    shear = np.hypot(force[..., 0], force[..., 1]) / (strength * area + 0.64 * np.maximum(force[..., 2], 0.0))
+    expected = np.maximum(np.maximum(pull, shear).max(axis=1), 0.0)
+    np.testing.assert_allclose(used[apart], expected, rtol=1e-6, atol=1e-9)
+    before = np.flatnonzero((held[1:] < held[:-1]) & apart[:-1])
+    assert len(before) == 2
+    np.testing.assert_allclose(used[before], 1.0, rtol=2e-3)

@@ -8,7 +8,8 @@ import pytest
 from dembrick import theory
 from dembrick.kernels.joint.utilisation import FrictionPoints, best_kink, point_gauge
 from dembrick.views.motion.frames import nearest
-from dembrick.views.motion.joints import CHANNELS, STATES, JointMotion
+from dembrick.views.motion.joint_frames import CHANNELS
+from dembrick.views.motion.joints import STATES, JointMotion
 from dembrick.views.motion.relative import torsion_centre
 from helpers import history_cases as cases
 

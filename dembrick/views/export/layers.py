@@ -26,7 +26,8 @@ import numpy as np
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history import History
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, block_quantities
-from dembrick.views.motion.joints import CHANNELS, STATES, JointFrames, JointMotion
+from dembrick.views.motion.joint_frames import CHANNELS, JointFrames
+from dembrick.views.motion.joints import STATES, JointMotion
 from dembrick.views.motion.loads import TieMotion
 from dembrick.views.motion.relative import RelativeMotion, torsion_centre
 

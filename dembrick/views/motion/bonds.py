@@ -26,6 +26,7 @@ class Bonds:
         self._area, self._friction = joints.area, joints.friction
         self.cohere = (self.cohesion > 0.0) | (self.after > 0.0)  # shear strength goes with the area
         self.bonded = (self.cohesion > 0.0) | (self.tension > 0.0) | (self.residual < self._friction)
+        self.brittle = (self.after < self.cohesion) | (self.residual < self._friction)  # in shear
         arms, _, self._areas, self._owner = joints.points
         self._start = joints.point_start
         # stress at each of these places: phi . H^-1 (N, M_2, -M_1)
@@ -45,10 +46,10 @@ class Bonds:
         return load @ self._matrices[j] @ self._places[j].T
 
     def tension_utilisation(self, resultants: np.ndarray) -> np.ndarray:
-        """(f, j): greatest tension over the tensile strength; without any, how far bending is on its way to a stress
-        that pulls."""
+        """(f, j): greatest tension over the tensile strength, of joints whose bonds all hold; without any strength, how
+        far bending is on its way to a stress that pulls."""
         found = np.zeros(resultants.shape[:2])
-        for j in np.flatnonzero((self.cohesion > 0.0) | (self.tension > 0.0)):
+        for j in np.flatnonzero(self.bonded):
             stress = self._stress(j, resultants)
             least = stress.min(axis=1)
             if self.tension[j] > 0.0:
@@ -57,6 +58,24 @@ class Bonds:
                 mean = resultants[:, j, 0] / self._area[j]
                 found[:, j] = np.where(mean > 0.0, (mean - least) / np.where(mean > 0.0, mean, 1.0), 0.0)
         return found
+
+    def use_of_points(self, forces: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(f, j) and (f, j): the greatest pull over tensile strength, and the greatest shear over c A + mu N, among the
+        contact points of each joint, of their ``forces`` (f, c, 3) in its axes and areas, (f, c) or (c,) in m2.
+
+        No record says which points hold: those that pull do, and what has broken bears less than c A + mu N.
+        """
+        owner, normal = self._owner, forces[..., 2]
+        found = []
+        for carried, strength in (
+            (-normal, self.tension[owner] * area),
+            (np.hypot(forces[..., 0], forces[..., 1]), self.cohesion[owner] * area + self._friction[owner] * normal),
+        ):
+            used = np.divide(carried, strength, out=np.zeros_like(carried), where=(carried > 0.0) & (strength > 0.0))
+            greatest = np.zeros((len(self.tension), len(used)))
+            np.maximum.at(greatest, owner, used.T)
+            found.append(greatest.T)
+        return found[0], found[1]
 
     def area_strength(self, N: np.ndarray, held: np.ndarray, closed: np.ndarray) -> np.ndarray:
         """V_0 (f, j) N of joints under ``N``, ``held`` and ``closed`` (f, j): the parts of their areas with a bond, and

@@ -13,7 +13,8 @@ from dembrick.views import summary
 from dembrick.views.motion import loads
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.frames import LAST, MECHANISM, START, ejected, frame_number
-from dembrick.views.motion.joints import CHANNELS, JointMotion
+from dembrick.views.motion.joint_frames import CHANNELS
+from dembrick.views.motion.joints import JointMotion
 from dembrick.views.motion.magnification import automatic_magnification
 from dembrick.views.page import choices, diagrams
 from dembrick.views.page.choices import packed as _packed

@@ -18,7 +18,8 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.geometry.polygons import distance_outside
 from dembrick.views import summary
 from dembrick.views.given import takes_paths
-from dembrick.views.motion.joints import CHANNELS, HINGE, JointFrames, JointMotion
+from dembrick.views.motion.joint_frames import CHANNELS, JointFrames
+from dembrick.views.motion.joints import HINGE, JointMotion
 from dembrick.views.plot import style, subject
 from dembrick.views.plot.runs import heading, labelled
 

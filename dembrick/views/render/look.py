@@ -12,7 +12,8 @@ import numpy as np
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views.motion.blocks import CarriedPoints, Poses, block_quantities
 from dembrick.views.motion.frames import MECHANISM
-from dembrick.views.motion.joints import CHANNELS, JointMotion
+from dembrick.views.motion.joint_frames import CHANNELS
+from dembrick.views.motion.joints import JointMotion
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
