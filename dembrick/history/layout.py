@@ -23,6 +23,7 @@ from h5py import h5a, h5d, h5p, h5s, h5t
 
 from dembrick.assembly.actuators import KINDS
 from dembrick.history.hdf5_files import rewritten
+from dembrick.history.rest_geometry import CRUSHING
 from dembrick.simulation.channels import Channel
 
 if TYPE_CHECKING:
@@ -98,6 +99,10 @@ def geometry(assembly: Assembly) -> list[Table]:
             Table(j + name, _floats([value(law) for law in joints.law]), units, about)
             for name, units, about, value in _STRENGTHS
         ]
+        crushes = [law.compressive_strength for law in joints.law]
+        if any(strength is not None for strength in crushes):
+            about = "compressive strength, zero where nothing crushes"
+            tables.append(Table(j + CRUSHING, _floats([strength or 0.0 for strength in crushes]), "Pa", about))
     loads = assembly.point_loads
     if len(loads.at):
         d = "geometry/loads/"

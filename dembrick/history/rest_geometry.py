@@ -14,6 +14,7 @@ from dembrick.scenario.model import FORMULATIONS, PRESSURES
 
 _EARLIER = {"pressure on ": PRESSURE, "load on ": BODY_FORCE}  # how names of earlier versions begin
 STRENGTHS = ("cohesion", "tensile_strength", "residual_cohesion", "residual_friction")  # of joints that are not dry
+CRUSHING = "compressive_strength"  # where any joint crushes, zero for those that do not; not in earlier versions' files
 
 
 class RestGeometry:
@@ -119,7 +120,8 @@ class RestGeometry:
     @cached_property
     def joints(self) -> list[dict]:
         """One dict a joint: blocks, ``origin``, ``axes`` (rows t1, t2, n), ``polygon`` (m, 2), law, contact points;
-        ``STRENGTHS`` where any joint has more than friction."""
+        ``STRENGTHS`` where any joint has more than friction, and where any crushes ``compressive_strength``, which is
+        infinite for those that do not."""
         n = self.n_joint
         if not n:
             return []
@@ -130,6 +132,9 @@ class RestGeometry:
         there = guard.members(self._file, "geometry/joints")
         has_pressure, strong = "pressure" in there, "cohesion" in there
         strengths = {key: self._table(f"joints/{key}", count=n) for key in STRENGTHS} if strong else {}
+        if CRUSHING in there:
+            crushing = self._table(f"joints/{CRUSHING}", count=n)
+            strengths[CRUSHING] = np.where(crushing > 0.0, crushing, np.inf)
         pressure = self._words("joints/pressure", n, PRESSURES) if has_pressure else ["full"] * n
         polygons, points = self._table("joints/polygon", 2), self._table("joints/point", 5)
         p = self._starts("joints/polygon_start", n, len(polygons))

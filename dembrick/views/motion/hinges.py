@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.views import summary
+from dembrick.views.motion.bending import way_to_edge
 from dembrick.views.motion.frames import LAST, frame_number
 from dembrick.views.motion.joints import HINGE, JointMotion
 
@@ -33,8 +34,7 @@ def hinges(history: History, joints: JointMotion, frame: int) -> list[int]:
     N = now.resultants[0, :, 0]
     # from O of the start, also where a joint was cut as it slid over an edge: a slip is small against the joint
     at = now.shift[0] + now.pressure_centre[0]
-    normals, distance = joints.edges
-    out = (np.einsum("jmk,jk->jm", normals, at) / distance).max(axis=-1, initial=0.0)
+    out = way_to_edge(joints, N[None], at[None])[0]
     return np.flatnonzero((N > CARRIES * N.max(initial=0.0)) & (out >= HINGE)).tolist()
 
 

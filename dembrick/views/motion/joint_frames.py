@@ -11,7 +11,7 @@ import numpy as np
 from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by, turning
 from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
 from dembrick.simulation.joint_laws import pressed_parts
-from dembrick.views.motion.bending import way_to_edge
+from dembrick.views.motion.bending import crushed_share, way_to_edge
 from dembrick.views.motion.frames import coming_down
 from dembrick.views.motion.relative import RelativeMotion
 
@@ -176,13 +176,15 @@ class JointFrames:
     @cached_property
     def bending_utilisation(self) -> np.ndarray:
         """(f, j): how far the centre of pressure is on its way from O to the edge of what can carry N: the polygon of a
-        convex joint, that around the contact points else; 1 is a hinge. Of a bond that holds, tension over strength.
+        convex joint, that around the contact points else; 1 is a hinge. A joint that crushes ends nearer to O, by as
+        much as N presses at f_c; N over f_c A if that is more. Of a bond that holds, tension over strength.
         0 if the joint carries nothing, NaN if it was cut as it slid over an edge, see `friction_utilisation`, and if it
         has lost part of a bond that pulls and its contact forces were not recorded."""
-        found = way_to_edge(*self.joints.edges, self.pressure_centre)
-        bonds = self.joints.bonds
+        joints, N = self.joints, self.resultants[..., 0]
+        found, bonds = way_to_edge(joints, N, self.pressure_centre), joints.bonds
         if bonds is not None:
             found = np.where(self._held == 1.0, bonds.tension_utilisation(self.resultants), found)
+            found = np.fmax(found, crushed_share(joints, N))
             pulls = self._loose & (bonds.tension > 0.0)
             found[pulls] = np.nan if self._points_use is None else self._points_use[0][pulls]
         found[self._cut & self.resultants[..., :6].any(axis=2)] = np.nan

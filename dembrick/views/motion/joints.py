@@ -58,6 +58,7 @@ class JointMotion:
         self.axes = np.array([joint["axes"] for joint in joints], float).reshape(-1, 3, 3)
         self.area = np.array([joint["area"] for joint in joints], float)
         self.friction = np.array([joint["friction"] for joint in joints], float)
+        self.crushing = np.array([joint.get("compressive_strength", np.inf) for joint in joints], float)
         self.n_corner = np.array([len(joint["polygon"]) for joint in joints], np.int64)
         most = int(self.n_corner.max(initial=0))
         self.polygon = np.empty((self.n_joint, most, 2))
