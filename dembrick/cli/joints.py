@@ -19,6 +19,16 @@ COLUMNS = {
     "open_share": 1.0,
     "utilisation": 1.0,
 }  # printed in the units of TITLES
+OF_CONTACTS = {
+    "N": ("N [N]", 1.0),
+    "V": ("V [N]", 1.0),
+    "M_T": ("M_T [N m]", 1.0),
+    "area": ("area [m2]", 1.0),
+    "slip": ("slip [mm]", 1e3),
+    "x": ("x [m]", 1.0),
+    "y": ("y [m]", 1.0),
+    "z": ("z [m]", 1.0),
+}
 
 
 def add_arguments(parser) -> None:
@@ -49,19 +59,25 @@ def run(options, console) -> int:
 def state(file, frame: int | str | None, time: float | None, whole: bool = False) -> tuple[dict, str]:
     """Forces of joints and supports of a history at a moment, as JSON and as text: all, or those most utilised."""
     from dembrick.views.motion.moments import words, words_of_row
-    from dembrick.views.motion.table import REACTION, joint_table, moment, reaction_table
+    from dembrick.views.motion.table import REACTION, joint_table, moment, new_contact_table, reaction_table
 
     rows, reactions = joint_table(file, frame, time), reaction_table(file, frame, time)
+    met = new_contact_table(file, frame, time)
     at = moment(file, frame, time)
     told = words(file, at.frame) if time is None else words_of_row(file, at.row)
     if time is not None and at.frame_time != at.time:
-        told.append(f"openings of the frame at {at.frame_time:.4g}{'' if file.counts_equilibria else ' s'}")
+        what = "openings and new contacts" if met else "openings"
+        told.append(f"{what} of the frame at {at.frame_time:.4g}{'' if file.counts_equilibria else ' s'}")
     text = f"{', '.join(told)}\n\n{_text(rows, len(rows) if whole else MOST)}"
+    if met is None:
+        text += '\n\nforces of new contacts were not recorded: "contacts" in output.channels records them'
+    elif met:
+        text += "\n\n" + _text_of_contacts(met, len(met) if whole else MOST)
     if reactions:
         text += "\n\n" + _text_of_reactions(reactions, len(reactions) if whole else MOST)
     of_supports = {row["support"]: [row[name] for name in REACTION] for row in reactions}
     shown = {"time": at.time, "frame": at.frame, "frame_time": at.frame_time}
-    return shown | {"joints": rows, "reactions": of_supports}, text
+    return shown | {"joints": rows, "new_contacts": met, "reactions": of_supports}, text
 
 
 def _text(rows: list[dict], most: int) -> str:
@@ -78,6 +94,22 @@ def _text(rows: list[dict], most: int) -> str:
         lines.append(f"{row['joint']:{width}}{cells}  {row['state']}")
     if len(rows) > most:
         lines.append(f"and {len(rows) - most} joints that are utilised less: --all, or --csv")
+    return "\n".join(lines)
+
+
+def _text_of_contacts(rows: list[dict], most: int) -> str:
+    """Forces of the contacts that formed in the run, those that carry most first."""
+    rows = sorted(rows, key=lambda row: -row["N"])
+    width = max([11, *(len(row["contact"]) for row in rows[:most])])
+    largest = {name: max(abs(row[name]) for row in rows) for name in OF_CONTACTS}
+    largest["V"] = max(largest["N"], largest["V"])
+    largest["M_T"] = max(largest["M_T"], SHORT * largest["V"])
+    lines = [f"{'new contact':{width}}" + "".join(f"{title:>12}" for title, _ in OF_CONTACTS.values())]
+    for row in rows[:most]:
+        cells = (_cell(row[name], largest[name], factor) for name, (_, factor) in OF_CONTACTS.items())
+        lines.append(f"{row['contact']:{width}}" + "".join(f"{cell:>12}" for cell in cells))
+    if len(rows) > most:
+        lines.append(f"and {len(rows) - most} new contacts that carry less: --all")
     return "\n".join(lines)
 
 

@@ -10,7 +10,10 @@ from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
-from dembrick.views.motion.table import UNITS, joint_table, reaction_table
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import Block, Output
+from dembrick.views.motion.table import UNITS, joint_table, new_contact_table, reaction_table
+from helpers.impact_scenes import scene
 from helpers.places import SCENARIOS
 
 
@@ -144,3 +147,36 @@ def test_the_last_equilibrium_at_a_time_of_the_collapse(tmp_path, capsys):
     assert main(["joints", path, "--time", str(falling[0])]) == 0
     when = capsys.readouterr().out.splitlines()[0]
     assert when.startswith(f"equilibrium {last:g}") and when.endswith(f"openings of the frame at {falling[0]:.4g}")
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_joint_that_was_handed_over_and_the_contact_in_its_place(tmp_path, capsys, recorded):
+    """12 kg slide by v^2 / (2 mu g) = 65 mm over a block that bears them by half: 117.72 N, which the joint has not."""
+    blocks = (
+        Block("lower", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
+        Block("upper", "stone", (0.3, 0.2, 0.1), (0.08, 0.05, 0.05), velocity=(-0.8, 0.0, 0.0)),
+    )
+    output = Output(("joints", "frames", *(("contacts",) if recorded else ())), rows=100, frames=50)
+    path = str(tmp_path / "slid.h5")
+    simulate(scene(DynamicControl(0.4, 0.5), *blocks, friction=0.5, stiffness=1e8, output=output), path)
+    assert main(["joints", path, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    (row,), met = told["joints"], told["new_contacts"]
+    assert row["N"] == 0.0
+    assert main(["joints", path]) == 0
+    text = capsys.readouterr().out
+    if not recorded:
+        assert met is None and "forces of new contacts were not recorded" in text
+        return
+    assert (row["state"], row["utilisation"]) == ("handed over", None)
+    (contact,) = met
+    assert (contact["contact"], contact["N"]) == ("lower/upper", pytest.approx(117.72, rel=1e-3))
+    assert (contact["x"], contact["y"]) == (pytest.approx(0.08 - 0.64 / 9.81, abs=2e-3), pytest.approx(0.05, abs=1e-3))
+    assert contact["V"] < 1.0
+    assert [line.split()[:2] for line in text.splitlines() if line.startswith("lower/upper")] == [
+        ["lower/upper", "0"],
+        ["lower/upper", "117.72"],
+    ]
+    with history.read(path) as found:
+        (first,) = joint_table(found, 0)
+        assert first["state"] == "closed" and new_contact_table(found, 0) == []

@@ -11,6 +11,7 @@ from dembrick.views.motion.joints import STATES, JointMotion
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
+    from dembrick.views.motion.joint_frames import JointFrames
 
 UNITS = {
     "N": "N",
@@ -27,6 +28,9 @@ UNITS = {
 }
 
 REACTION = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
+CONTACT = {"N": "N", "V": "N", "M_T": "N m", "area": "m2", "slip": "m", "x": "m", "y": "m", "z": "m"}
+HANDED_OVER = "handed over"  # state of a joint of which a new contact of its two blocks bears more than it does
+_FLAT = 0.7  # cosine of the angle between the normals of a joint and of a new contact that has taken its place
 
 
 class Moment(NamedTuple):
@@ -54,7 +58,8 @@ def joint_table(history: History, frame: int | str | None = None, time: float | 
     Resultants are the action on the second block about the joint's centroid O, in the axes t1 and t2 of the joint.
     ``e_1`` and ``e_2``: the centre of pressure from O, (M_2, -M_1) / N; None if the joint carries nothing.
     ``open_share``: the part of its area over which it is open. ``utilisation``: the gauge of V_1, V_2 and M_T in the
-    joint's yield domain at its N, or how far the centre of pressure is on its way to the edge, whichever is more.
+    joint's yield domain at its N, or how far the centre of pressure is on its way to the edge, whichever is more; None
+    where it is not known, as of a joint that was ``HANDED_OVER``: see `new_contact_table`.
     HistoryError if frames or joint forces were not recorded.
     """
     if not history.has_joints:
@@ -67,11 +72,49 @@ def joint_table(history: History, frame: int | str | None = None, time: float | 
     columns = dict(zip(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip"), now.resultants[0].T, strict=True))
     columns["e_1"], columns["e_2"] = np.where(columns["N"] > 0.0, now.pressure_centre[0].T, np.nan)
     columns["open_share"], columns["utilisation"] = moved.relative.open_share[0], now.utilisation[0]
-    names, state = history.block_names, moved.relative.state[0]
+    names, state = history.block_names, [STATES[number] for number in moved.relative.state[0]]
+    for j in _handed_over(history, moved, at.frame):
+        state[j], columns["utilisation"][j] = HANDED_OVER, np.nan
     return [
-        {"joint": f"{names[joints.block_a[j]]}/{names[joints.block_b[j]]}", "state": STATES[state[j]]}
+        {"joint": f"{names[joints.block_a[j]]}/{names[joints.block_b[j]]}", "state": state[j]}
         | {name: float(columns[name][j]) if np.isfinite(columns[name][j]) else None for name in UNITS}
         for j in range(joints.n_joint)
+    ]
+
+
+def _handed_over(history: History, now: JointFrames, frame: int) -> list[int]:
+    """Joints whose place new contacts have taken: of the same blocks, along the same normal, and pressed by more."""
+    met = history.frame_new_contacts(frame, frame + 1)
+    if met is None or not len(met[1]["area"]):
+        return []
+    joints, axes, found = now.joints, now.acting_axes[0], []
+    blocks, across = met[1]["blocks"], (met[1]["force"] * met[1]["normal"]).sum(axis=1)
+    for j in np.flatnonzero(np.isin(joints.block_a, blocks) & np.isin(joints.block_b, blocks)):
+        own = (blocks == [joints.block_a[j], joints.block_b[j]]).all(axis=1)
+        own |= (blocks == [joints.block_b[j], joints.block_a[j]]).all(axis=1)
+        own &= np.abs(met[1]["normal"] @ axes[j, 2]) > _FLAT
+        if across[own].sum() > max(now.resultants[0, j, 0], 0.0):
+            found.append(int(j))
+    return found
+
+
+def new_contact_table(history: History, frame: int | str | None = None, time: float | None = None) -> list[dict] | None:
+    """One dict a contact that formed in the run and carries a force, in a frame or that nearest to a ``time`` (s):
+    ``contact`` (its two blocks) and the quantities of ``CONTACT``: forces along and across its normal, the torque about
+    it, and its centre of pressure, world axes. None where such forces act and were not recorded."""
+    if not history.in_real_time:
+        return []
+    at = moment(history, frame, time)
+    recorded = history.frame_new_contacts(at.frame, at.frame + 1)
+    if recorded is None:
+        return None if history.n_row and history.new_contacts[at.row] else []
+    met, names = recorded[1], history.block_names
+    N, torque = ((met[name] * met["normal"]).sum(axis=1) for name in ("force", "torque"))
+    V = np.linalg.norm(met["force"] - N[:, None] * met["normal"], axis=1)
+    columns = np.column_stack([N, V, torque, met["area"], met["slip"], met["point"]]).tolist()
+    return [
+        {"contact": f"{names[a]}/{names[b]}"} | dict(zip(CONTACT, values, strict=True))
+        for (a, b), values in zip(met["blocks"].tolist(), columns, strict=True)
     ]
 
 
