@@ -294,3 +294,33 @@ def test_without_webgl_a_sentence_stands_in(lab_page, tmp_path):
         assert marker(window, "curve") != start
     finally:
         window.close()
+
+
+def test_a_block_that_turns_on_and_on_never_spins_back(chromium, tmp_path):
+    """Steps of 20 degrees about one axis, beyond a whole turn, and about another one each: halfway it has turned by 10
+    more. Five times magnified it turns by half a turn at most, and jumps nowhere."""
+    frames, axis = 25, np.array([0.6, 0.0, 0.8])
+    angle = np.radians(20.0) * np.arange(frames)
+    turned = np.concatenate([np.cos(angle / 2)[:, None], np.sin(angle / 2)[:, None] * axis], axis=1)
+    orientation = np.stack([np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1)), turned], axis=1)
+    poses = 1e-4 * np.arange(frames), np.zeros((frames, 2, 3)), orientation
+    with cases.written(tmp_path / "run.h5", cases.record(0, 5), poses, status="yield") as run:
+        (tmp_path / "page.html").write_text(page.document(run))
+    chromium.open(tmp_path / "page.html")
+    found = chromium.run(
+        "(() => { const data = JSON.parse(document.getElementById('data').textContent).blocks;"
+        "const read = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);"
+        "const rotation = read(data.rotation), displacement = read(data.displacement);"
+        f"const scene = {{frames: {frames}, blocks: 2, rotation, displacement}};"
+        f"const at = Array.from({{length: 10 * {frames - 1} + 1}}, (_, i) => i / 10);"
+        "return [1, 5].map((times) => at.map((f) => { const m = motionAt(scene, f, 1, new Float64Array(6));"
+        "return [...turn(times * m[3], times * m[4], times * m[5], new Float64Array(9))]; })); })()"
+    )
+    true, magnified = np.array(found).reshape(2, -1, 3, 3) + np.eye(3)
+    expected = np.radians(2.0) * np.arange(len(true))
+    aside = np.cross(axis, np.eye(3)).T  # the cross product with the axis, as a matrix
+    rotation = [np.eye(3) + np.sin(a) * aside + (1.0 - np.cos(a)) * aside @ aside for a in expected]
+    np.testing.assert_allclose(true, rotation, atol=1e-6)
+    steps = np.einsum("kij,kij->k", magnified[1:], magnified[:-1])
+    assert np.degrees(np.arccos(np.clip(0.5 * (steps - 1.0), -1.0, 1.0))).max() < 10.0 + 1e-3
+    assert chromium.problems == []

@@ -48,14 +48,34 @@ function turn(wx, wy, wz, out) {
   return out;
 }
 
+// The quaternion of the rotation vector that begins at a place in an array.
+function quaternion(vectors, at) {
+  const x = vectors[at], y = vectors[at + 1], z = vectors[at + 2], angle = Math.hypot(x, y, z);
+  const scale = angle > 0 ? Math.sin(angle / 2) / angle : 0.5;
+  return [Math.cos(angle / 2), scale * x, scale * y, scale * z];
+}
+
+// The rotation vector a share of the way from one to another one of an array, into out[3] to out[5]. Vectors jump to
+// the other side past half a turn, so it goes by the shorter way between the two rotations. Tiny turns keep their digits.
+function turnBetween(vectors, one, two, share, out) {
+  const [a, ...u] = quaternion(vectors, one), [b, ...v] = quaternion(vectors, two);
+  const across = cross(v, u), cosine = a * b + dot(u, v), way = cosine < 0 ? -1 : 1;
+  const step = [0, 1, 2].map((i) => way * (a * v[i] - b * u[i] + across[i])), size = Math.hypot(...step);
+  const part = share * Math.atan2(size, Math.abs(cosine)), scale = size > 0 ? Math.sin(part) / size : 0, c = Math.cos(part);
+  const beside = cross(u, step), whole = a * c - scale * dot(u, step);
+  const found = [0, 1, 2].map((i) => c * u[i] + scale * (a * step[i] + beside[i])), half = Math.hypot(...found);
+  const long = half > 0 ? (2 * Math.atan2(half, Math.abs(whole)) / half) * (whole < 0 ? -1 : 1) : 0;
+  for (let i = 0; i < 3; i++) out[3 + i] = long * found[i];
+}
+
 // Displacement and rotation vector of block b between two frames, at the fractional frame number f.
 function motionAt(scene, f, b, out) {
   const k = Math.min(Math.floor(f), scene.frames - 1), next = Math.min(k + 1, scene.frames - 1), share = f - k;
   for (let i = 0; i < 3; i++) {
     const one = 3 * (k * scene.blocks + b) + i, two = 3 * (next * scene.blocks + b) + i;
     out[i] = scene.displacement[one] + share * (scene.displacement[two] - scene.displacement[one]);
-    out[3 + i] = scene.rotation[one] + share * (scene.rotation[two] - scene.rotation[one]);
   }
+  turnBetween(scene.rotation, 3 * (k * scene.blocks + b), 3 * (next * scene.blocks + b), share, out);
   return out;
 }
 
