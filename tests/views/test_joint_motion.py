@@ -300,6 +300,18 @@ def test_resultants_of_one_frame_and_of_several():
     np.testing.assert_array_equal(joints.at([3, 1]).resultants, rows[[3, 1]])
 
 
+def test_moments_about_the_start_of_a_joint_that_was_cut():
+    """b acts on a by (V_1, V_2, -N) at r: recorded moments are (r - s) x F, those about O of the start r x F."""
+    F, r, s = np.array([30.0, -20.0, -100.0]), np.array([0.04, 0.03, 0.0]), np.array([-0.02, 0.01, 0.0])
+    (m_1, m_2, m_t), expected = np.cross(r - s, F), np.cross(r, F)
+    given = run([(STILL, STILL)], rows=np.array([[[100.0, 30.0, -20.0, m_t, m_1, m_2, 0.0]]]))
+    recorded = given.frame_values
+    given.frame_values = lambda name, a, b: s[None, None, :2] if name == "joint_shift" else recorded(name, a, b)
+    found = JointMotion(given).at([0])
+    np.testing.assert_allclose(found.about_start[0, 0], [100, 30, -20, expected[2], *expected[:2], 0], atol=1e-12)
+    np.testing.assert_allclose(found.shift[0, 0] + found.pressure_centre[0, 0], r[:2], atol=1e-15)
+
+
 def test_gauge_of_points_against_theory():
     """Random loads on random points, some of them turning about a point that sticks; 1, 2, 4 and 12 points."""
     random = np.random.default_rng(3)

@@ -180,3 +180,23 @@ def test_a_joint_that_was_handed_over_and_the_contact_in_its_place(tmp_path, cap
     with history.read(path) as found:
         (first,) = joint_table(found, 0)
         assert first["state"] == "closed" and new_contact_table(found, 0) == []
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave", "corrected", "distributed"])
+def test_a_block_that_has_slid_over_an_edge_still_presses_below_its_middle(tmp_path, formulation):
+    """It rests 25 mm over the edge. O of the start rides on its face, so that e and M are 0 whatever was cut off."""
+    blocks = (
+        Block("lower", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
+        Block("upper", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(0.5, 0.0, 0.0)),
+    )
+    output = Output(("joints", "frames"), rows=100, frames=50)
+    given = scene(
+        DynamicControl(0.4, 0.5), *blocks, friction=0.5, stiffness=1e8, output=output, formulation=formulation
+    )
+    simulate(given, tmp_path / "slid.h5")
+    with history.read(tmp_path / "slid.h5") as found:
+        (row,) = joint_table(found)
+        assert found.frame("displacement", -1)[1, 0] == pytest.approx(0.25 / 9.81, rel=0.02)
+    assert row["N"] == pytest.approx(117.72, rel=1e-3)
+    assert (row["e_1"], row["e_2"]) == (pytest.approx(0.0, abs=1e-4), pytest.approx(0.0, abs=1e-4))
+    assert (row["M_1"], row["M_2"]) == (pytest.approx(0.0, abs=0.01), pytest.approx(0.0, abs=0.01))

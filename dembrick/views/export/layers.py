@@ -169,7 +169,7 @@ class Joints:
         centre[now.state == STATES.index("open")] = np.nan
         cells = {}
         if self._forces:
-            resultants = joints.resultants
+            resultants = joints.about_start
             cells = {name: resultants[..., i] for i, name in enumerate(CHANNELS)}
             cells["V"] = np.hypot(cells["V_1"], cells["V_2"])
             cells["utilisation"] = joints.utilisation

@@ -121,7 +121,7 @@ class JointFrames:
 
     @cached_property
     def resultants(self) -> np.ndarray:
-        """(f, j, 7): N, V_1, V_2, M_T, M_1, M_2 (N, N m; action on b about O) and slip (m), of the nearest row."""
+        """(f, j, 7): N, V_1, V_2, M_T, M_1, M_2 (N, N m; b on a, about O of now) and slip (m), of the nearest row."""
         rows = self.joints.rows(self._frames) if self._rows is None else self._rows
         first, last = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
         found = np.empty((len(rows), self.joints.n_joint, len(CHANNELS)))
@@ -131,6 +131,17 @@ class JointFrames:
             ]
         if self._rows is None:
             found[coming_down(self._history, self._frames), :, :6] = 0.0
+        return found
+
+    @cached_property
+    def about_start(self) -> np.ndarray:
+        """(f, j, 7): the `resultants`, their moments about O of the start. They are recorded about the centroid of what
+        is left of a joint that was cut as it slid over an edge, and one law cuts it later than another."""
+        found, (s_1, s_2) = self.resultants.copy(), np.moveaxis(self.shift, -1, 0)
+        N, V_1, V_2 = np.moveaxis(self.resultants[..., :3], -1, 0)
+        found[..., 3] += s_1 * V_2 - s_2 * V_1
+        found[..., 4] -= s_2 * N
+        found[..., 5] += s_1 * N
         return found
 
     @cached_property
