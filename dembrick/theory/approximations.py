@@ -147,7 +147,6 @@ def interaction_curve(
     direction: ArrayLike = (0.0, 1.0),
     centre: ArrayLike | None = None,
     pressure: str = "full",
-    cells: tuple[int, int] | None = None,
 ) -> InteractionCurve:
     """Yield domain for a rectangle a x b pressed at ``centre`` (m from the middle, None: there) and sheared along
     ``direction`` (the paper: along y).
@@ -160,9 +159,7 @@ def interaction_curve(
     size = float(np.hypot(*d))
     if not size > 0.0 or count < 2:
         raise ScenarioError("an interaction curve needs a direction longer than 0 and at least 2 points")
-    law = formulation_law(
-        formulation, a, b, friction, normal_force, cohesion, centre=centre, pressure=pressure, cells=cells
-    )
+    law = formulation_law(formulation, a, b, friction, normal_force, cohesion, centre=centre, pressure=pressure)
     M_T0 = torsion_strength(law)
     if not law.strength > 0.0:
         raise ScenarioError("an interaction curve needs friction and normal force greater than 0")
