@@ -1,6 +1,7 @@
 """What a run is expected to take before it is made, against what it takes: a factor of two."""
 
 import json
+import re
 
 import pytest
 
@@ -101,7 +102,7 @@ def test_a_wall_that_comes_apart_takes_what_was_measured(capsys):
     assert plan.exact and plan.steps == 85332
     assert 0.5 < plan.seconds_falling / 115.0 < 2.0 and 1.0 < plan.seconds < 4.0
     assert main(["check", str(SCENARIOS / "wall_collapse.toml")]) == 0
-    assert "min if all of it comes down)" in capsys.readouterr().out
+    assert re.search(r"\([\d.]+ (s|min) if all of it comes down\)", capsys.readouterr().out)  # as fast as it is here
     assert planned("arch_tilt")[1].seconds_falling is None
 
 
