@@ -10,8 +10,17 @@ from dembrick.assembly.build import assemble
 from dembrick.errors import EnergyAuditError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
-from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine, TiltControl
+from dembrick.scenario.controls import (
+    BaseMotionControl,
+    DynamicControl,
+    Pulse,
+    SettlementControl,
+    Sine,
+    TiltControl,
+)
 from dembrick.scenario.model import Block, Output, Solver
+from dembrick.scenario.time_functions import Turn
+from dembrick.simulation.dynamics.outcome import _carried
 from dembrick.simulation.energy_audit import Auditor, Sums
 from helpers.key_lines import words
 from helpers.scenario_text import block, header
@@ -198,3 +207,22 @@ def test_what_falls_after_a_settlement_has_fallen():
     scenario = turned_table(10.0, 1.3, 0.05, floor, 3.0)
     result = simulate(replace(scenario, control=DynamicControl(2.0)), record=False)
     assert result.displacement[-1, 2] < -0.15 and result.fallen == ["up"]
+
+
+def test_a_support_carries_blocks_by_what_it_has_moved_in_its_stage():
+    """A table turned by 10 degrees in one stage and by 5 more in the next: it carries a block far out by those 5, from
+    where that stage began."""
+    scenario = turned_table(10.0, 2.0, 0.5)
+    turn = Turn((0.0, 1.0, 0.0), 5.0, (0.0, 0.0, 0.0))
+    control = SettlementControl(("table",), rotation=turn, quasi_static=False, rate=0.1)
+    moving = simulate(replace(scenario, control=control), record=False).run.motion
+    ((carried, turned),) = _carried(moving)
+
+    def about_y(angle):
+        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+    middle = [0.0, 0.0, -0.1]  # of the table, about which the first stage turns it
+    start = middle + about_y(10.0) @ [2.0, 0.0, 0.15]
+    np.testing.assert_allclose(turned, about_y(5.0), atol=1e-9)
+    np.testing.assert_allclose(carried[1], about_y(5.0) @ start - start, atol=1e-4)

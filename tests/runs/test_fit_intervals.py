@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from dembrick.runs.fit_intervals import half_widths
 
@@ -74,3 +75,17 @@ def test_a_width_by_hand():
     left = forces - forces.mean()
     (half,) = half_widths(np.ones((10, 1)), left, (), 0.95)
     assert half == pytest.approx(2.262157 * forces.std(ddof=1) / np.sqrt(10.0), rel=1e-6)
+
+
+def test_the_width_of_running_scatter_by_its_double_sum():
+    """Newey and West: sum_ij a_i a_j g_|i-j| (1 - |i - j| / L) of n equal points, a = 1 / n, with the autocovariance g
+    of the residuals and L = n / 3 + 1 lags. Neighbours are uncorrelated here, every other point is."""
+    n = 30
+    left = np.where(np.arange(n) < n // 2, 1.0, -1.0) + np.where(np.arange(n) % 2, 1.0, -1.0)
+    lags = n // 3 + 1
+    g = [sum(left[i] * left[i + h] for i in range(n - h)) / (n - 1) for h in range(lags)]
+    pairs = ((i, j) for i in range(n) for j in range(n) if abs(i - j) < lags)
+    variance = sum(g[abs(i - j)] * (1.0 - abs(i - j) / lags) for i, j in pairs) / n**2
+    assert variance > 3.0 * g[0] / n
+    (half,) = half_widths(np.ones((n, 1)), left, (), 0.95)
+    assert half == pytest.approx(stats.t.ppf(0.975, 1.5 * 3.0 - 1.0) * np.sqrt(variance), rel=1e-9)

@@ -256,10 +256,11 @@ def test_local_processes_give_the_same_table_and_the_scatter_of_V(write, tmp_pat
         assert cell["standard_error"] == pytest.approx(cell["deviation"] / math.sqrt(8.0))
 
 
-def test_the_mean_of_draws_has_the_bars_of_its_cases_and_of_its_scatter(write, tmp_path, capsys):
+@pytest.mark.parametrize("deviation", [1e-6, 0.2])
+def test_the_mean_of_draws_has_the_bars_of_its_cases_and_of_its_scatter(deviation, write, tmp_path, capsys):
     """A mean of cases each known to a tenth was said to be known to a millionth, as they hardly scatter."""
     rough = "[grid]\ncontrol.tolerance = [0.1]\n"
-    body = DRAWS.replace("deviation = 0.03", "deviation = 1e-6").replace("[grid]\n", rough)
+    body = DRAWS.replace("deviation = 0.03", f"deviation = {deviation}").replace("[grid]\n", rough)
     outcome = studies.sweep(write(body), tmp_path / "out")
     for cell in outcome.statistics:
         rows = [row for row in read_csv(outcome.csv) if row["joint.formulation"] == cell["joint.formulation"]]

@@ -1,12 +1,14 @@
 """Utilisation of bonded joints: 1 at the bonded strength, in shear, torsion and tension."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dembrick import history
 from dembrick.runs.simulate import simulate
+from dembrick.views.motion.bonds import Bonds
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot import joint_plane
 from helpers.one_joint import A, scene, single
@@ -105,3 +107,15 @@ def test_of_a_joint_that_has_lost_part_of_its_bond_the_next_point_counts(tmp_pat
     before = np.flatnonzero((held[1:] < held[:-1]) & apart[:-1])
     assert len(before) == 2
     np.testing.assert_allclose(used[before], 1.0, rtol=2e-3)
+
+
+def test_the_use_of_points_by_hand():
+    """Two joints of two points: pull over f_t A, and shear over c A + mu N, the greater of each joint's points."""
+    bonds = SimpleNamespace(
+        _owner=np.array([0, 0, 1, 1]), tension=np.array([2e4, 1e4]), cohesion=np.array([3e4, 0.0]),
+        _friction=np.array([0.5, 0.6]),
+    )  # fmt: skip
+    forces = np.array([[[30.0, 40.0, 20.0], [3.0, 4.0, -10.0], [0.0, 6.0, 20.0], [0.0, 0.0, -4.0]]])
+    pull, shear = Bonds.use_of_points(bonds, forces, np.full(4, 1e-3))
+    np.testing.assert_allclose(pull, [[10.0 / 20.0, 4.0 / 10.0]], rtol=1e-12)
+    np.testing.assert_allclose(shear, [[50.0 / (30.0 + 10.0), 6.0 / 12.0]], rtol=1e-12)
