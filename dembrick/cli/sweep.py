@@ -96,13 +96,13 @@ def _mean(cell: dict, unit: str) -> str:
     """The mean of several cases, with 95 %."""
     from dembrick.views.summary import NO_BAR, known, plain, with_error
 
-    if cell["error"] is None:
+    if cell["mean_error"] is None:
         return f"{known(cell['mean'], cell['standard_error'])} {unit}".rstrip() + f" ({NO_BAR.partition(':')[0]})"
-    return plain(with_error(cell["mean"], cell["error"], unit)).rstrip()
+    return plain(with_error(cell["mean"], cell["mean_error"], unit)).rstrip()
 
 
 def _on_average(cell: dict, unit: str) -> str:
-    sure = " (95 %)" if cell["error"] is not None and not cell.get("digits_open") else ""
+    sure = " (95 %)" if cell["mean_error"] is not None and not cell.get("digits_open") else ""
     return f" on average of {cell['count']} cases{sure}, which deviate by {cell['deviation']:.4g} {unit}".rstrip()
 
 

@@ -84,7 +84,7 @@ def read_table(path: str | os.PathLike, what: str) -> Table:
         lines.append((number, cells))
     if not titles:
         raise ScenarioError(f"{path}: the file is empty; {what} begins with a line that names its columns")
-    if divider != ",":
+    if divider != "," and "," in text:
         _check_decimals(path, lines)
     return Table(path, titles, tuple(lines), divider != ",")
 

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from dembrick.scenario.controls import CONTROLS
+from dembrick.scenario.regimes import ACTUATORS
 from dembrick.views.number_lines import KeyNumber
 from dembrick.views.summary import known, length, limit_text, listed, number, part, texts, yield_point
 
 _SHOWN = 8  # supports or ties that have a line each
 _ROUNDING = 1e-7  # of the largest force or moment: less is printed as zero
 _WRENCH = 6  # numbers of a reaction
-_PUSHED = ("yield", "displacement")  # stages whose load is that of actuators
 
 
 def of_path(beside: Mapping, unit: str) -> Iterator[KeyNumber]:
@@ -51,7 +52,7 @@ def of_stages(results: Mapping) -> Iterator[KeyNumber]:
         if count is None or not (isinstance(kind, str) and isinstance(status, str)):
             continue
         point = yield_point(stage)
-        pushed = kind in _PUSHED
+        pushed = kind in CONTROLS and CONTROLS[kind].drives == ACTUATORS
         limit = limit_text(point, part(stage, "path"), "N" if pushed else "") if "V" in point else None
         load = "" if limit is None else f"{'V' if pushed else 'load factor'} = {limit.value}, {limit.kind}"
         yield KeyNumber(f"stage {count:.0f}", f"{kind}: {status}", load)

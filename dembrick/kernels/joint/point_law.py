@@ -189,17 +189,16 @@ def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond
         return carries_nothing(spring, crushed, rise)
     t1 = elastic_1 + damped * k_s * slip_1
     t2 = elastic_2 + damped * k_s * slip_2
-    size = sqrt(t1 * t1 + t2 * t2)
     stiff = damped * k_s
     if bonded > 0.0:
         brittle = breaks_at_once(strengths, i)
+        s1, s2, pressed = t1, t2, normal
         if brittle:  # by its springs alone, which store what it takes: dashpots break nothing
             s1 = elastic_1 + k_s * slip_1
             s2 = elastic_2 + k_s * slip_2
-            whole = sqrt(s1 * s1 + s2 * s2) <= bond_strength(strengths, i, area, friction, spring)
-        else:
-            whole = size <= bond_strength(strengths, i, area, friction, normal)
-        if whole or (held and (spring <= 0.0 or brittle)):
+            pressed = spring
+        size = sqrt(s1 * s1 + s2 * s2)
+        if size <= bond_strength(strengths, i, area, friction, pressed) or (held and (spring <= 0.0 or brittle)):
             e1 = elastic_1 + share * (t1 - elastic_1)
             e2 = elastic_2 + share * (t2 - elastic_2)
             return normal, spring, (t1, t2), 0.0, Bond((e1, e2), bonded, crushed, rise)
@@ -208,12 +207,13 @@ def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond
             return carries_nothing(0.0, crushed, rise)
         if brittle:  # the springs go at once, and no dashpot acts in this step
             normal = spring
-            t1 = elastic_1 + k_s * slip_1
-            t2 = elastic_2 + k_s * slip_2
-            size = sqrt(t1 * t1 + t2 * t2)
+            t1 = s1
+            t2 = s2
             stiff = k_s
             share = 1.0
             viscous = 0.0
+    else:
+        size = sqrt(t1 * t1 + t2 * t2)
     mu = friction * strengths.residual[i]
     cap = residual_strength(strengths, i, area, friction, normal)
     dilation = strengths.dilation[i]

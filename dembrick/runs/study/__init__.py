@@ -40,8 +40,8 @@ class Outcome:
     ``statistics``: a row for each combination of the keys that are not drawn at random, with the number of cases that
     gave a V (of a search: a value), its mean, its standard deviation and the standard error of the mean;
     ``half_width``, the mean half-width of the brackets, and how many cases have no answer (``unanswered``). Of several
-    cases ``error`` is how far the mean may be off: what half the brackets leave open, and with 95 % (Student's t) what
-    the scatter of the draws does; None if a bracket is open. ``digits_open``: a V depends on the path.
+    cases ``mean_error`` is how far the mean may be off: what half the brackets leave open, and with 95 % (Student's t)
+    what the scatter of the draws does; None if a bracket is open. ``digits_open``: a V depends on the path.
     """
 
     cases: int
@@ -188,7 +188,7 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
             bar["digits_open"] = any(one["digits_open"] in (True, "true") for one in bars)
         if error is not None:
             scatter = student(CONFIDENCE, len(answers) - 1) * error
-            bar["error"] = None if half is None else half + scatter
+            bar["mean_error"] = None if half is None else half + scatter
         numbers = {"count": len(answers), "mean": fmean(answers), "deviation": deviation, "standard_error": error}
         statistics.append({**fixed, **numbers, **bar, "unanswered": unanswered[key]})
     return statistics, sum(row["status"] in UNANSWERED for row in found.values())

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,7 +69,7 @@ def push_at_constant_rate(
     session = Session.of(session)
     setup = Setup(assembly, tolerance=0.0, session=session)
     state = setup.state
-    bonds = joint_families.bonds(state)
+    bonds = SimpleNamespace(**joint_families.memory(state))
     if joint_families.follows_bending(state):
         # inertia above the joint moves the pressure, and the friction with it
         setup.certificate = setup.certificate._replace(strict=False)
@@ -116,8 +117,7 @@ def push_at_constant_rate(
     chosen = {"rate": rate, "inertia": "physical"}
     replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)
     if any(law.weakens for law in assembly.joints.law):
-        pairs = zip(joint_families.bonds(state), bonds, strict=True)
-        replay.broke = any(bool((now < before).any()) for now, before in pairs)
+        replay.broke = bool(joint_families.broke(state, bonds))
     if protocol.cycles:
         replay.yield_point = _of_cycles(replay.yield_point)
         replay.turns = tuple((until // rows_every).tolist())
