@@ -51,8 +51,10 @@ def run(options, console) -> int:
         raise ScenarioError(f"--pressure {options.pressure} is that of convex joints: add --formulation convex")
     tolerance = TOLERANCE if options.tolerance is None else options.tolerance
     request = domain.Request(options.space, options.shear_angle, options.height, options.pressure, tolerance=tolerance)
-    if options.plot and (joint.edges is None or options.space != "quarter"):
-        raise ScenarioError("--plot draws the quarter V, M_T of a rectangle: leave --polygon and --space out")
+    if options.plot and options.space != "quarter":
+        raise ScenarioError("--plot draws the quarter V, M_T of a rectangle: leave --space out")
+    if options.plot and joint.edges is None:
+        raise ScenarioError("--plot draws the quarter V, M_T of a rectangle, and this joint is none: use --csv")
     if options.simulate < 0:
         raise ScenarioError(f"--simulate = {options.simulate} is out of range: use 0, or at least 2 directions")
     with history.product("domain", [repr(joint.as_dict())], inputs, options.force):

@@ -188,6 +188,8 @@ def test_the_joint_of_an_eccentric_scene():
         (["--mu", "0.6", "--N", "467"], "--polygon, or by --scenario"),
         (["--polygon", "0,0;1;1,1", "--mu", "0.6", "--N", "467"], "no list of corners"),
         (["--polygon", "0,0;1,0;0.2,0.2;0,1", "--mu", "0.6", "--N", "467", "--simulate", "4"], "not convex"),
+        (["--polygon", "0,0;1,0;0,1", "--mu", "0.6", "--N", "467", "--plot", "d.png"], "this joint is none: use --csv"),
+        ([*LAB, "--space", "plane", "--plot", "d.png"], "leave --space out"),
         (["--a", "0.3", "--b", "0.2", "--mu", "-1", "--N", "467"], "friction = -1.0"),
         ([*LAB, "--eccentricity", "0", "0.12", "--formulation", "concave"], "outside the joint"),
     ],

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: what does not come back
 WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
 CLOSED = 1e-5  # of the range of displacements, by which a loop may miss its start
+ROUNDING = 1e-12  # of the ranges of force and displacement: a work and a displacement that are none
 DRIFTS, PLATEAU = 10, 1e-2  # part of the way of a half cycle beside its peak, in which a plateau's force changes less
 
 
@@ -55,6 +56,7 @@ def cycles_of(
             dissipated = work if lost is None else dissipated
         halves = [_peak(V, u, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
         sizes = 0.25 * weight * float(np.ptp(V[loop]) * np.ptp(u[loop]))
+        work, dissipated = (_but_for_rounding(taken, sizes) for taken in (work, dissipated))
         found.append(
             {
                 "peak": [float(V[at]) for at, _ in halves],
@@ -62,7 +64,7 @@ def cycles_of(
                 "V_upper": [float(V[at]) + bar for at, bar in halves],
                 "dissipated": dissipated,
                 "damping": _damping(work, sizes),
-                "residual": _residual(V, u, halves[1][0]),
+                "residual": _but_for_rounding(_residual(V, u, halves[1][0]), float(np.ptp(u[loop]))),
             }
         )
     return found
@@ -111,6 +113,10 @@ def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
     area = np.trapezoid(V[:end], u[:end])
     part = min((u[0] - u[end - 1]) / (u[end] - u[end - 1]), 1.0)
     return float(area + part * (u[end] - u[end - 1]) * (V[end - 1] + 0.5 * part * (V[end] - V[end - 1])))
+
+
+def _but_for_rounding(value: float | None, size: float) -> float | None:
+    return None if value is None else value if abs(value) > ROUNDING * size else 0.0
 
 
 def _damping(dissipated: float | None, sizes: float) -> float | None:
