@@ -143,7 +143,7 @@ def at_rest(scenario: Scenario) -> Assembly:
 
     laws = Laws(scenario)
     # moving joints are cut by the faces they slide over, so that each keeps to one pair of convex parts
-    moving = control.regime.real_time
+    moving = any(one.regime.real_time for one in scenario.among or (control,))
     joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs), not moving)
     if moving:
         check_pieces(scenario, joints, bodies)
@@ -202,8 +202,8 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     exact = exact and not len(bare.guided)  # a guide may bear what a joint would
     warnings = scenario.remarks + check_control(scenario) + check_strengths(scenario, joints)
     warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
-    tolerance = control.tolerance or DISCRETISATION
-    if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
+    tolerance = min(one.tolerance or DISCRETISATION for one in scenario.among or (control,))
+    if len(joints) == 1 and not scenario.among:  # a lone joint's search places its points
         tolerance = max(tolerance, DISCRETISATION)
     contact_points = place_points(joints, tolerance) if points else _NO_POINTS
     if points and (len(joints) > 1 or control.drives != ACTUATORS):

@@ -88,8 +88,9 @@ def _tolerance(scenario: Scenario) -> float:
 
 
 def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, float]:
-    """The points of a lone distributed joint where they suit its limit load. Raises Interrupted."""
-    if assembly.custom_law is not None:
+    """The points of a lone distributed joint where they suit its limit load; as they are after stages, which
+    have the same. Raises Interrupted."""
+    if assembly.custom_law is not None or scenario.stages:
         return assembly, 0.0
     try:
         return limit_load.place_points(assembly, _tolerance(scenario))

@@ -247,7 +247,8 @@ class Scenario(Generic[AControl]):
     ``groups`` maps the name of every group to the numbers of its blocks in ``all_blocks``: what ``group`` keys say, and
     for a name with dots in it, "wall.3.7", the parts before each dot, "wall" and "wall.3" (unless a block is named so).
     ``stages``: controls that are carried out before ``control``. ``as_read``: the materials of a scenario that was read
-    from its ``text``, the one part of it that can be changed in place; None if it was made otherwise.
+    from its ``text``, the one part of it that can be changed in place; None if it was made otherwise. ``among``: the
+    controls of all stages, of a scenario that is one of them; joints and contact points are those of all.
     """
 
     title: str = field(metadata=declare("one line", "what is shown on plots and pages"))
@@ -303,6 +304,7 @@ class Scenario(Generic[AControl]):
     fills: tuple[Fill, ...] = field(
         default=(), metadata=declare("tables", "fills on the backs of arches and vaults: weight and earth pressure")
     )
+    among: tuple[Control, ...] = field(default=(), compare=False, repr=False)
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
     remarks: tuple[str, ...] = field(default=(), init=False, compare=False, repr=False)

@@ -108,7 +108,7 @@ def at_stage(scenario: Scenario, number: int) -> Scenario:
     if control.drives != ACTUATORS:
         parts["actuators"] = ()
         parts["pressures"] = tuple(pressure for pressure in parts["pressures"] if not pressure.actuator)
-    return replace(scenario, control=control, stages=(), text=None, **parts)
+    return replace(scenario, control=control, stages=(), among=controls_of(scenario), text=None, **parts)
 
 
 class TiesBefore(NamedTuple):

@@ -247,25 +247,6 @@ def test_stages_that_cannot_be_are_refused(text, words):
     refused(JOINT + jack + text + "[control]\n" + YIELD, *words)
 
 
-def test_a_refusal_of_blocks_of_several_parts_names_a_remedy_that_helps():
-    """An L that stands on a floor by two parts has one joint in the geometry of the start, and two where it moves."""
-    parts = "".join(
-        f"[[blocks.parts]]\nbox = {box}\nposition = {place}\n"
-        for box, place in (([0.2, 0.1, 0.1], [0.0, 0.0, 0.0]), ([0.1, 0.1, 0.1], [-0.05, 0.1, 0.0]))
-    )
-    ell = f'[[blocks]]\nname = "ell"\nmaterial = "tuff"\nposition = [-0.03, 0.0, 0.05]\n{parts}'
-    jack = '[[actuators]]\nname = "jack"\nblock = "ell"\npoint = [-0.04, 0.03, 0.01]\ndirection = [0.0, 1.0, 0.0]\n'
-    floor = JOINT[: JOINT.index('[[blocks]]\nname     = "upper"')].replace('"convex"', '"concave"')
-    first, last = 'kind = "displacement"\nrate = 1e-3\ntravel = 1e-5\n', 'kind = "dynamic"\nduration = 1e-3\n'
-
-    def staged(more):
-        return toml.loads(f"{floor}{ell}{jack}[[stages]]\n{first}{more}[control]\n{last}", "staged.toml")
-
-    with pytest.raises(ScenarioError, match="large_displacements = true in that stage"):
-        simulate(staged(""), record=False)
-    assert simulate(staged("large_displacements = true\n"), record=False).status == "completed"
-
-
 def test_refinement_and_real_time_in_stages():
     with pytest.raises(ScenarioError, match=r"has \[\[stages\]\]"):
         simulate(scenario(STATICS, 'kind = "dynamic"\nduration = 0.01\n', actuators=""), refine=True)

@@ -153,8 +153,8 @@ class Past:
 
 
 OTHER_JOINTS = (
-    "the joints or contact points of this stage, in which blocks move, are not those of the stage before: state "
-    "joint.points of distributed joints, and for blocks of several parts large_displacements = true in that stage"
+    "the joints or contact points of this stage are not those that the stage before has left: run the scenario from "
+    "its start"
 )
 
 

@@ -56,8 +56,8 @@ def _remember(state: State, left: State) -> None:
     own, given = joint_families.memory_arrays(state), joint_families.memory_arrays(left)
     if {name: array.shape for name, array in own.items()} != {name: array.shape for name, array in given.items()}:
         raise ScenarioError(
-            "the joints or contact points of this stage are not those of the stage before: state joint.points of "
-            "distributed joints"
+            "the joints or contact points of this stage are not those that the stage before has left: run the scenario "
+            "from its start"
         )
     for name, array in own.items():
         array[...] = given[name]
