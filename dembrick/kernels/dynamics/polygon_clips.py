@@ -1,5 +1,4 @@
-"""Contact polygons of convex joints, clipped to the face that they lie on, and all that friction on them asks for; and
-the areas of `distributed` points, which are that of the clipped polygon together.
+"""Contact polygons of convex joints, clipped to the face that they lie on, and all that friction on them asks for.
 
 Elastic shear is a force over the springs of the polygon: those over what is cut off let go of theirs, the others keep
 their own (`what_is_left`).
@@ -20,8 +19,6 @@ from dembrick.kernels.dynamics.polygon_cuts import (
     let_go_on,
     looked_at,
     move_origin,
-    outside,
-    put_area,
     stand_alone,
     start_of,
     tangents_of,
@@ -207,38 +204,3 @@ def clip_area(links, faces, a, j, drawn, stiffness, room):
     face.radius[lane] = least_mean_distance(Polygon(room.x, room.y, 0, count, area, None, sqrt(far)))
     links.reach[j] = face.reach[lane]
     keep(links, j)  # O may have moved
-
-
-@jit
-def inside(face, x, y, area):
-    """The part of the cell of a point, as a square of that ``area``, that lies on a face, as its nearest edge passes
-    through it."""
-    return min(max(0.5 - outside(face, x, y) / sqrt(area), 0.0), 1.0)
-
-
-@jit
-def left_of(drawn, k, o, e, g):
-    """The part of point ``k`` that its cell has not lost to the edge."""
-    a, b = start_of(drawn, o, e, g)
-    x, y = drawn.arms[k, 0], drawn.arms[k, 1]
-    now = inside(drawn.face, a + x * e[0] + y * g[0], b + x * e[1] + y * g[1], drawn.areas[k])
-    return min(now / inside(drawn.face, drawn.start[k, 0], drawn.start[k, 1], drawn.areas[k]), 1.0)
-
-
-@entry
-def fade_points(links, corners, p, j, drawn, room):
-    """Take from each point of ``distributed`` joint ``j``, number ``p`` of those that act at points, what its cell has
-    lost to the edge of the face that it lies on. A cell is no square: all together have the area that both share."""
-    o, e, g = tangents_of(links, j)
-    if looked_at(links, j, drawn, o, e, g):
-        stand_alone(corners.like, links.place[j] // W)
-        count = common_part(links, j, drawn, room)
-        area, _, _ = area_and_centroid(room.x, room.y, count) if count else (0.0, 0.0, 0.0)
-        total = 0.0
-        for k in range(drawn.areas.size):
-            total += drawn.areas[k] * left_of(drawn, k, o, e, g)
-        scale = area / total if total > GONE * drawn.area else 0.0
-        for k in range(drawn.areas.size):
-            put_area(corners, p, k, scale * drawn.areas[k] * left_of(drawn, k, o, e, g))
-    let_go_on(links, j, drawn, o)
-    keep(links, j)

@@ -33,7 +33,7 @@ class Drawn(NamedTuple):
     bound: float  # m, how far the polygon may move before it is looked at again
     shrink: float  # arms of the points over those of the corners
     margin: float  # m, points this far inside an edge are not touched by it
-    fades: bool  # points lose their area one by one, in place of moving with the corners; see `polygon_clips`
+    fades: bool  # points lose their area one by one, in place of moving with the corners
 
 
 @jit
@@ -269,12 +269,34 @@ def project(links, corners, p, j, drawn, o, e, g):
         point.y[place % W] = drawn.shrink * y
 
 
+@jit
+def inside(face, x, y, area):
+    """The part of the cell of a point, as a square of that ``area``, that lies on a face, as its nearest edge passes
+    through it."""
+    return min(max(0.5 - outside(face, x, y) / sqrt(area), 0.0), 1.0)
+
+
+@jit
+def fade(links, corners, p, j, drawn, o, e, g):
+    """Take from each point the part of its area that its cell has lost to the edge."""
+    a, b = start_of(drawn, o, e, g)
+    stand_alone(corners.like, links.place[j] // W)
+    for k in range(drawn.areas.size):
+        x, y = drawn.arms[k, 0], drawn.arms[k, 1]
+        left = inside(drawn.face, a + x * e[0] + y * g[0], b + x * e[1] + y * g[1], drawn.areas[k])
+        left /= inside(drawn.face, drawn.start[k, 0], drawn.start[k, 1], drawn.areas[k])
+        put_area(corners, p, k, drawn.areas[k] * min(left, 1.0))
+
+
 @entry
 def cut_points(links, corners, p, j, drawn):
-    """Cut the polygon of joint ``j``, number ``p`` of those that act at its corners, to the face that it lies on."""
+    """Cut the polygon of joint ``j``, number ``p`` of those that act at points, to the face that it lies on."""
     o, e, g = tangents_of(links, j)
     if looked_at(links, j, drawn, o, e, g):
-        project(links, corners, p, j, drawn, o, e, g)
+        if drawn.fades:
+            fade(links, corners, p, j, drawn, o, e, g)
+        else:
+            project(links, corners, p, j, drawn, o, e, g)
     let_go_on(links, j, drawn, o)
     keep(links, j)
 

@@ -3,9 +3,8 @@
 A polygon rides on its host. Where the host slides or twists past the edge of the other's face, part of it hangs over,
 and what hangs over carries nothing. The number of contact points never changes, so that nothing jumps: a corner beyond
 the edge moves to the nearest point of the face, and the tributary areas are those of the polygon that this makes; a
-point of a ``distributed`` joint fades out while the edge passes through its cell, and all together have the area of
-what is left; a ``convex`` joint, which is an integral, is clipped. Springs over what is cut off let go of their shear;
-the rest keeps its own.
+point of a ``distributed`` joint fades out while the edge passes through its cell; a ``convex`` joint, which is an
+integral, is clipped. Springs over what is cut off let go of their shear; the rest keeps its own.
 
 Cutting costs as much as many thousand steps of a joint, so it is done only where a polygon has moved along its plane by
 ``STALE`` of its short side since the last time; polygons well inside the other's face wait until they reach its edge.
@@ -23,7 +22,7 @@ import numpy as np
 from dembrick.assembly.joints import JointTable
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.geometry.shapes import parts_of
-from dembrick.kernels.dynamics.polygon_clips import ORDER, Clipping, clip_area, fade_points, must_clip
+from dembrick.kernels.dynamics.polygon_clips import ORDER, Clipping, clip_area, must_clip
 from dembrick.kernels.dynamics.polygon_cuts import Drawn, cut_points, find_stale
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.area_joints import with_outlines
@@ -164,10 +163,7 @@ class Polygons:
 
     def _cut(self, j: int) -> None:
         drawn, place, links = self._as_drawn(j), self._place[j], self.state.links
-        if drawn.fades:
-            room = self._room_of(len(drawn.outline) + len(drawn.face))
-            self._known.call(self.state, fade_points, links, self.state.corners, place, j, drawn, room)
-        elif len(drawn.areas):
+        if len(drawn.areas):
             self._known.call(self.state, cut_points, links, self.state.corners, place, j, drawn)
         elif self._known.call(self.state, must_clip, links, j, drawn):
             self._clip(j, place, drawn)
@@ -179,14 +175,10 @@ class Polygons:
             self.make_room(int(faces.outline.max()) + 2)
             faces = self.state.faces
             faces.outline[i] = faces.outline.max() + 1
-        stiffness, room = self._joints.law[j].normal_stiffness, self._room_of(faces.x.shape[1])
-        self._known.call(self.state, clip_area, self.state.links, faces, i, j, drawn, stiffness, room)
-
-    def _room_of(self, corners: int) -> Clipping:
-        """Scratch for polygons of up to so many corners."""
-        if self._clipping is None or len(self._clipping.x) < corners:
-            self._clipping = clipping(corners)
-        return self._clipping
+        if self._clipping is None:
+            self._clipping = clipping(faces.x.shape[1])
+        stiffness = self._joints.law[j].normal_stiffness
+        self._known.call(self.state, clip_area, self.state.links, faces, i, j, drawn, stiffness, self._clipping)
 
 
 def clipping(room: int) -> Clipping:
