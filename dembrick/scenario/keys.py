@@ -30,7 +30,7 @@ from dembrick.scenario.pressures import Fill, Pressure
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.scenario.time_functions import Pulse, Sine, SupportPath, Turn
 
-NOT_KEYS = {"text", "path", "files"}  # fields of dataclasses that no file writes
+NOT_KEYS = {"text", "path", "files", "among"}  # fields of dataclasses that no file writes
 
 
 @cache
