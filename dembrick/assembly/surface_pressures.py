@@ -94,13 +94,9 @@ def faces_that_look(wanted: Callable[[np.ndarray], bool], members, bare: Assembl
                     continue
                 corners = bare.position[block] + (place + part.vertices[list(face)]) @ rotation.T
                 covers = _joint_polygons(bare, block) if covers is None else covers
-                inside = _sibling_polygons(bare, block, number, corners, normal)
-                on_face = [
-                    _ordered_like(cover, normal)
-                    for cover in covers + inside
-                    if np.abs((cover - corners[0]) @ normal).max() <= COPLANAR * shape.diameter
-                ]
-                found.append(LoadedFace(int(block), normal, corners, tuple(on_face)))
+                siblings = _faces_against(bare, block, number, normal)
+                on_face = _parts_on_face(corners, normal, covers + siblings, COPLANAR * shape.diameter)
+                found.append(LoadedFace(int(block), normal, corners, on_face))
     return found
 
 
@@ -157,23 +153,32 @@ def pressed_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly)
     )
 
 
-def _sibling_polygons(bare: Assembly, block: int, number: int, corners: np.ndarray, normal: np.ndarray) -> list:
-    """World corners (m, 3) of what other convex parts of a block cover of a face of its part ``number``."""
-    shape, rotation, found = bare.shapes[block], bare.rotation[block], []
+def _parts_on_face(corners: np.ndarray, normal: np.ndarray, polygons: list, near: float) -> tuple[np.ndarray, ...]:
+    """Parts of a face that convex polygons (k, 3) within ``near`` (m) of its plane cover: a joint may reach over
+    several parts of a block."""
     flat = np.linalg.svd(corners - corners.mean(axis=0))[2][:2]
     axes = flat if np.cross(flat[0], flat[1]) @ normal > 0.0 else flat[::-1]
-    for other, (place, part) in enumerate(parts_of(shape)):
+    face, found = (corners - corners[0]) @ axes.T, []
+    for polygon in polygons:
+        if np.abs((polygon - corners[0]) @ normal).max() > near:
+            continue
+        cover = (_ordered_like(polygon, normal) - corners[0]) @ axes.T
+        shared, count = clip(face[None], cover[None])
+        if count[0] >= 3:
+            found.append(corners[0] + shared[0, : count[0]] @ axes)
+    return tuple(found)
+
+
+def _faces_against(bare: Assembly, block: int, number: int, normal: np.ndarray) -> list[np.ndarray]:
+    """World corners (m, 3) of the faces of other convex parts of a block that look against a face of its part
+    ``number``."""
+    rotation, found = bare.rotation[block], []
+    for other, (place, part) in enumerate(parts_of(bare.shapes[block])):
         if other == number:
             continue
         for face, facing in zip(part.faces, part.face_normals @ rotation.T, strict=True):
-            against = bare.position[block] + (place + part.vertices[list(face)]) @ rotation.T
-            apart = np.abs((against - corners[0]) @ normal).max()
-            if facing @ normal > FACING - 1.0 or apart > COPLANAR * shape.diameter:
-                continue
-            flat_face, flat_other = ((polygon - corners[0]) @ axes.T for polygon in (corners, against[::-1]))
-            shared, count = clip(flat_face[None], flat_other[None])
-            if count[0] >= 3:
-                found.append(corners[0] + shared[0, : count[0]] @ axes)
+            if facing @ normal <= FACING - 1.0:
+                found.append(bare.position[block] + (place + part.vertices[list(face)]) @ rotation.T)
     return found
 
 

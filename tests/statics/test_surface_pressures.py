@@ -104,6 +104,38 @@ def test_a_covered_face_feels_no_pressure():
     np.testing.assert_allclose(loads.at.arm[loads.at.block == 1], [[0.3, 0.0, 0.5 + 0.35 - 0.6]], atol=1e-12)
 
 
+UPLIFT = '[[pressures]]\nblock = "stone"\ndirection = [0.0, 0.0, -1.0]\nvalue = 10000.0\n'
+
+
+def on_a_pedestal(control, pedestal=(1.2, 0.5)):
+    """A stone of two cubes of 1 m, side by side, on a pedestal that both stand on, and under an uplift of 10 kPa."""
+    cubes = ", ".join(f"{{ box = [1.0, 1.0, 1.0], position = [{x}, 0.0, 0.5] }}" for x in (0.5, 1.5))
+    stone = f'[[blocks]]\nname = "stone"\nmaterial = "stone"\nparts = [{cubes}]\n'
+    base = block("base", (0.9, 0.0, -0.5), (*pedestal, 1.0), "fixed = true")
+    return toml.loads(header("convex", 0.6) + base + stone + UPLIFT + f"[control]\n{control}\n")
+
+
+BARE, WEIGHT = 2.0 - 1.2 * 0.5, 2.0 * 2000.0 * 9.81
+
+
+def test_a_joint_covers_of_each_part_what_lies_on_it():
+    """Two parts share a joint; it was taken off the faces of both, in full."""
+    result = simulate(on_a_pedestal('kind = "statics"'), record=False)
+    assert result.reactions["base"][2] == pytest.approx(WEIGHT - 1e4 * BARE, rel=1e-9)
+    assert result.reactions["base"][4] == pytest.approx(0.9 * (WEIGHT - 1e4 * BARE) - WEIGHT + 1e4 * (2.0 - 0.6 * 0.9))
+    expected = 0.6 * (1.0 - 1e4 * BARE / WEIGHT)
+    push = 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\nlarge_displacements = '
+    for large, tilts in (("false", 1e-6), ("true", 1e-3)):  # by 1e-4 rad, on the springs of the joint
+        assert simulate(on_a_pedestal(push + large), record=False).yield_point.V == pytest.approx(expected, rel=tilts)
+    proven = dembrick.limit(on_a_pedestal(push + "false"))
+    assert proven.lower <= expected * (1 + 1e-9) and expected * (1 - 1e-9) <= proven.upper
+
+
+def test_covered_faces_of_parts_are_not_sucked_down_in_real_time():
+    result = simulate(on_a_pedestal('kind = "dynamic"\nduration = 0.01', (2.4, 1.0)), record=False)
+    assert abs(result.reactions["base"][2] - WEIGHT) < 1e-6 * WEIGHT
+
+
 @pytest.mark.parametrize(
     "pressure, message",
     [
