@@ -247,6 +247,35 @@ def test_stages_that_cannot_be_are_refused(text, words):
     refused(JOINT + jack + text + "[control]\n" + YIELD, *words)
 
 
+@pytest.mark.parametrize("key", ["cohesion = 2000.0", "residual_friction = 0.32"])
+def test_theory_knows_no_bond_that_an_earlier_stage_may_have_broken(key):
+    """Of the strength of the start the second search would be short, by what the first one broke."""
+    whole = simulate(scenario(YIELD, formulation="convex", changes=[f"joint.{key}"]), record=False)
+    again = simulate(scenario(YIELD, STATICS, YIELD, formulation="convex", changes=[f"joint.{key}"]), record=False)
+    assert whole.theory is not None and whole.agrees() and whole.yield_point.V > 1.2 * again.yield_point.V
+    assert again.theory is None and again.agrees()
+    kept = simulate(scenario(YIELD, STATICS, YIELD, formulation="convex"), record=False)
+    assert kept.theory is not None and kept.agrees()
+
+
+def test_blocks_of_several_parts_move_in_one_stage_and_not_in_another():
+    """An L that stands on a floor by two parts has one joint in the geometry of the start, and two where it moves."""
+    parts = "".join(
+        f"[[blocks.parts]]\nbox = {box}\nposition = {place}\n"
+        for box, place in (([0.2, 0.1, 0.1], [0.0, 0.0, 0.0]), ([0.1, 0.1, 0.1], [-0.05, 0.1, 0.0]))
+    )
+    ell = f'[[blocks]]\nname = "ell"\nmaterial = "tuff"\nposition = [-0.03, 0.0, 0.05]\n{parts}'
+    jack = '[[actuators]]\nname = "jack"\nblock = "ell"\npoint = [-0.04, 0.03, 0.01]\ndirection = [0.0, 1.0, 0.0]\n'
+    floor = JOINT[: JOINT.index('[[blocks]]\nname     = "upper"')].replace('"convex"', '"concave"')
+    first, last = 'kind = "displacement"\nrate = 1e-3\ntravel = 1e-5\n', 'kind = "dynamic"\nduration = 1e-3\n'
+
+    def staged(more):
+        return toml.loads(f"{floor}{ell}{jack}[[stages]]\n{first}{more}[control]\n{last}", "staged.toml")
+
+    for more in ("", "large_displacements = true\n"):
+        assert simulate(staged(more), record=False).status == "completed"
+
+
 def test_refinement_and_real_time_in_stages():
     with pytest.raises(ScenarioError, match=r"has \[\[stages\]\]"):
         simulate(scenario(STATICS, 'kind = "dynamic"\nduration = 0.01\n', actuators=""), refine=True)
