@@ -203,7 +203,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     warnings = scenario.remarks + check_control(scenario) + check_strengths(scenario, joints)
     warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
     tolerance = min(one.tolerance or DISCRETISATION for one in scenario.among or (control,))
-    if len(joints) == 1 and not scenario.among:  # a lone joint's search places its points
+    if len(joints) == 1 and not scenario.among:  # its search places the points itself
         tolerance = max(tolerance, DISCRETISATION)
     contact_points = place_points(joints, tolerance) if points else _NO_POINTS
     if points and (len(joints) > 1 or control.drives != ACTUATORS):

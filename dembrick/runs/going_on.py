@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 REGIMES = (REAL_TIME, SETTLEMENT, LOAD_PATH, DRIVEN_PATH, CONSTANT_RATE)
 AS_IT_WAS = (DRIVEN_PATH, CONSTANT_RATE)  # regimes that go on only without a change
-_SHOWN = ("title", "text", "path", "files", "among")  # fields of a scenario that no run asks for
+_SHOWN = ("title", "text", "path", "files")  # fields of a scenario that no run asks for
 _CHANGING = ("joint", "joints", "loads", "ties", "pressures", "fills", "control")
 _SHAKEN = ("duration", "file", "columns", "sine", "pulse", "scale", "quantity", "direction")
 _OF_CONTROLS = {"dynamic": ("duration",), "base-motion": _SHAKEN, "tilt": ("displacement",)}

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from dembrick.scenario.stages import TiesBefore
     from dembrick.simulation.statics.state import State
 
+OTHER_JOINTS = (
+    "the joints or contact points of this stage are not those that the stage before has left: run the scenario from "
+    "its start"
+)
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 
 

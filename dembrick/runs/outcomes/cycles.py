@@ -116,7 +116,8 @@ def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
 
 
 def _but_for_rounding(value: float | None, size: float) -> float | None:
-    return None if value is None else value if abs(value) > ROUNDING * size else 0.0
+    """The value; zero where rounding of numbers of that ``size`` has made it."""
+    return 0.0 if value is not None and abs(value) <= ROUNDING * size else value
 
 
 def _damping(dissipated: float | None, sizes: float) -> float | None:

@@ -21,7 +21,7 @@ from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.outcome import PEAK_TENSIONS, Extremes
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
-from dembrick.simulation.session import DEAD_LOADS, GoesOn, Kept, Progress, Session, Snapshot, step_at
+from dembrick.simulation.session import DEAD_LOADS, OTHER_JOINTS, GoesOn, Kept, Progress, Session, Snapshot, step_at
 
 if TYPE_CHECKING:
     from dembrick.kernels.dynamics.rigid_bodies import Bodies
@@ -150,12 +150,6 @@ class Past:
         for row, block in goes_on.gone:
             power = old[row, :3] @ bodies.velocity[block] + old[row, 3:] @ bodies.spin[block]
             table.total["loads"] += 0.5 * self.moving.time_step * power
-
-
-OTHER_JOINTS = (
-    "the joints or contact points of this stage are not those that the stage before has left: run the scenario from "
-    "its start"
-)
 
 
 def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = None) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import quaternion_product, rotation_vector
 from dembrick.simulation.checkpoint_arrays import arrays_of
+from dembrick.simulation.session import OTHER_JOINTS
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import to_joint
@@ -55,10 +56,7 @@ def _remember(state: State, left: State) -> None:
     """Give the joints of ``state`` the memory of those of ``left``."""
     own, given = joint_families.memory_arrays(state), joint_families.memory_arrays(left)
     if {name: array.shape for name, array in own.items()} != {name: array.shape for name, array in given.items()}:
-        raise ScenarioError(
-            "the joints or contact points of this stage are not those that the stage before has left: run the scenario "
-            "from its start"
-        )
+        raise ScenarioError(OTHER_JOINTS)
     for name, array in own.items():
         array[...] = given[name]
 
