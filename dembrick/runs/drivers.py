@@ -155,7 +155,7 @@ def _searched(bound: bool = False, **fields) -> Result:
     if others is not None:
         run.yield_point = within(run.yield_point, others.bound)
     slid = control.regime is CONSTANT_RATE or bool(scenario.stages or scenario.among)  # perhaps in a stage before
-    expected = theory_check.theory_of(assembly, after_slip=slid)
+    expected = theory_check.theory_of(assembly, slid)
     if expected is not None and run.yield_point.V is not None:
         expected = expected.compared(run.yield_point.V)
     falls = control.ends_with == COLLAPSE and not run.yield_point.unlimited
