@@ -41,6 +41,7 @@ from dembrick.scenario.controls import (
     YieldControl,
 )
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.stages import controls_of
 from dembrick.scenario.ties import Tie, TieEnd
 
 ROUNDING = 1e-6
@@ -110,10 +111,11 @@ def answer(scenario: Scenario) -> Answer:
 
 
 def bound(scenario: Scenario) -> Answer:
-    """What limit analysis proves: no state carries more than ``upper``. Earlier stages have no say in it."""
+    """What limit analysis proves of the joints of the run: no state carries more than ``upper``. Earlier stages have no
+    other say in it."""
     loads = tuple(load for load in scenario.loads if load.stages is None)
     try:
-        found = limit(replace(scenario, stages=(), loads=loads)).as_dict()
+        found = limit(replace(scenario, stages=(), loads=loads, among=controls_of(scenario))).as_dict()
     except DembrickError as error:
         return Answer("refused", why=str(error))
     if "statics" in found or found.get("status") in ("stands", "falls"):
