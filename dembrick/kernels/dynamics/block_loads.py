@@ -1,4 +1,4 @@
-"""Forces on blocks in real time beside joints, contacts and gravity: ties, guides, pressures on faces, a driving head.
+"""Forces on blocks in real time beside joints, contacts and gravity: ties, guides, pressures on faces.
 
 Ties: their forces are put on the blocks as loads are. The law is `kernels.joint.ties`.
 
@@ -17,8 +17,6 @@ block, force and moment are, exactly,
 
 The vector areas of a closed surface cancel in the geometry that there is: what is under water all round feels no
 moment.
-
-Head: a spring and a dashpot join it to the driven displacement u of a load system, V = K (h - u) - C du/dt.
 """
 
 from typing import NamedTuple
@@ -30,45 +28,6 @@ from dembrick.kernels.dynamics.rigid_bodies import gathered, resisted
 from dembrick.kernels.joint.ties import answer
 from dembrick.kernels.math.rigid_turns import guided_momentum
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, cross, rotate
-
-
-class Head(NamedTuple):
-    """A head that drives a load system of k points, of which m are forces and the others pressures; none if k = 0."""
-
-    block: ndarray  # (k,) int64
-    lever: ndarray  # (k, 3) m, from the centroid in body axes
-    start: ndarray  # (k, 3) m, where the points were when it began, counted as `Bodies.position`
-    direction: ndarray  # (k, 3) world: the driven displacement is the sum of those of the points, each times this
-    force: ndarray  # (m, 3) N for V = 1, world, of the last m loads of a step
-    spring: ndarray  # (2,) K (N/m) and C (N s/m)
-    held: int  # steps, for which V is held
-    way: ndarray  # (s,) m, h of each step
-    V: ndarray  # (1,) N
-    steps: ndarray  # (1,) int64, since V was first found
-
-
-@jit
-def follow_head(head, force, multiplier, bodies, step):
-    """Put V of a step into its ``multiplier`` and its loads ``force``, found again after every ``held`` steps."""
-    if head.block.size == 0:
-        return
-    if head.steps[0] % head.held == 0:
-        driven = rate = 0.0
-        for k in range(head.block.size):
-            b = head.block[k]
-            r = rotate(bodies.orientation, b, head.lever[k, 0], head.lever[k, 1], head.lever[k, 2])
-            w = bodies.spin[b]
-            turning = cross(w[0], w[1], w[2], r[0], r[1], r[2])
-            for i in range(3):
-                driven += (bodies.position[b, i] + r[i] - head.start[k, i]) * head.direction[k, i]
-                rate += (bodies.velocity[b, i] + turning[i]) * head.direction[k, i]
-        head.V[0] = head.spring[0] * (head.way[step] - driven) - head.spring[1] * rate
-    head.steps[0] += 1
-    multiplier[step] = head.V[0]
-    before = force.shape[1] - head.force.shape[0]
-    for k in range(head.force.shape[0]):
-        for i in range(3):
-            force[step, before + k, i] = head.V[0] * head.force[k, i]
 
 
 @jit
@@ -147,7 +106,7 @@ class PressedFaces(NamedTuple):
     level: ndarray  # (q,) Pa, c0
     slope: ndarray  # (q,) Pa/m, c1
     driven: ndarray  # (q,) bool, whether the multiplier V acts on it
-    wrench: ndarray  # (q, 6) N, N m, force and moment about the centroid as `press` found them last
+    wrench: ndarray  # (q, 6) N, N m, force and moment about the centroid as `press` found them last, for V = 1
 
 
 @jit
@@ -167,13 +126,16 @@ def press(faces, bodies, multiplier, height):
         for i in range(6):
             wrench[i] = 0.0
         press_polygon(faces, q, bodies, height)
-        factor = faces.sense[q]
-        if faces.driven[q]:
-            factor *= multiplier
         load = bodies.applied[b]
         for i in range(6):
-            wrench[i] *= factor
-            load[i] += wrench[i]
+            wrench[i] *= faces.sense[q]
+            load[i] += multiplier_on(faces, q, multiplier) * wrench[i]
+
+
+@jit
+def multiplier_on(faces, q, multiplier):
+    """V on a polygon on which it acts, and 1 on others."""
+    return multiplier if faces.driven[q] else 1.0
 
 
 @jit

@@ -11,6 +11,7 @@ it has its own term.
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics import joint_families as families
+from dembrick.kernels.dynamics.block_loads import multiplier_on
 from dembrick.kernels.dynamics.rigid_bodies import gathered
 from dembrick.kernels.dynamics.tiles import W, combined, dot, four, offset_of, sense_of, three
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
@@ -154,7 +155,7 @@ def add_load_work(energy_terms, bodies, loads, step, dt):
         last = energy_terms.load[n_force + q]
         total += power(bodies, faces.block[q], last)
         for i in range(6):
-            last[i] = faces.wrench[q, i]
+            last[i] = multiplier_on(faces, q, loads.multiplier[step]) * faces.wrench[q, i]
         total += power(bodies, faces.block[q], last)
     energy_terms.total[0].loads += 0.5 * dt * total
 

@@ -12,17 +12,16 @@ from numpy import ndarray
 
 from dembrick._jit import call_at, entry, jit, jit_parallel, prange, renamed
 from dembrick.kernels.dynamics.block_loads import (
-    Head,
     PressedFaces,
     clear_guided,
     clear_pressed,
     clear_tied,
-    follow_head,
     hold,
     press,
     pull_ties,
 )
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, Touching, clear_applied
+from dembrick.kernels.dynamics.driven_displacement import Head, follow_head, start_head
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
@@ -84,7 +83,7 @@ class Contacts(NamedTuple):
 @jit
 def apply_loads(loads, bodies, step):
     """Put the loads of a step on the blocks."""
-    follow_head(loads.head, loads.force, loads.multiplier, bodies, step)
+    start_head(loads.head, loads.force, loads.multiplier, step)
     block = loads.block
     for k in range(block.size):
         for i in range(6):
@@ -171,10 +170,11 @@ def advance_bodies(
             touched = call_at(contacts.touch_at, touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, done
+        g = loads.gravity[step]  # threads are handed arrays, and tuples of arrays only
+        follow_head(loads.head, loads, bodies, links.wrenches, g[0], g[1], g[2], dt, damping, step)
         if energy_terms is not None:
             joints = links, corners, faces
             mean = add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step, dt)
-        g = loads.gravity[step]  # threads are handed arrays, and tuples of arrays only
         hold(bodies, links.wrenches, g[0], g[1], g[2], dt, damping)
         for t in prange(moved.size):
             share = share_bodies[t], share_bodies[t + 1]

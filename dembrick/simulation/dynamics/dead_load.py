@@ -275,6 +275,10 @@ def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tu
     worst = float(np.maximum(np.linalg.norm(force[free], axis=1), turning).max(initial=0.0))
     if not worst > 0.0:
         return 0.0, BALANCED
+    return float(worst / max(worst, largest)), max(BALANCED, of_rounding(state) / max(worst, largest))
+
+
+def of_rounding(state: MovingState) -> float:
+    """What forces (N) of joints may be off as positions are rounded."""
     farthest = float(np.abs(state.bodies.position).max())
-    rounding = np.finfo(float).eps * farthest * joint_families.greatest_normal_stiffness(state)
-    return float(worst / max(worst, largest)), max(BALANCED, ROUNDING * rounding / max(worst, largest))
+    return ROUNDING * np.finfo(float).eps * farthest * joint_families.greatest_normal_stiffness(state)

@@ -106,7 +106,7 @@ class Driving:
             self._faces,
             self.multiplier(times),
             self.height(times),
-            NO_HEAD if self.head is None or self.driven is None else self.head.at(times, self.driven),
+            NO_HEAD if self.head is None or self.driven is None else self.head.at(times, self.driven, self._faces),
         )
 
     def height(self, times: np.ndarray) -> np.ndarray:

@@ -103,7 +103,7 @@ class LoopOrder:
         own = self.bodies._replace(free=np.sort(lists["free"]), guided=lists["guided"])
         ties = ties._replace(block=self.row[ties.block])
         faces = loads.faces._replace(block=self.row[loads.faces.block])
-        head = loads.head._replace(block=self.row[loads.head.block])
+        head = loads.head._replace(body=self.row[loads.head.body])
         loads = loads._replace(block=self.row[loads.block], support=self.row[loads.support], faces=faces, head=head)
         touching = touching._replace(
             parts=touching.parts._replace(owner=self.row[touching.parts.owner]),

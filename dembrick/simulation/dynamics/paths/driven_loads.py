@@ -3,7 +3,8 @@
 Jacks keep their directions and stay at their points, which move with the blocks. What is work-conjugate to V is the
 driven displacement, sum(weight u) / sum|weight|, with the displacement u of every point along its direction. A driven
 pressure follows its faces (`kernels.dynamics.block_loads`); the displacement is counted at its centre and along its
-direction of the start. V is a function of time, or that of a spring to a head which moves (`Head`).
+direction of the start. V is a function of time, or what it takes to
+move the driven displacement as a head goes (`Head`).
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.actuators import PRESSURE, Attached
-from dembrick.kernels.dynamics import block_loads
+from dembrick.kernels.dynamics import driven_displacement
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.dynamics.block_loads import PressedFaces
     from dembrick.kernels.dynamics.rigid_bodies import Bodies
     from dembrick.simulation.dynamics.state import MovingState
     from dembrick.simulation.dynamics.time_histories import Curve
@@ -28,20 +30,22 @@ if TYPE_CHECKING:
 class DrivenLoads:
     """k loads: the points ``at`` which they act, and ``start`` (k, 3) where these are before V grows, from the middle
     of the scene (m); ``direction`` (k, 3) unit, world; ``weight`` (k,): N for V = 1; ``pressed`` (k,): driven
-    pressures."""
+    pressures; ``guided`` (g,): the blocks that are guided."""
 
     at: Attached
     start: np.ndarray
     direction: np.ndarray
     weight: np.ndarray
     pressed: np.ndarray
+    guided: np.ndarray
 
     @classmethod
     def of(cls, assembly: Assembly, state: MovingState) -> DrivenLoads:
         """The load system of an assembly."""
         table = assembly.actuators
         pressed = np.array([kind == PRESSURE for kind in table.kind], bool)
-        loads = cls(table.at, np.zeros((len(table.at), 3)), table.direction, table.weight, pressed)
+        start = np.zeros((len(table.at), 3))
+        loads = cls(table.at, start, table.direction, table.weight, pressed, state.bodies.guided)
         loads.start_from(state.bodies)
         return loads
 
@@ -54,6 +58,11 @@ class DrivenLoads:
         """Points and forces (N, for V = 1) of those that are no pressures."""
         own = ~self.pressed
         return self.at[own], self.weight[own, None] * self.direction[own]
+
+    def guide_of(self, blocks: np.ndarray) -> np.ndarray:
+        """Which of the guided blocks each of ``blocks`` (b,) is, -1 for none (b,)."""
+        number = {block: g for g, block in enumerate(self.guided.tolist())}
+        return np.array([number.get(block, -1) for block in blocks.tolist()], np.int64)
 
     def displacements(self, bodies: Bodies) -> np.ndarray:
         """Of the points along their directions (k,), m."""
@@ -79,30 +88,29 @@ class DrivenLoads:
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """A head that a spring of ``stiffness`` (N/m) and a ``dashpot`` (N s/m) join to the driven displacement of a load
-    system, and its displacement ``way`` (m), a function of time; V is ``held`` for so many steps at a time. ``V`` (1,)
-    and ``steps`` (1,) are what the loop makes of them."""
+    """A head that moves the driven displacement of a load system along ``way`` (m), a function of time; the loop finds
+    the ``V`` (1,) that this takes."""
 
     way: Curve
-    stiffness: float
-    dashpot: float
-    held: int
     V: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    steps: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int64))
 
     def multiplier(self, times: np.ndarray) -> np.ndarray:
         """V of now, whatever the time."""
         return np.full(np.shape(times), self.V[0])
 
-    def at(self, times: np.ndarray, loads: DrivenLoads) -> block_loads.Head:
+    def at(self, times: np.ndarray, loads: DrivenLoads, faces: PressedFaces) -> driven_displacement.Head:
         """The head as the loop takes it, for the steps at ``times`` (s,)."""
-        where, spring = loads.at, np.array([self.stiffness, self.dashpot])
-        _, force = loads.jacks
-        ends = where.block, where.lever, loads.start, loads.along, force
-        return block_loads.Head(*ends, spring, self.held, self.way(times), self.V, self.steps)
+        where, (jacks, force) = loads.at, loads.jacks
+        body = np.unique(np.concatenate([where.block, faces.block[faces.driven]]))
+        of_face = np.where(faces.driven, np.searchsorted(body, faces.block), -1)
+        rows = [np.searchsorted(body, points) for points in (where.block, jacks.block)]
+        return driven_displacement.Head(
+            body, loads.guide_of(body), *rows, of_face, where.lever, loads.start, loads.along, force, self.way(times),
+            self.V, *np.zeros((3, len(body), 6)),
+        )  # fmt: skip
 
 
-NO_HEAD = block_loads.Head(
-    np.zeros(0, np.int64), *(np.zeros((0, 3)) for _ in range(4)), np.zeros(2), 1, np.zeros(0), np.zeros(1),
-    np.zeros(1, np.int64),
-)  # fmt: skip
+NONE = np.zeros(0, np.int64)
+NO_HEAD = driven_displacement.Head(
+    *(NONE,) * 5, *(np.zeros((0, 3)) for _ in range(4)), np.zeros(0), np.zeros(1), *np.zeros((3, 0, 6))
+)

@@ -1,13 +1,11 @@
-"""Constant-rate test in the deformed geometry: a path of equilibria while actuators push blocks by a given travel.
+"""Test by displacement in the deformed geometry: a path of equilibria while actuators move blocks by a given travel.
 
-The parameter of the path (`equilibria`) is the displacement of a head that a spring joins to the driven displacement u:
-V = K (head - u), with the multiplier V of the load system (`driven_loads`) and a dashpot that damps their swing. The
-spring is soft beside joints, so that V can be held for some steps at a time, and stiff beside what structures lose as
-they come down, so that V falls again behind its peak. The loop finds V. Equilibria know no rate.
+The parameter of the path (`equilibria`) is the way of the driven displacement of the load system (`driven_loads`), as of
+a head without a spring: the loop finds the multiplier V that this takes (`kernels.dynamics.driven_displacement`), so
+that V falls behind a peak, or as bonds break, however steeply. Equilibria know no rate.
 
-The path ends with u at the travel: an equilibrium beyond it is given up, and the head of the one at the travel found
-between those of the two on either side. A protocol is one such way after another, to and fro; the parameter is then the
-sum of the ways of the head. Where a protocol is one of forces there is no spring, and V is what it says.
+A protocol is one such way after another, to and fro; the parameter is then the sum of the ways. Where a protocol is one
+of forces, V is what it says.
 """
 
 from __future__ import annotations
@@ -17,12 +15,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from dembrick.assembly.actuators import effective_mass
 from dembrick.errors import HistoryError, NotConvergedError
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import Control, DisplacementControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.protocols import Protocol
+from dembrick.simulation.dynamics.dead_load import of_rounding
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import mechanism, moved_most
@@ -34,19 +32,14 @@ from dembrick.simulation.session import Plan, Session, Snapshot
 
 EQUILIBRIA = 60  # of the whole travel, equally far apart; of a protocol of each way out, or half of one there and back
 MOST = 6 * EQUILIBRIA  # actuators that have not come so far by then do not give way
-STRETCH = 0.05  # of what the spring is stretched by: the head goes on by so much, or by a part of the travel
-UNLOADING = 0.5  # of the greatest stretch so far, which counts where the spring is relieved
-HELD = 8  # steps, for which V is held,
-SWING = 0.3  # rad, of the spring's own swing in that
-END = 1e-9  # of the travel: so close u comes to it, or as close as the spring knows it
-SECANTS = 1  # of the attempts at that; behind it every second one halves the way that is left,
-ATTEMPTS = 60  # and after so many the last equilibrium lies beyond,
-JUMPS = 100.0  # as where blocks move so many times as far as the head: they jump past it
-MISSED = 1e-3  # of the travel: a turning point, or an end, that is missed by more is said
+FIRST = 2.0**-12  # of a step: that at the start and at a turn, where joints are elastic for a short way
+LONGER = 2.0  # times the last step: the next
+END = 1e-9  # of the travel: so close it ends
+HELD = 1e-6  # of the way: points that are further from where they are to be do not move freely
 BENDS = 4.0  # times as far as could be expected: there the curve bends, and is followed in shorter steps,
-FLAT = 0.01  # of the greatest V: if V changes by more
+FLAT = 0.01  # of the greatest V: if V is off the straight line by more,
+NOISE = 100.0  # and by so much more than what is out of balance where blocks rest
 PROTOCOL = "driven_path.protocol"  # what a checkpoint has of it
-SETTLES = round(4.0 * math.pi * HELD / SWING) + FEWEST  # steps: two periods of it, and what joints need
 
 
 class DrivenPath(EquilibriumPath):
@@ -64,11 +57,8 @@ class DrivenPath(EquilibriumPath):
     ):  # fmt: skip
         assert driving.driven is not None and isinstance(control, DisplacementControl)
         self.loads, self.refine, self.protocol = driving.driven, refine, present(protocol)
-        self.swing = SWING / (HELD * moving.time_step)  # rad/s
-        self.stiffness = effective_mass(moving.assembly) * self.swing**2
         self.V, self.way_number, self.turned = 0.0, 0, (0.0, 0.0)
         self.turns = np.zeros(len(self.protocol.ways))
-        self.attempts: list[tuple[float, float]] = []  # the parameter, and how far u is past the end of the way
         ways = np.abs(self.protocol.ways)
         self.ranges = np.maximum(ways[0], 0.5 * ways)  # m: there and back is twice as far as out
         super().__init__(moving, control, driving, session, math.ceil(MOST * (ways / self.ranges).sum() / refine))
@@ -85,7 +75,7 @@ class DrivenPath(EquilibriumPath):
 
     @property
     def step(self) -> float:
-        """The parameter from one equilibrium to the next (m), where nothing asks for more."""
+        """The parameter from one equilibrium to the next (m), where nothing asks for less."""
         return self.refine * float(self.ranges[self.way_number]) / EQUILIBRIA
 
     def head(self, parameter):
@@ -95,72 +85,47 @@ class DrivenPath(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        return plan_of(moving, control, output, EQUILIBRIA, 4 * SETTLES)
+        return plan_of(moving, control, output, EQUILIBRIA, 4 * FEWEST)
 
     def driven(self, parameter: Curve) -> Driving:
         """The head follows that path; before the first equilibrium there is none."""
         if not self.path:
             return self.driving
-        dashpot = 2.0 * self.stiffness / self.swing
-        head = Head(lambda times: self.head(parameter(times)), self.stiffness, dashpot, HELD)
-        head.V[0] = self.V
+        head = Head(lambda times: self.head(parameter(times)), np.array([self.V]))
         return replace(self.driving, multiplier=head.multiplier, head=head)
 
     def advance(self, driving: Driving, steps: int) -> None:
-        """Steps, V found at the first of them, and after every few."""
-        head = driving.head
-        if head is not None:
-            head.steps[0] = 0
+        """Steps, V found in each of them."""
         super().advance(driving, steps)
-        if head is not None:
-            self.V = float(head.V[0])
+        if driving.head is not None:
+            self.V = float(driving.head.V[0])
 
     def steps(self, begin: float, end: float) -> int:
-        """So many that the spring follows."""
-        return SETTLES
-
-    def _past(self, displacement: float) -> float:
-        """How far (m) a driven displacement lies past the end of the way, in its sense."""
-        return self.sense * (displacement - float(self.protocol.turns[self.way_number + 1]))
-
-    def belongs(self, parameter: float) -> bool:
-        """Not if it lies beyond the travel, nor short of it once one did: the last one is at its end."""
-        past = self._past(self.loads.displacement(self.moving.state.bodies))
-        close = abs(past) <= END * self.travel + BALANCED * abs(self.V) / self.stiffness
-        if close or (past < 0.0 and not self.attempts) or self.failed < math.inf:
-            return True
-        short = self._short()
-        jumps = past > 0.0 and past - short[1] > JUMPS * (parameter - short[0])
-        if jumps or len(self.attempts) >= ATTEMPTS:
-            self.attempts = []
-            if past > MISSED * self.travel and self.session.report is not None:
-                end = float(self.protocol.turns[self.way_number + 1])
-                self.session.report(
-                    f"the blocks jump past a displacement of {end:.6g} m, where they were to turn or end: the nearest "
-                    f"equilibrium behind it is {past:.3g} m further"
-                )
-            return True
-        self.attempts.append((parameter, past))
-        return False
-
-    def _short(self) -> tuple[float, float]:
-        """The furthest parameter that is known to lie short of the end of the way, and how far that is past it (m)."""
-        at_last = self.reached, self._past(self.path[-1][0])
-        return max([at_last, *(tried for tried in self.attempts if tried[1] < 0.0)])
+        """The least."""
+        return FEWEST
 
     def jumped(self, parameter: float) -> bool:
-        """Where joints begin to slip, or blocks snap, the curve bends: straight lines between equilibria cut it, and
-        laws that depend on the way of a slip want it in steps."""
+        """Where joints begin to slip or bonds break the curve bends: straight lines between equilibria cut it, and laws
+        that depend on the way of a slip want it in steps."""
         u, V, _ = self.path[-1]
-        far = float(self._away(self.at_last).max()) > BENDS * self.pace * (parameter - self.reached)
-        rises = abs(self._load(parameter) - V) > FLAT * self._greatest()
-        slips = abs(self.loads.displacement(self.moving.state.bodies) - u) > BENDS * self._stride
-        return far and (rises or slips) and not self.attempts  # the end of a way is looked for by itself
+        slope = 0.0
+        if self._goes_on:
+            u_0, V_0, _ = self.path[-2]
+            slope = (V - V_0) / (u - u_0)
+        straight = V + slope * (self.head(parameter) - u)
+        return self._goes_on and abs(self.V - straight) > max(FLAT * max(self._greatest(), abs(self.V)), self._noise())
+
+    def _noise(self) -> float:
+        """What V may be off (N), as blocks rest but for a part of the forces that there are."""
+        state, assembly = self.moving.state, self.moving.assembly
+        forces = np.abs(state.links.wrench[:, :3]).max(initial=0.0), np.abs(assembly.dead_force).max()
+        off = NOISE * BALANCED * max(forces) + of_rounding(state)
+        return float(off / np.abs(assembly.actuators.weight).max())
 
     @property
-    def _stride(self) -> float:
-        """How far blocks go from one equilibrium to the next (m)."""
-        return self.step
+    def _goes_on(self) -> bool:
+        """Whether the last equilibrium is not the first of its way."""
+        return self.reached > self.turned[0]
 
     def _greatest(self) -> float:
         """V (N), without its sign."""
@@ -168,58 +133,49 @@ class DrivenPath(EquilibriumPath):
 
     def close(self, parameter: float) -> float:
         """Of the ways there and back, as far as the head ever is from where it began."""
-        return self.tolerance * min(parameter, self._greatest() / self.stiffness + float(self.ranges.max()))
-
-    def _load(self, parameter: float) -> float:
-        """V where the parameter is now (N)."""
-        return self.V
+        return self.tolerance * min(parameter, float(self.ranges.max()))
 
     def following(self) -> float | None:
-        """The next displacement of the head, until the blocks have come as far as the travel."""
-        past = self._past(self.path[-1][0])
-        if past >= -END * self.travel - BALANCED * abs(self.V) / self.stiffness:
+        """The next displacement of the head, until it has come as far as the travel."""
+        gone = self.reached - self.turned[0]
+        if gone >= self.travel * (1.0 - END):
             if self.way_number + 1 == len(self.protocol.ways):
                 return None
             self._turn()
-            past = self._past(self.path[-1][0])
-        if self.equilibria > self.way:
-            raise NotConvergedError(
-                f"the actuators have come {self.travel + past:.3g} m of their travel of {self.travel:.3g} m, and carry "
-                f"V = {self.V:.6g} N: nothing gives way; shorten control.travel"
-            )
-        if self.attempts:
-            return self._at_the_end()
-        stretch = abs(self.head(self.reached) - self.path[-1][0])
-        if self.way_number:  # a load that is taken back passes zero
-            stretch = max(stretch, UNLOADING * self._greatest() / self.stiffness)
-        step = STRETCH * self.refine * stretch
-        if len(self.path) > 2:  # where joints slip the head takes the blocks along, as far as it goes itself
-            (u_0, V_0, _), (u_1, V_1, _) = self.path[-2:]
-            along = abs(u_1 - u_0) / max(abs(u_1 - u_0 + (V_1 - V_0) / self.stiffness), 1e-300)
-            left = self.refine * abs(past) / EQUILIBRIA  # more than the step where blocks have jumped past the end
-            step = min(step, max(self.step, left) / max(along, 1e-300))
-        return self.reached + max(self.step, step)
+            gone = 0.0
+        step = FIRST * self.step
+        if self._goes_on:
+            step = min(self.step, LONGER * abs(self.path[-1][0] - self.path[-2][0]))
+        return self.reached + min(step, self.travel - gone)
 
     def _turn(self) -> None:
         """Begin the next way where the head is."""
         self.turned = float(self.reached), float(self.head(self.reached))
         self.turns[self.way_number] = self.equilibria - 1
         self.way_number += 1
-        self.attempts = []
-
-    def _at_the_end(self) -> float:
-        """The displacement of the head at which u is about at the travel."""
-        short, beyond = self._short(), min(tried for tried in self.attempts if tried[1] > 0.0)
-        if len(self.attempts) >= ATTEMPTS:
-            return beyond[0]
-        halves = len(self.attempts) > SECANTS and len(self.attempts) % 2
-        share = 0.5 if halves else short[1] / (short[1] - beyond[1])
-        return short[0] + share * (beyond[0] - short[0])
 
     def said(self, parameter: float) -> str:
         return f"a displacement of {self.head(parameter):.6g} m of the actuators"
 
+    def _note(self, parameter: float, ratio: float) -> None:
+        """Points that are not where they are to be cannot go there (NotConvergedError)."""
+        super()._note(parameter, ratio)
+        u, V, _ = self.path[-1]
+        if not self.arrived(parameter):
+            raise NotConvergedError(
+                f"the actuators have come {u:.3g} m of {self.head(parameter):.3g} m, and carry V = {V:.6g} N: guides "
+                "or supports hold the points that they push; let these go, or push elsewhere"
+            )
+
+    def arrived(self, parameter: float) -> bool:
+        """Whether the points are where the head has them be."""
+        return abs(self.path[-1][0] - self.head(parameter)) <= HELD * parameter
+
     # --- checkpoints
+
+    def _go_back(self) -> None:
+        super()._go_back()
+        self.V = self.path[-1][1]
 
     def _own(self) -> dict[str, np.ndarray]:
         return super()._own() | {PROTOCOL: np.array([self.way_number, *self.turned, *self.turns])}
@@ -231,6 +187,7 @@ class DrivenPath(EquilibriumPath):
         if not (number.is_integer() and 0 <= number < len(self.protocol.ways)):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self.way_number, self.turned = int(number), (turned[0], turned[1])
+        self.V = self.path[-1][1]
 
     def finished(self) -> LoadPathRun:
         moving, start = self.moving, self.past.at_rest
@@ -244,22 +201,18 @@ class DrivenPath(EquilibriumPath):
 class ForcePath(DrivenPath):
     """Ways of the force of actuators from equilibrium to equilibrium; the parameter is the sum of its ways (N)."""
 
-    _stride = math.inf  # blocks go as far as the force takes them
-
     def driven(self, parameter: Curve) -> Driving:
         """V follows that path."""
         return replace(self.driving, multiplier=lambda times: self.head(parameter(times)))
 
-    def _load(self, parameter: float) -> float:
-        return float(self.head(parameter))
+    def jumped(self, parameter: float) -> bool:
+        """Where blocks begin to slide, or snap."""
+        far = float(self._away(self.at_last).max()) > BENDS * self.pace * (parameter - self.reached)
+        return far and abs(float(self.head(parameter)) - self.path[-1][1]) > FLAT * self._greatest()
 
-    def belongs(self, parameter: float) -> bool:
-        """All do."""
+    def arrived(self, parameter: float) -> bool:
+        """Blocks go as far as the force takes them."""
         return True
-
-    def close(self, parameter: float) -> float:
-        """Of the ways there and back, as far as the force ever is from where it began."""
-        return self.tolerance * min(parameter, float(self.ranges.max()))
 
     def following(self) -> float | None:
         """The next sum of ways, until the last of them ends."""

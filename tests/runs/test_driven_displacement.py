@@ -1,0 +1,132 @@
+"""Tests by displacement in the deformed geometry: what is driven is where it is to be, however steeply V falls."""
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick.errors import NotConvergedError
+from dembrick.scenario import toml
+from dembrick.scenario.joint_laws import FORMULATIONS
+from helpers.scenario_text import block, header, jack
+
+A, N, MU, C, KS, KN = 0.08, 300.0, 0.5, 1e4, 4e9, 1e10  # of a block of .4 by .2 m without weight on a floor
+TRAVEL = 2e-5
+FLOOR = block("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
+STONE = block("stone", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
+PRESSED = f'[[loads]]\nblock = "stone"\nforce = [0.0, 0.0, {-N}]\npoint = [0.0, 0.0, 0.05]\n'
+TIE = """[[ties]]
+between = [{ block = "floor", point = [-0.5, 0.0, 0.0] }, { block = "stone", point = [-0.2, 0.0, 0.0] }]
+stiffness = 1e6
+tension_only = false
+"""
+
+
+def driven(formulation, ways, keys="", more=PRESSED, jacks=jack("stone", (0.0, 0.0, 0.0)), stone=STONE):
+    law = header(formulation, MU, KN, gravity=(0.0, 0.0, 0.0), keys=keys)
+    control = f'[control]\nkind = "displacement"\nlarge_displacements = true\n{ways}\n'
+    return dembrick.simulate(toml.loads(law + FLOOR + stone + more + jacks + control))
+
+
+def curve(found):
+    """Driven displacement (m) and V of every equilibrium."""
+    return found.run.path[:, 0], found.run.path[:, 1]
+
+
+def there(found, u):
+    """V where the driven displacement was so far, between equilibria."""
+    return np.interp(u, *curve(found))
+
+
+@pytest.mark.parametrize("formulation, stiffness", [*((one, 0.0) for one in FORMULATIONS), ("concave", 1e6)])
+def test_a_brittle_bond_breaks_where_it_is(formulation, stiffness):
+    """V is (c A + mu N) at the slip of the springs, then mu N, and what a tie takes; nothing goes on by itself."""
+    tie = TIE if stiffness else ""
+    found = driven(formulation, f"travel = {TRAVEL}", f"cohesion = {C}", PRESSED + tie)
+    strength = C * A + MU * N
+    at = strength / (KS * A)
+    assert curve(found)[1].max() == pytest.approx(strength + stiffness * at, rel=2e-3)
+    assert curve(found)[0][np.argmax(curve(found)[1])] == pytest.approx(at, rel=2e-3)
+    assert curve(found)[0].max() == curve(found)[0][-1] == pytest.approx(TRAVEL, rel=1e-9)
+    behind = np.array([1.01 * at, 0.5 * TRAVEL, TRAVEL])
+    assert there(found, behind) == pytest.approx(MU * N + stiffness * behind, rel=1e-5)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_bond_that_broke_in_a_cycle_stays_broken(formulation):
+    """To and fro about the start: a loop of mu N, less the slip of the springs at each turn."""
+    found = driven(formulation, f"protocol = [0.0, {TRAVEL}, {-TRAVEL}, {TRAVEL}, {-TRAVEL}]", f"cohesion = {C}")
+    slip = 2.0 * TRAVEL - 2.0 * MU * N / (KS * A)
+    assert [np.abs(cycle["peak"]).tolist() for cycle in found.cycles] == [pytest.approx([MU * N, MU * N], rel=1e-5)]
+    assert [cycle["dissipated"] for cycle in found.cycles] == pytest.approx([2.0 * MU * N * slip], rel=2e-3)
+    assert np.abs(curve(found)[0]).max() == pytest.approx(TRAVEL, rel=1e-9)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_friction_that_falls_at_the_first_slip(formulation):
+    found = driven(formulation, f"travel = {TRAVEL}", "residual_friction = 0.3")
+    assert curve(found)[1].max() == pytest.approx(MU * N, rel=2e-3)
+    assert curve(found)[1][-1] == pytest.approx(0.3 * N, rel=1e-5)
+    assert there(found, 1.01 * MU * N / (KS * A)) == pytest.approx(0.3 * N, rel=1e-5)
+
+
+@pytest.mark.parametrize("held", ['["y", "z", "rx", "ry", "rz"]', '["rz"]', '["ry", "rz"]'])
+def test_a_guided_block_goes_where_its_jack_takes_it(held):
+    """The jack acts beside the centroid, so that guides of the turn carry a moment."""
+    stone = block("stone", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1), f"held = {held}")
+    found = driven("concave", f"travel = {TRAVEL}", jacks=jack("stone", (-0.2, 0.05, 0.05)), stone=stone)
+    if "z" in held.split('"'):
+        assert curve(found)[1][-1] == pytest.approx(0.0, abs=1e-6 * N)  # its load is carried by the guide
+    else:
+        assert curve(found)[1][-1] == pytest.approx(MU * N, rel=1e-5)
+    assert curve(found)[0][-1] == pytest.approx(TRAVEL, rel=1e-9)
+
+
+def test_jacks_of_two_blocks_share_their_displacement():
+    """Weights 3 and -1: what moves is the block that needs less V, and u is (3 u_1 - u_2) / 4."""
+    second = block("second", (0.0, 0.6, 0.05), (0.4, 0.2, 0.1))
+    floor_2 = block("floor 2", (0.0, 1.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
+    loads = PRESSED + PRESSED.replace('"stone"', '"second"').replace("0.0, 0.0, 0.05]", "0.0, 0.6, 0.05]")
+    jacks = jack("stone", (0.0, 0.0, 0.0), more="weight = 3.0")
+    jacks += jack("second", (0.0, 0.6, 0.0), more="weight = -1.0").replace('"jack"', '"other"')
+    found = driven("concave", f"travel = {TRAVEL}", more=floor_2 + second + loads, jacks=jacks)
+    V = MU * N / 3.0
+    assert curve(found)[1][-1] == pytest.approx(V, rel=1e-5)
+    u_2 = -V / (KS * A)
+    moved = found.run.motion.displacement[:, 0][[1, 3]]
+    assert moved == pytest.approx([(4.0 * TRAVEL + u_2) / 3.0, u_2], rel=1e-4)
+
+
+def test_a_driven_pressure_pushes_as_a_jack_does():
+    text = '[[pressures]]\nblock = "stone"\ndirection = [-1.0, 0.0, 0.0]\nvalue = 1.0\nactuator = true\n'
+    by_pressure = driven("concave", f"travel = {TRAVEL}", f"cohesion = {C}", PRESSED + text, jacks="")
+    by_jack = driven("concave", f"travel = {TRAVEL}", f"cohesion = {C}", jacks=jack("stone", (-0.2, 0.0, 0.05)))
+    face = 0.2 * 0.1
+    u = np.linspace(0.0, TRAVEL, 50)
+    peak = curve(by_jack)[1].max()
+    assert MU * N < 0.5 * peak < C * A + MU * N  # it is pushed above its joint, of which a part breaks first
+    assert face * there(by_pressure, u) == pytest.approx(there(by_jack, u), abs=2e-3 * peak)
+    assert curve(by_pressure)[1][-1] == pytest.approx(MU * N / face, rel=1e-5)
+    assert curve(by_pressure)[0][-1] == pytest.approx(TRAVEL, rel=1e-9)
+
+
+def test_a_point_that_is_held_cannot_be_driven():
+    stone = block("stone", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1), 'held = ["x", "rx", "ry", "rz"]')
+    with pytest.raises(NotConvergedError, match="guides or supports hold the points"):
+        driven("concave", f"travel = {TRAVEL}", stone=stone)
+
+
+def test_a_column_that_rocks_has_its_greatest_load_at_once():
+    """W b / (2 h) at the start; then V = W (b cos t - h sin t) / (2 h cos t + 2 b sin t), turned by t about an edge."""
+    b, h, W = 0.2, 1.0, 0.2 * 0.3 * 1.0 * 2000.0 * 9.81
+    law = header("concave", 0.9, 1e11)
+    column = block("column", (0.0, 0.0, 0.5), (b, 0.3, h))
+    push = jack("column", (-0.1, 0.0, h))
+    control = '[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = 0.05\n'
+    found = dembrick.simulate(toml.loads(law + FLOOR + column + push + control))
+    assert curve(found)[1].max() == pytest.approx(0.5 * W * b / h, rel=2e-3)
+    # the jack is at the far upper edge
+    t = np.linspace(0.0, 0.06, 2000)
+    u = h * np.sin(t) - b * (np.cos(t) - 1.0)
+    V = W * (0.5 * b * np.cos(t) - 0.5 * h * np.sin(t)) / (h * np.cos(t) + b * np.sin(t))
+    shown = np.linspace(0.005, 0.05, 10)
+    assert there(found, shown) == pytest.approx(np.interp(shown, u, V), rel=2e-3)
