@@ -21,7 +21,7 @@ class PointTable(Sequence[ContactPoints | None]):
 
     ``normal_arm`` and ``shear_arm`` (c, 2), ``area`` (c,): see :class:`ContactPoints`; the two arms are one array
     where they are the same for all joints. ``start`` (j + 1,): the first point of each joint. ``resultant`` (j,):
-    whether the joint has a resultant in place of points.
+    whether the joint has a resultant in place of points. ``tolerance``: that of ``distributed`` points.
     """
 
     normal_arm: np.ndarray
@@ -29,6 +29,7 @@ class PointTable(Sequence[ContactPoints | None]):
     area: np.ndarray
     start: np.ndarray
     resultant: np.ndarray
+    tolerance: float = DISCRETISATION
 
     @staticmethod
     def of(points: Sequence[ContactPoints | None]) -> PointTable:
@@ -82,7 +83,7 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
     for j, points in single.items():
         some = slice(start[j], start[j + 1])
         normal_arm[some], shear_arm[some], area[some] = points.normal_arm, points.shear_arm, points.area
-    return PointTable(normal_arm, shear_arm, area, start, formulation == "convex")
+    return PointTable(normal_arm, shear_arm, area, start, formulation == "convex", tolerance)
 
 
 def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.ndarray:

@@ -95,6 +95,15 @@ def _points_of_pieces(joint, tolerance: float) -> ContactPoints:
     return ContactPoints(shrunk if joint.law.formulation == "corrected" else normal_arm, shrunk, area)
 
 
+def cells_of(joint, tolerance: float) -> np.ndarray:
+    """Corners (k, 4, 2), m, from O, of the cells that points of a ``distributed`` joint stand for, in their order."""
+    cells = []
+    for piece in joint.pieces or [joint.polygon]:
+        centre = polygons.area_and_centroid(piece)[1:] if joint.pieces else (0.0, 0.0)
+        cells.append(distributed_cells(piece - np.array(centre), tolerance, joint.law.points) + centre)
+    return np.concatenate(cells)
+
+
 def distributed_points(polygon, tolerance: float, points: tuple[int, int] | None = None):
     """Points (k, 2) and areas (k,) that fill a polygon about O, to a tolerance or by count.
 
@@ -102,13 +111,43 @@ def distributed_points(polygon, tolerance: float, points: tuple[int, int] | None
     nearest to t1: n x m points on a rectangle; elsewhere at least two lines stand between neighbouring corners.
     """
     corners = np.asarray(polygon, float)
+    return _fill(corners, *_grid(corners, tolerance, points))
+
+
+def distributed_cells(polygon, tolerance: float, points: tuple[int, int] | None = None) -> np.ndarray:
+    """Corners (k, 4, 2), counter-clockwise, of the cells that `distributed_points` stand for, in their order: together
+    they are the polygon."""
+    corners = np.asarray(polygon, float)
+    direction, n_line, n_point = _grid(corners, tolerance, points)
+    frame = _frame(direction)
+    cells = []
+    for left, right, bottom, rise, top, fall in _slabs(corners @ frame):
+        span = right - left
+        lines = np.linspace(-0.5 * span, 0.5 * span, n_line(span, max(abs(rise), abs(fall))) + 1)
+        positions, _ = _line_rule(len(lines) - 1)
+        for x, *sides in zip(positions * span, lines[:-1], lines[1:], strict=True):
+            count = n_point(top + fall * x - bottom - rise * x)
+            across = np.linspace(0.0, 1.0, count + 1)
+            ends = [
+                np.stack(
+                    [np.full(count + 1, 0.5 * (left + right) + side), (1.0 - across) * low + across * high], axis=1
+                )
+                for side in sides
+                for low, high in [(bottom + rise * side, top + fall * side)]
+            ]
+            cells.append(np.stack([ends[0][:-1], ends[1][:-1], ends[1][1:], ends[0][1:]], axis=1))
+    return np.concatenate(cells) @ frame.T
+
+
+def _grid(corners: np.ndarray, tolerance: float, points: tuple[int, int] | None):
+    """In which direction lines of points follow one another, and how many lines and points there are: see `_fill`."""
     directions = _directions(corners)
     if points is None:
         size = float(np.sqrt((corners**2).sum(axis=1).max()))
         # Equal joints of a wall differ by rounding only: the rounded, scaled polygon is the key of what is remembered.
         key = tuple(map(tuple, (np.round(corners / size, 10) + 0.0).tolist()))
         spacing, chosen = _layout(key, tolerance)
-        return _fill(corners, directions[chosen], *_counts(spacing * size))
+        return directions[chosen], *_counts(spacing * size)
     nearness = np.abs(directions[::2, 0])
     along = directions[2 * int(np.argmax(nearness > nearness.max() - _SAME))]
     total = float(np.ptp(corners @ along))
@@ -117,7 +156,7 @@ def distributed_points(polygon, tolerance: float, points: tuple[int, int] | None
     def lines(span, _steepness):
         return n_along if span > total * (1.0 - _SAME) else max(2, round(n_along * span / total))
 
-    return _fill(corners, along, lines, lambda _length: n_across)
+    return along, lines, lambda _length: n_across
 
 
 def _counts(spacing: float):

@@ -57,6 +57,24 @@ def test_given_points_fill_a_rectangle_with_equal_areas(points):
     moments_met(rectangle(0.3, 0.2), rule.normal_arm, rule.area)
 
 
+@pytest.mark.parametrize("points", [None, (5, 3), (1, 1), (4, 16)])
+def test_cells_of_points_are_the_polygon(points):
+    """Each holds its own point, and all together fill the polygon without lying over one another."""
+    draw = np.random.default_rng(3)
+    for polygon in [rectangle(0.3, 0.2), *(random_polygon(draw) for _ in range(20))]:
+        arms, areas = quadrature.distributed_points(polygon, 1e-2, points)
+        cells = quadrature.distributed_cells(polygon, 1e-2, points)
+        assert len(cells) == len(arms)
+        own = np.array([polygons.area(cell) for cell in cells])
+        assert own.min() > 0.0 and own.sum() == pytest.approx(polygons.area(polygon), rel=1e-9)
+        size = np.abs(polygon).max()
+        assert polygons.distance_outside(cells.reshape(-1, 2), np.asarray(polygon)).max() < 1e-9 * size
+        edges = np.roll(cells, -1, axis=1) - cells
+        sides = arms[:, None] - cells
+        assert (edges[..., 0] * sides[..., 1] - edges[..., 1] * sides[..., 0]).min() > -1e-9 * size**2
+        assert np.all(areas > 0.0)
+
+
 def test_the_rule_beats_equal_cells_and_the_gauss_product_rule():
     """12 x 8 points on 0.3 x 0.2: the numbers that the choice rests on."""
     polygon = rectangle(0.3, 0.2)

@@ -1,11 +1,13 @@
-"""A plank that slides from one fixed block onto its neighbour keeps the cohesion of what it covers.
+"""A block has the cohesion of what it covers: one that slides over the edges of its base, and a plank that slides from
+one fixed block onto its neighbour.
 
-Its two joints are parts of its face: as it slides they are handed over to contacts of the surfaces. All of it stays
-covered, so that it takes mu N + c A, by hand.
+The two joints of the plank are parts of its face: as it slides they are handed over to contacts of the surfaces. All of
+it stays covered, so that it takes mu N + c A, by hand.
 """
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from dembrick.runs.simulate import simulate
@@ -17,6 +19,38 @@ from helpers.stone_scenes import of_stone
 FRICTION, COHESION, WEIGHT, AREA = 0.6, 4000.0, 0.2 * 0.2 * 0.1 * 2000.0 * 9.81, 0.04
 THIN = 0.02  # m
 TRAVEL = 0.018  # m: 0.16 of the way from the middle of a joint to its corner, where all is handed over
+
+
+@pytest.mark.parametrize(
+    "formulation, points",
+    [("concave", None), ("convex", None), ("distributed", (4, 4)), ("distributed", (1, 1)), ("distributed", (2, 9))],
+)
+@pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (0.8, 0.6)], ids=["along", "across", "askew"])
+def test_cohesion_goes_with_the_area_that_both_blocks_share(formulation, points, way):
+    """V = mu N + c (a - x) (b - y) of a guided block that slides by (x, y), which is known to a fraction of a
+    thousandth of its short side."""
+    a, b, N = 0.4, 0.2, 0.4 * 0.2 * 0.1 * 2000.0 * 9.81
+    law = JointLaw(
+        formulation,
+        0.5,
+        1e10,
+        4e9,
+        points,
+        cohesion=1e4,
+        residual_cohesion=1e4,
+    )
+    blocks = (
+        Block("base", "stone", (a, b, 0.2), (0.0, 0.0, -0.1), fixed=True),
+        Block("block", "stone", (a, b, 0.1), (0.0, 0.0, 0.05), held=("rx", "ry", "rz")),
+    )
+    control = DisplacementControl(travel=0.02, large_displacements=True)
+    jack = Actuator("jack", "block", (0.0, 0.0, 0.0), (*way, 0.0))
+    rows = simulate(of_stone(law, control, blocks, actuators=(jack,))).to_pandas()
+    moved, load = rows["displacement [m]"].to_numpy(), rows["load [N]"].to_numpy()
+    slides = moved > 1e-5
+    shared = (a - way[0] * moved[slides]) * (b - way[1] * moved[slides])
+    assert moved[-1] > 0.0199 and slides.sum() > 5
+    np.testing.assert_allclose(load[slides], 0.5 * N + 1e4 * shared, rtol=1e-3)
 
 
 def plank(formulation: str, cohesion: float, kept: float) -> Scenario:

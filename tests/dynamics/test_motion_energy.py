@@ -295,7 +295,7 @@ def test_cohesion_brakes_by_the_area_that_is_left_on_a_floor_of_the_same_size(fo
     cohesion, friction, length, width, speed = 500.0, 0.3, 0.3, 0.2, 0.9
     below = Block("below", "stone", (length, width, 0.1), (0.0, 0.0, 0.05), fixed=True)
     over = Block("over", "stone", (length, width, 0.04), (0.0, 0.0, 0.12), velocity=(speed, 0.0, 0.0))
-    # dashpots of the usual size take .1 % of the speed as the springs of a law of the user's own are loaded
+    # dashpots of the usual size take up to .1 % of the speed as the springs of a law of the user's own are loaded
     dry = scene(formulation, DynamicControl(0.3, restitution=0.95 if law else 0.5), below, over, friction=friction)
     bonded = dataclasses.replace(dry.joint, cohesion=cohesion, residual_cohesion=cohesion)
     result = simulate(dry if law else dataclasses.replace(dry, joint=bonded), law=law)
@@ -303,7 +303,7 @@ def test_cohesion_brakes_by_the_area_that_is_left_on_a_floor_of_the_same_size(fo
     c, b = friction * G, cohesion * width / mass((length, width, 0.04))
     half = c / b + length
     x = half - math.sqrt(half**2 - speed**2 / b)
-    assert result.displacement[-1, 0] == pytest.approx(x, rel=6e-4 if law else 4e-4)
+    assert result.displacement[-1, 0] == pytest.approx(x, rel=8e-4 if law else 3e-4)
     assert result.energy.relative_residual < 5e-10
 
 

@@ -261,6 +261,12 @@ def test_a_wall_takes_less_than_2_kb_a_block(formulation):
         assert len(moving.state.faces.count) <= 4  # a head joint, one of half a block, one of a whole one, the last bed
 
 
+def shared_areas(some, face):
+    """What polygons (k, m, 2) share with a face."""
+    points, count = clip(some, np.broadcast_to(face, (len(some), *face.shape)))
+    return np.array([polygons.area(p[:n]) if n else 0.0 for p, n in zip(points, count, strict=True)])
+
+
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])
 def test_polygons_are_cut_as_plane_geometry_says(formulation):
     """Blocks that slid and twisted to drawn places on a floor of their own size, over one edge, two or three."""
@@ -277,11 +283,13 @@ def test_polygons_are_cut_as_plane_geometry_says(formulation):
         origin = now[:2] - shift @ tangents
         face = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
         if formulation == "distributed":
-            places = (origin + start.normal_arm @ tangents, start.normal_arm)
-            outside = np.array([distance_outside(points, face) for points in places])
-            left, before = np.clip(0.5 - outside / np.sqrt(start.area), 0.0, 1.0)
-            area = start.area * np.minimum(left / before, 1.0)
-            np.testing.assert_allclose(corners.area, area, rtol=1e-12, atol=1e-16)
+            low, size = drawn.min(axis=0), np.ptp(drawn, axis=0)
+            edge = np.where(size > size.min(), size / 6.0, size / 4.0)  # of 6 x 4 equal cells
+            first = low + edge * np.floor((start.normal_arm - low) / edge)
+            cells = first[:, None] + edge * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+            np.testing.assert_allclose(corners.area, shared_areas(origin + cells @ tangents, face), atol=1e-15)
+            (shared,) = shared_areas((origin + drawn @ tangents)[None], face)
+            assert corners.area.sum() == pytest.approx(shared, rel=1e-9)
             continue
         outline = (nearest_points(origin + drawn @ tangents, face) - origin) @ np.linalg.inv(tangents)
         _, x, y = polygons.area_and_centroid(outline)

@@ -14,6 +14,7 @@ TRAVEL = 2e-5
 FLOOR = block("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
 STONE = block("stone", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
 PRESSED = f'[[loads]]\nblock = "stone"\nforce = [0.0, 0.0, {-N}]\npoint = [0.0, 0.0, 0.05]\n'
+JACK = jack("stone", (0.0, 0.0, 0.0))
 TIE = """[[ties]]
 between = [{ block = "floor", point = [-0.5, 0.0, 0.0] }, { block = "stone", point = [-0.2, 0.0, 0.0] }]
 stiffness = 1e6
@@ -21,7 +22,7 @@ tension_only = false
 """
 
 
-def driven(formulation, ways, keys="", more=PRESSED, jacks=jack("stone", (0.0, 0.0, 0.0)), stone=STONE):
+def driven(formulation, ways, keys="", more=PRESSED, jacks=JACK, stone=STONE):
     law = header(formulation, MU, KN, gravity=(0.0, 0.0, 0.0), keys=keys)
     control = f'[control]\nkind = "displacement"\nlarge_displacements = true\n{ways}\n'
     return dembrick.simulate(toml.loads(law + FLOOR + stone + more + jacks + control))

@@ -12,6 +12,7 @@ from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.point_laws import place_of
 from dembrick.kernels.dynamics.tiles import W, way_of
 from dembrick.kernels.joint.custom_law import resize
+from dembrick.kernels.joint.pressure import cut
 
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
 PARALLEL = 1.0 - 1e-4  # cosine: a polygon that moves so near to along an edge moves along it
@@ -24,15 +25,19 @@ class Drawn(NamedTuple):
     outline: ndarray  # (k, 2) m, corners along e1 and e2 from O
     arms: ndarray  # (c, 2) m, contact points; none of a convex joint
     areas: ndarray  # (c,) m2
-    start: ndarray  # (c, 2) m, where they were at the start, in the plane's axes
+    cells: ndarray  # (c, 4, 2) m, corners of what a point stands for, counter-clockwise, if points fade; as ``arms``
     placed: ndarray  # (k, 2) m, scratch: the corners in the plane's axes
     cut: ndarray  # (k, 2) m, scratch: the corners that are left
+    x: ndarray  # (4 + m,) m, scratch: a cell, as `joint.pressure.cut` takes it
+    y: ndarray  # (4 + m,) m
+    spare_x: ndarray  # (4 + m,) m
+    spare_y: ndarray  # (4 + m,) m
     shift: ndarray  # (2,) m, where O is now, from where it was on the host at the start, along e1 and e2
     whole: ndarray  # (1,) bool, nothing of the polygon has been cut off
     area: float  # m2
     bound: float  # m, how far the polygon may move before it is looked at again
     shrink: float  # arms of the points over those of the corners
-    margin: float  # m, points this far inside an edge are not touched by it
+    margin: float  # m, points this far inside an edge are not touched by it: no corner of a cell is further away
     fades: bool  # points lose their area one by one, in place of moving with the corners
 
 
@@ -270,10 +275,24 @@ def project(links, corners, p, j, drawn, o, e, g):
 
 
 @jit
-def inside(face, x, y, area):
-    """The part of the cell of a point, as a square of that ``area``, that lies on a face, as its nearest edge passes
-    through it."""
-    return min(max(0.5 - outside(face, x, y) / sqrt(area), 0.0), 1.0)
+def left_of_cell(drawn, k, a, b, e, g):
+    """The part of the cell of point ``k`` that lies on the face; O of the start is at (a, b) in the plane's axes."""
+    x, y = drawn.arms[k, 0], drawn.arms[k, 1]
+    if outside(drawn.face, a + x * e[0] + y * g[0], b + x * e[1] + y * g[1]) <= -drawn.margin:
+        return 1.0
+    count = 4
+    for i in range(count):
+        x, y = drawn.cells[k, i, 0], drawn.cells[k, i, 1]
+        drawn.x[i] = a + x * e[0] + y * g[0]
+        drawn.y[i] = b + x * e[1] + y * g[1]
+    whole, _, _ = area_and_centroid(drawn.x, drawn.y, count)
+    for i in range(drawn.face.shape[0]):
+        u, v, t, s, _ = edge_of(drawn.face, i)
+        count = cut(drawn, 0, count, -s, t, s * u - t * v, 0.0)
+        if count < 3:
+            return 0.0
+    area, _, _ = area_and_centroid(drawn.x, drawn.y, count)
+    return area / whole
 
 
 @jit
@@ -282,10 +301,7 @@ def fade(links, corners, p, j, drawn, o, e, g):
     a, b = start_of(drawn, o, e, g)
     stand_alone(corners.like, links.place[j] // W)
     for k in range(drawn.areas.size):
-        x, y = drawn.arms[k, 0], drawn.arms[k, 1]
-        left = inside(drawn.face, a + x * e[0] + y * g[0], b + x * e[1] + y * g[1], drawn.areas[k])
-        left /= inside(drawn.face, drawn.start[k, 0], drawn.start[k, 1], drawn.areas[k])
-        put_area(corners, p, k, drawn.areas[k] * min(left, 1.0))
+        put_area(corners, p, k, drawn.areas[k] * left_of_cell(drawn, k, a, b, e, g))
 
 
 @entry

@@ -3,7 +3,7 @@
 A polygon rides on its host. Where the host slides or twists past the edge of the other's face, part of it hangs over,
 and what hangs over carries nothing. The number of contact points never changes, so that nothing jumps: a corner beyond
 the edge moves to the nearest point of the face, and the tributary areas are those of the polygon that this makes; a
-point of a ``distributed`` joint fades out while the edge passes through its cell; a ``convex`` joint, which is an
+point of a ``distributed`` joint has what its cell shares with the face; a ``convex`` joint, which is an
 integral, is clipped. Springs over what is cut off let go of their shear; the rest keeps its own.
 
 Cutting costs as much as many thousand steps of a joint, so it is done only where a polygon has moved along its plane by
@@ -14,12 +14,13 @@ the last time it may go as far as no distance between its corners and the edges 
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
+from dembrick.assembly.quadrature import cells_of
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.geometry.shapes import parts_of
 from dembrick.kernels.dynamics.polygon_clips import ORDER, Clipping, clip_area, must_clip
@@ -48,7 +49,7 @@ class Polygons:
         joints = JointTable.of(assembly.joints)
         self.state, self._joints, self._shapes = state, joints, assembly.shapes
         self._shared = joint_families.outlines(state)  # polygons that no joint has for itself
-        self._points = assembly.contact_points
+        self._points = PointTable.of(assembly.contact_points)
         self.start = state.links.seen.copy()
         self.bound = np.empty(len(joints))
         self.size = np.empty(len(joints))
@@ -142,21 +143,23 @@ class Polygons:
         joint, points, face = self._joints[j], self._points[j], np.ascontiguousarray(self._face(j))
         outline, fades = np.array(joint.polygon, float), joint.law.formulation == "distributed"
         arms, areas = (np.zeros((0, 2)), np.zeros(0)) if points is None else (points.normal_arm, points.area)
-        start = self.start[j]
+        cells = cells_of(joint, self._points.tolerance) if fades else np.zeros((0, 4, 2))
+        away = np.hypot(*(cells - arms[:, None]).T) if fades else np.zeros(1)
         self._drawn[j] = Drawn(
             face=face,
             outline=outline,
             arms=np.array(arms, float),
             areas=np.array(areas, float),
-            start=start[:2] + arms @ start[[[3, 4], [6, 7]]],
+            cells=cells,
             placed=np.empty_like(outline),
             cut=np.empty_like(outline),
+            **dict(zip(("x", "y", "spare_x", "spare_y"), np.zeros((4, 4 + len(face))), strict=True)),
             shift=self.shift[j],
             whole=self.whole[j : j + 1],
             area=float(joint.area),
             bound=float(self.bound[j]),
             shrink=float(np.abs(arms).max(initial=0.0) / np.abs(outline).max()),
-            margin=math.sqrt(areas.max()) if fades else 0.0,
+            margin=float(away.max()),
             fades=fades,
         )
         return self._drawn[j]

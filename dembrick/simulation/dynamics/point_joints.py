@@ -36,7 +36,8 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | 
     start = np.concatenate([[0], np.cumsum(np.diff(table.start)[chosen])])
     x, y = table.normal_arm.T.copy()
     farthest = np.maximum.reduceat(np.abs(table.normal_arm).max(axis=1), start[:-1])
-    shear_arm = np.maximum.reduceat(np.abs(table.shear_arm).max(axis=1), start[:-1]) / farthest
+    sheared = np.maximum.reduceat(np.abs(table.shear_arm).max(axis=1), start[:-1])
+    shear_arm = np.divide(sheared, farthest, out=np.ones_like(farthest), where=farthest > 0.0)  # one point is at O
     values = [(k.normal_stiffness, k.shear_stiffness, k.friction) for k in laws]
     strengths = strengths_of(laws)
     more = np.zeros((len(laws), 0)) if strengths is None else np.column_stack([*strengths[:-1], bonded_at_start(laws)])

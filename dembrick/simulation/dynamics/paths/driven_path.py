@@ -1,8 +1,8 @@
 """Test by displacement in the deformed geometry: a path of equilibria while actuators move blocks by a given travel.
 
-The parameter of the path (`equilibria`) is the way of the driven displacement of the load system (`driven_loads`), as of
-a head without a spring: the loop finds the multiplier V that this takes (`kernels.dynamics.driven_displacement`), so
-that V falls behind a peak, or as bonds break, however steeply. Equilibria know no rate.
+The parameter of the path (`equilibria`) is the way of the driven displacement of the load system (`driven_loads`), of a
+head without a spring: the loop finds the multiplier V that this takes (`kernels.dynamics.driven_displacement`), so that
+V falls behind a peak, or as bonds break, however steeply. Equilibria know no rate.
 
 A protocol is one such way after another, to and fro; the parameter is then the sum of the ways. Where a protocol is one
 of forces, V is what it says.
