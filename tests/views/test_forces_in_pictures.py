@@ -43,7 +43,9 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
     """The second joint of three blocks, whose polygon rides on the third: ten times as far in the picture."""
     assembly = cases.mixed_assembly()
     assembly.orientation[2] = [1.0, 0.0, 0.0, 0.0]
-    written = cases.written(tmp_path / "run.h5", cases.record(0, 31, 2, 0), cases.frames(0, 4, 3), assembly)
+    written = cases.written(
+        tmp_path / "run.h5", cases.record(0, 31, 2, 0), cases.frames(0, 4, 3), assembly, control=cases.CONSTANT_RATE
+    )
     with written as three, drawn(three, forces=True, magnification=10.0) as found:
         N, V_1, V_2, _, M_1, M_2, _ = JointMotion(three).at([3]).resultants[0][1]
         at = np.array([M_2, -M_1, 0.0]) / N

@@ -206,9 +206,8 @@ class Contacts:
         if len(self._convex):
             resultants = joints.resultants[:, self._convex]
             N, V_1, V_2 = np.moveaxis(resultants[..., :3], -1, 0)
-            axes, centre = joints.acting_axes[:, self._convex], joints.pressure_centre[:, self._convex]
+            axes, at = joints.acting_axes[:, self._convex], joints.pressure_place[:, self._convex]
             own = np.einsum("fji,fjik->fjk", np.stack([-V_1, -V_2, N], axis=-1), axes)
-            at = joints.acting_origin[:, self._convex] + np.einsum("fji,fjik->fjk", centre, axes[:, :, :2])
             if not points.size:
                 force = own
             elif force is not None:

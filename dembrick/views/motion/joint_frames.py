@@ -87,8 +87,18 @@ class JointFrames:
     @cached_property
     def axes(self) -> np.ndarray:
         """(f, j, 3, 3): the joints' axes riding on a, world, as rows."""
+        return self._riding(self.joints.block_a)
+
+    @property
+    def seen_axes(self) -> np.ndarray:
+        """(f, j, 3, 3): the axes, world, as rows, along which an observer on a sees motion and forces: the `axes`; in
+        the geometry of the start those of the start."""
+        return self.acting_axes if self.joints.small else self.axes
+
+    def _riding(self, blocks: np.ndarray) -> np.ndarray:
+        """(f, j, 3, 3): the joints' axes riding on one of the blocks (j,) of each, world, as rows."""
         axes = self.joints.axes
-        return axes + turning(self._turned[:, self.joints.block_a, None], axes)
+        return axes + turning(self._turned[:, blocks, None], axes)
 
     @cached_property
     def shift(self) -> np.ndarray:
@@ -109,8 +119,11 @@ class JointFrames:
     @cached_property
     def acting_axes(self) -> np.ndarray:
         """(f, j, 3, 3): the axes of the resultants, world, as rows: t1 of the block that the polygon rides on, laid
-        into the plane of the other's face, t2, and the normal of that face from a to b."""
+        into the plane of the other's face, t2, and the normal of that face from a to b. In the geometry of the start
+        those of the start: forces do not turn with the blocks there."""
         joints, axes = self.joints, self.joints.axes
+        if joints.small:
+            return np.broadcast_to(axes, (len(self._frames), *axes.shape))
         t = axes[:, 0] + turning(self._turned[:, joints.host], axes[:, 0])
         n = axes[:, 2] + turning(self._turned[:, joints.other], axes[:, 2])
         t -= (t * n).sum(axis=-1, keepdims=True) * n
@@ -150,6 +163,12 @@ class JointFrames:
         N, _, _, _, M_1, M_2, _ = np.moveaxis(self.resultants, -1, 0)
         moments = np.stack([M_2, -M_1], axis=-1)
         return np.divide(moments, N[..., None], out=np.zeros_like(moments), where=N[..., None] > 0.0)
+
+    @cached_property
+    def pressure_place(self) -> np.ndarray:
+        """(f, j, 3) m: the `pressure_centre` in the world, on the block that the polygon rides on."""
+        axes = self._riding(self.joints.host) if self.joints.small else self.acting_axes
+        return self.acting_origin + np.einsum("fji,fjik->fjk", self.pressure_centre, axes[:, :, :2])
 
     @cached_property
     def point_forces(self) -> np.ndarray | None:

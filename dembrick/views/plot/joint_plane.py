@@ -140,7 +140,7 @@ def _friction(
         strength = joint["friction"] * normal if now.point_strength is None else now.point_strength[0]
         limit = strength[shown] / share
         if forces is not None:
-            along = forces[0, shown] @ now.axes[0, 0, :2].T
+            along = forces[0, shown] @ now.seen_axes[0, 0, :2].T
             return along / np.reshape(share, (-1, 1)), float(limit.max())
     if not slides:
         return None, float(limit.max())
