@@ -94,6 +94,24 @@ def shrink_factor(polygon) -> np.ndarray:
     return mean_distance(polygon)[..., 0] / c
 
 
+def pieces(polygon) -> list[np.ndarray]:
+    """Numbers of the corners of each convex piece that a polygon (m, 2) strings together; all of them if it is one.
+
+    The walk of a joint of several pieces goes round the first and back to its first corner, home, then out to each
+    other, round that, and home again: a piece ends where the corner comes back with which it began.
+    """
+    corners = np.asarray(polygon, float)
+    found, start, step = [], 0, 1  # the first piece is home, the others end one corner before it
+    while start < len(corners):
+        again = np.flatnonzero((corners[start + 1 :] == corners[start]).all(axis=1))
+        if not len(again):
+            return [np.arange(len(corners))]
+        end = start + 1 + int(again[0])
+        found.append(np.arange(start, end))
+        start, step = end + step, 2
+    return found
+
+
 def width(polygon) -> np.ndarray:
     """The short side: the smallest distance of two parallel lines that hold the convex polygon between them (m)."""
     p, q, _ = _edges(polygon)

@@ -3,15 +3,14 @@
 | layer | cells | quantities |
 |---|---|---|
 | blocks | the faces of all blocks | block; displacement, velocity, spin, kinetic_energy; displacement of every vertex |
-| joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip,
-utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner | | ties | a line a tie |
-block_a, block_b; tension, yielded | | contacts | a vertex a contact point | joint; force on block b, normal_force | |
-new_contacts | a vertex a contact that formed in the run, as many as each frame has | block_a, block_b; force and torque
-on block b, normal, normal_force, area, slip |
+| joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip, utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner |
+| ties | a line a tie | block_a, block_b; tension, yielded |
+| contacts | a vertex a contact point | joint; force on block b, normal_force |
+| new_contacts | a vertex a contact that formed in the run, as many as each frame has | block_a, block_b; force and torque on block b, normal, normal_force, area, slip |
 
 SI units, world axes. ``state``: 0 closed, 1 partly open, 2 open. ``torsion_centre`` is in the world,
 ``torsion_centre_joint`` along t1 and t2 from O; NaN if there is none. A convex joint has one contact, where its
-resultant passes.
+resultant passes. A joint of several pieces has a polygon for each, all with the quantities of the whole joint.
 """  # noqa: E501 - a table
 
 from __future__ import annotations
@@ -145,19 +144,20 @@ class Blocks:
 
 
 class Joints:
-    """The polygons of the joints."""
+    """The polygons of the joints, one for each convex piece."""
 
     kind = "Polygons"
 
     def __init__(self, history: History, joints: JointMotion, forces: bool):
         self._forces = forces
-        starts = np.cumsum([0, *joints.n_corner]).tolist()
+        corners = [own for of_joint in joints.pieces for own in of_joint]
+        self._owner = owner = np.repeat(np.arange(joints.n_joint), [len(of_joint) for of_joint in joints.pieces])
+        starts = np.cumsum([0, *map(len, corners)]).tolist()
         self.cells = [tuple(range(a, b)) for a, b in zip(starts, starts[1:], strict=False)]
         self.n_point = starts[-1]
-        self._there = joints.is_corner
-        own = np.repeat(np.arange(joints.n_joint), joints.n_corner)
-        self._motion = CarriedPoints(history, *_on_hosts(history, joints, own, joints.polygon[self._there]))
-        self.fixed = {"joint": np.arange(joints.n_joint), "block_a": joints.block_a, "block_b": joints.block_b}
+        self._corner = own, number = np.repeat(owner, np.diff(starts)), np.concatenate(corners)
+        self._motion = CarriedPoints(history, *_on_hosts(history, joints, own, joints.polygon[own, number]))
+        self.fixed = {"joint": owner, "block_a": joints.block_a[owner], "block_b": joints.block_b[owner]}
 
     def frames(self, span: Span) -> Frames:
         joints = span.joints
@@ -178,7 +178,9 @@ class Joints:
         cells["torsion_centre_joint"] = centre
         cells = {name: values.astype(np.float32) for name, values in cells.items()}
         cells["state"] = now.state.astype(np.int32)
-        opening = now.opening.astype(np.float32)[:, self._there]
+        cells = {name: values.take(self._owner, axis=1) for name, values in cells.items()}
+        own, number = self._corner
+        opening = now.opening.astype(np.float32)[:, own, number]
         return Frames(self._motion.points(span.poses), {"opening": opening}, cells)
 
 

@@ -39,11 +39,12 @@ def hinges(history: History, joints: JointMotion, frame: int) -> list[int]:
 
 
 def closed_edges(joints: JointMotion, frame: int) -> np.ndarray:
-    """Where the two faces of every joint are nearest to one another in a frame (j, 2) m, from O: the middle of those
-    corners."""
+    """Where the two faces of every joint are nearest to one another in a frame (j, 2) m, from O: half way between the
+    outermost of those corners."""
     owner, corner = np.nonzero(joints.is_corner)
     arms = joints.polygon[owner, corner]
     apart = np.full(joints.is_corner.shape, np.inf)
     apart[owner, corner] = joints.at([frame]).relative.distance(arms, owner)[0]
-    nearest = apart <= apart.min(axis=1, keepdims=True) + CLOSE * joints.size[:, None]
-    return (joints.polygon * nearest[..., None]).sum(axis=1) / nearest.sum(axis=1)[:, None]
+    nearest = (apart <= apart.min(axis=1, keepdims=True) + CLOSE * joints.size[:, None])[..., None]
+    low, high = (np.where(nearest, joints.polygon, beyond) for beyond in (np.inf, -np.inf))
+    return 0.5 * (low.min(axis=1) + high.max(axis=1))

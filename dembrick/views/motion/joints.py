@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.geometry.friction_integrals import far_moments
-from dembrick.geometry.polygons import area, distance_outside
+from dembrick.geometry.polygons import area, distance_outside, pieces
 from dembrick.kernels.joint.utilisation import Outlines
 from dembrick.views.motion.bending import edges
 from dembrick.views.motion.bonds import Bonds
@@ -120,6 +120,12 @@ class JointMotion:
         return found
 
     @cached_property
+    def pieces(self) -> list[list[np.ndarray]]:
+        """Numbers of the corners of each convex piece of every joint: one piece, but where blocks of several parts
+        touch in one plane."""
+        return [pieces(corners[:count]) for corners, count in zip(self.polygon, self.n_corner, strict=True)]
+
+    @cached_property
     def bonds(self) -> Bonds | None:
         """Strengths of the joints beside friction; None if they have none."""
         return Bonds(self) if self.given and "cohesion" in self.given[0] else None
@@ -167,4 +173,5 @@ class JointMotion:
         counts = np.maximum(np.round(along * extent / extent.max()).astype(int), 1)
         lines = [low[i] + extent[i] * (np.arange(counts[i]) + 0.5) / counts[i] for i in (0, 1)]
         points = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
-        return points[distance_outside(points, polygon) <= 0.0]
+        beyond = [distance_outside(points, polygon[corners]) for corners in self.pieces[joint]]
+        return points[np.min(beyond, axis=0) <= 0.0]

@@ -15,7 +15,7 @@ import numpy as np
 
 from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.geometry.polygons import distance_outside
+from dembrick.geometry.polygons import distance_outside, pieces
 from dembrick.views import summary
 from dembrick.views.given import takes_paths
 from dembrick.views.motion.joint_frames import CHANNELS, JointFrames
@@ -253,7 +253,8 @@ def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, lo
     from matplotlib.patches import Polygon
 
     stage, size = stages[-1], float(np.hypot(*polygon.T).max())
-    axes.add_patch(Polygon(polygon, closed=True, fc="#F0F0F0", ec="black", lw=1.0, zorder=1))
+    for piece in pieces(polygon):
+        axes.add_patch(Polygon(polygon[piece], closed=True, fc="#F0F0F0", ec="black", lw=1.0, zorder=1))
     axes.plot(0.0, 0.0, "+", color=style.GREY, ms=6, zorder=2)
     length = _arrow_of(stage) * size
     longest = float(np.linalg.norm(stage.movement, axis=1).max())

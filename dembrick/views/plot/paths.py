@@ -111,7 +111,7 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     sections = [_section(_formulation(own), law, direction, sense, radius, bond) for bond, law in laws]
     V_0 = float(subject.shear_strength(own, now["N"]))
     if V_0 > 0.0 and (now["N"] > 0.0 or subject.is_brittle(own)) and _formulation(own) != "convex":
-        exact = theory.convex(own["polygon"], 0.0, 0.0, V_0 / own["area"])
+        exact = theory.convex(subject.outlines(own), 0.0, 0.0, V_0 / own["area"])
         sections.append(_section("convex", exact, direction, sense, radius, surfaces[0][0]))
     along = np.stack([V_1, V_2], axis=1) @ direction
     name = subject.joint_names(history)[number]

@@ -10,6 +10,7 @@ import numpy as np
 
 from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.geometry.polygons import pieces
 from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views import summary
 
@@ -122,8 +123,8 @@ def limit_surface(joint: Mapping, carried: Mapping[str, float], broken: bool = F
     try:
         if joint["formulation"] == "convex":
             if held or cohesion > 0.0:
-                return theory.convex(joint["polygon"], 0.0, 0.0, strength / joint["area"])
-            own = theory.polygon_formulation(joint["polygon"], friction, joint["pressure"])
+                return theory.convex(outlines(joint), 0.0, 0.0, strength / joint["area"])
+            own = theory.polygon_formulation(outlines(joint), friction, joint["pressure"])
         elif held:
             force = linear_stress(joint["normal_arms"], joint["areas"], carried) * joint["areas"]
             bearing = np.maximum(cohesion * joint["areas"] + friction * force, 0.0)
@@ -134,6 +135,11 @@ def limit_surface(joint: Mapping, carried: Mapping[str, float], broken: bool = F
         return own.law(carried["N"], pressure_centre(carried))
     except ScenarioError:
         return None
+
+
+def outlines(joint: Mapping) -> list[np.ndarray]:
+    """The convex polygons (m, 2) m of a joint of a history: one, or one for each of its pieces."""
+    return [joint["polygon"][corners] for corners in pieces(joint["polygon"])]
 
 
 def linear_stress(arms: np.ndarray, areas: np.ndarray, carried: Mapping[str, float]) -> np.ndarray:
