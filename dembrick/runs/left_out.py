@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.contact_points import widest_rim
+from dembrick.theory.polygons import convex_hull
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -150,9 +151,10 @@ def _count(joints: int) -> str:
 
 
 def _towards_edge(polygon: np.ndarray, resultant: np.ndarray) -> float:
-    """How far the centre of pressure of a joint has gone from O to the edge that it is nearest to: 1 on the edge."""
+    """How far the centre of pressure of a joint has gone from O to the edge that it is nearest to: 1 on the edge. Of
+    several pieces those edges count about which a block can rock."""
     centre = np.array([resultant[5], -resultant[4]]) / resultant[0]
-    edge = np.roll(polygon, -1, axis=0) - polygon
+    hull = convex_hull(polygon)
+    edge = np.roll(hull, -1, axis=0) - hull
     outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
-    reach = (polygon * outward).sum(axis=1)
-    return float((outward @ centre / np.where(reach > 0.0, reach, np.inf)).max())
+    return float((outward @ centre / (hull * outward).sum(axis=1)).max())

@@ -1,11 +1,16 @@
 """What joint laws leave out of a collapse, in numbers."""
 
+import numpy as np
 import pytest
 
+from dembrick import loads
+from dembrick.assembly.build import assemble
+from dembrick.runs.left_out import left_out
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from helpers import pushed_assemblies as scenes
 from helpers.key_lines import key_lines
+from helpers.scenario_text import block, header
 from helpers.stone_scenes import law
 
 X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -57,3 +62,18 @@ def test_a_search_says_it_without_a_solver(monkeypatch):
     monkeypatch.setattr("dembrick.simulation.limit_analysis.solver.installed", lambda: False)
     (said,) = simulate(scenes.wall(law("corrected"), 4, 6, Y), record=False).collapse["left_out"]
     assert said["bound"] is None and "which dembrick limit bounds" in said["text"]
+
+
+def test_inner_edges_of_a_joint_of_several_pieces_are_no_edges():
+    """Beside the place where the leg of an L begins, and near the edge that a block of this foot would rock about."""
+    leg = "{box = [0.4, 0.2, 0.5], position = [0.5, 0.1, 0.25]}"
+    text = header("convex") + block("floor", (0.0, 0.0, -0.5), (10.0, 10.0, 1.0), "fixed = true")
+    text += '[[blocks]]\nname = "foot"\nmaterial = "stone"\n'
+    text += f'parts = [{{box = [0.6, 0.4, 0.5], position = [0, 0, 0.25]}}, {leg}]\n[control]\nkind = "statics"\n'
+    assembly = assemble(loads(text))
+    joint, slides = assembly.joints[0], np.array([[1.0, 0.0, 0.0]])
+    inside = [(0.29, 0.05), (0.35, 0.1), (0.6, 0.1), (0.668, 0.1), (-0.1, -0.18)]
+    for x, y in [*inside, (0.674, 0.1), (0.1, 0.195), (-0.1, -0.195)]:  # O is at (0.125, 0.025)
+        e_1, e_2 = (joint.axes @ ([x, y, 0.0] - joint.origin))[:2]
+        carried = np.array([[1e3, 1.0, 0.0, 0.0, -1e3 * e_2, 1e3 * e_1, 0.0]])
+        assert bool(left_out(assembly, 0.1, carried, slides, False, bounded=False)) is ((x, y) not in inside), (x, y)
