@@ -1,4 +1,7 @@
-"""COMPAS JSON: the blocks of an assembly or a model, which are its meshes, in the places where its parts put them."""
+"""COMPAS JSON: the blocks of an assembly or a model, in the places where its parts put them.
+
+A block is a mesh, a box or a polyhedron. One that has no corners and faces of its own, a sphere or a Brep, is refused.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,11 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 
-PASSED = ("block", "data", "graph", "node", "geometry", "part")  # keys that name no block
+PASSED = ("block", "data", "value", "graph", "node", "geometry", "part")  # keys that name no block
+BOUNDS = ("aabb", "obb")  # keys of boxes around a block
+_HOLDERS = ("block", "geometry", "part")  # keys of what must be a block
+_FACELESS = ("Sphere", "Cylinder", "Cone", "Capsule", "Torus", "Brep", "NurbsSurface", "VolMesh", "CellNetwork")  # ends
+_BOX = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 
 
 class Block(NamedTuple):
@@ -27,40 +34,93 @@ class _Part(NamedTuple):
     name: str
     fixed: bool
     placed: np.ndarray  # (4, 4), to the axes of the file
+    holder: int  # number of the innermost part around it that must hold a block, -1 if there is none
     content: Any
 
 
+class _Holder(NamedTuple):
+    """A part that must hold a block: its name, its type as far as it says it, and the number of the one around it."""
+
+    name: str
+    kind: str
+    around: int
+
+
 def read(path: str) -> list[Block]:
-    """Meshes of a file (all that has ``vertex`` and ``face``), by name or key. ScenarioError if it cannot be read.
+    """Blocks of a file, by name or key: all that has ``vertex`` and ``face`` (a mesh), ``vertices`` and ``faces`` (a
+    polyhedron), or ``xsize``, ``ysize`` and ``zsize`` (a box). ScenarioError if it, or one of them, cannot be read.
 
     The ``transformation`` of an element moves its geometry, which is described in axes of its own.
     """
     found: list[Block] = []
-    waiting = [_Part("solid", False, np.eye(4), _document(path))]
+    holders: list[_Holder] = []
+    full: set[int] = set()
+    waiting = [_Part("solid", False, np.eye(4), -1, _document(path))]
     while waiting:
-        name, fixed, placed, content = waiting.pop()
+        name, fixed, placed, holder, content = waiting.pop()
         if isinstance(content, list):
-            waiting += [_Part(str(i), fixed, placed, entry) for i, entry in reversed(list(enumerate(content)))]
+            parts = [_Part(str(i), fixed, placed, holder, entry) for i, entry in enumerate(content)]
+            waiting += reversed(parts)
         if not isinstance(content, dict):
             continue
-        if content.get("is_support") is not None:
-            fixed = content["is_support"]
-            if not isinstance(fixed, bool):
-                raise ScenarioError(
-                    f"{path}: is_support of block {name!r} is {str(fixed)[:40]!r}; it must be true or false, "
-                    "without quotation marks"
-                )
+        kind = _kind(content)
+        if kind.endswith(_FACELESS):
+            raise ScenarioError(_no_block(path, name, kind))
+        fixed = _is_support(path, name, content, fixed)
         if content.get("transformation") is not None:
             placed = placed @ _matrix(path, name, content["transformation"])
-        if isinstance(content.get("vertex"), dict) and isinstance(content.get("face"), dict) and content["face"]:
-            found.append(_block(path, name, fixed, placed, content))
+        surface = _surface(path, name, content)
+        if surface is not None:
+            found.append(_block(_own_name(content) or name, fixed, placed, *surface))
+            while holder >= 0:
+                full.add(holder)
+                holder = holders[holder].around
             continue
         for key, entry in reversed(list(content.items())):
-            if key != "transformation":
-                waiting.append(_Part(name if key in PASSED else str(key), fixed, placed, entry))
+            if key == "transformation" or key in BOUNDS:
+                continue
+            if key == "features" and entry:
+                raise ScenarioError(
+                    f"{path}: block {name!r} has features that change its shape; save the mesh that they make of it"
+                )
+            below = holder
+            if key in _HOLDERS and isinstance(entry, dict) and entry:
+                below = len(holders)
+                holders.append(_Holder(name, _kind(entry), holder))
+            waiting.append(_Part(name if key in PASSED else str(key), fixed, placed, below, entry))
+    for number, part in enumerate(holders):
+        if number not in full:
+            raise ScenarioError(_no_block(path, part.name, part.kind))
     if not found:
         raise ScenarioError(f"{path}: no block is in it; a COMPAS assembly has blocks with 'vertex' and 'face'")
     return found
+
+
+def _kind(content: dict[str, Any]) -> str:
+    """The type that a part says it has, without its package."""
+    return str(content.get("dtype") or "").rpartition("/")[2][:40]
+
+
+def _no_block(path: str, name: str, kind: str) -> str:
+    """Message on a block without corners and faces."""
+    what = f"is of type {kind!r} and" if kind else "is empty: it"
+    return (
+        f"{path}: block {name!r} {what} has no corners and faces; put its mesh into the assembly in its place "
+        "(Mesh.from_shape of a shape, the tessellation of a Brep)"
+    )
+
+
+def _is_support(path: str, name: str, content: dict[str, Any], before: bool) -> bool:
+    """Whether a part is a support: what it says, else what was said ``before``."""
+    given = content.get("is_support")
+    if given is None:
+        return before
+    if not isinstance(given, bool):
+        raise ScenarioError(
+            f"{path}: is_support of block {name!r} is {str(given)[:40]!r}; it must be true or false, "
+            "without quotation marks"
+        )
+    return given
 
 
 def _document(path: str) -> dict[str, Any]:
@@ -76,12 +136,18 @@ def _document(path: str) -> dict[str, Any]:
     return document
 
 
+def _bare(given: Any) -> Any:
+    """What a part holds, without the table that names its type."""
+    for key in ("data", "value"):
+        given = given.get(key, given) if isinstance(given, dict) else given
+    return given
+
+
 def _matrix(path: str, name: str, given: Any) -> np.ndarray:
     """A transformation of the file as a matrix (4, 4)."""
-    for key in ("data", "matrix"):
-        given = given.get(key, given) if isinstance(given, dict) else given
+    given = _bare(given)
     try:
-        matrix = np.array(given, float)
+        matrix = np.array(given.get("matrix", given) if isinstance(given, dict) else given, float)
     except (TypeError, ValueError, OverflowError):
         matrix = np.zeros(0)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
@@ -91,22 +157,63 @@ def _matrix(path: str, name: str, given: Any) -> np.ndarray:
     return matrix
 
 
-def _block(path: str, name: str, fixed: bool, placed: np.ndarray, block: dict[str, Any]) -> Block:
+def _surface(path: str, name: str, content: dict[str, Any]) -> tuple[np.ndarray, list[tuple[int, ...]]] | None:
+    """Corners (n, 3) and faces of a part that is a block; None of another."""
+    if isinstance(content.get("vertex"), dict) and isinstance(content.get("face"), dict) and content["face"]:
+        reader = _mesh
+    elif isinstance(content.get("vertices"), list) and isinstance(content.get("faces"), list):
+        reader = _polyhedron
+    elif all(f"{axis}size" in content for axis in "xyz"):
+        reader = _box
+    else:
+        return None
     try:
-        number = {str(key): i for i, key in enumerate(block["vertex"])}
-        defaults = block.get("default_vertex_attributes") or block.get("dva") or {}
-        points = np.array(
-            [
-                [float(vertex.get(axis, defaults.get(axis, 0.0))) for axis in "xyz"]
-                for vertex in block["vertex"].values()
-            ]
-        )
-        faces = [tuple(number[str(i)] for i in face) for face in block["face"].values()]
-    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
+        points, faces = reader(content)
+        if points.shape[1:] != (3,):
+            raise ValueError("a corner has three coordinates")
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise ScenarioError(f"{path}: block {name!r} is damaged: {error!r}") from None
+    return points, faces
+
+
+def _mesh(block: dict[str, Any]) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    number = {str(key): i for i, key in enumerate(block["vertex"])}
+    defaults = block.get("default_vertex_attributes") or block.get("dva") or {}
+    points = [
+        [float(vertex.get(axis, defaults.get(axis, 0.0))) for axis in "xyz"] for vertex in block["vertex"].values()
+    ]
+    return np.array(points), [tuple(number[str(i)] for i in face) for face in block["face"].values()]
+
+
+def _polyhedron(block: dict[str, Any]) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    points = np.array([_bare(vertex) for vertex in block["vertices"]], float)
+    number = {i: i for i in range(len(points))}
+    return points, [tuple(number[i] for i in face) for face in block["faces"]]
+
+
+def _box(block: dict[str, Any]) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Those of a box about the origin of its frame, whose second axis is only near to its own."""
+    half = np.array([0.5 * float(block[f"{axis}size"]) for axis in "xyz"])
+    frame = _bare(block.get("frame")) or {"point": (0.0,) * 3, "xaxis": (1.0, 0.0, 0.0), "yaxis": (0.0, 1.0, 0.0)}
+    middle, first, near = (np.array(_bare(frame[key]), float) for key in ("point", "xaxis", "yaxis"))
+    third = np.cross(first, near)
+    axes = np.stack([first, np.cross(third, first), third])
+    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+    if not (lengths > 0.0).all():
+        raise ValueError("the axes of its frame span no plane")
+    signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+    return middle + (signs * half) @ (axes / lengths), list(_BOX)
+
+
+def _own_name(block: dict[str, Any]) -> str:
+    """The name that a block gives itself; empty if it does not."""
     own = (block.get("attributes") or {}).get("name")
+    return str(own) if own and own not in ("Block", "Mesh") else ""
+
+
+def _block(name: str, fixed: bool, placed: np.ndarray, points: np.ndarray, faces: list[tuple[int, ...]]) -> Block:
     with np.errstate(all="ignore"):  # corners that are not finite are refused with the solid
         points = points @ placed[:3, :3].T + placed[:3, 3]
         if np.linalg.det(placed[:3, :3]) < 0.0:
             faces = [face[::-1] for face in faces]
-    return Block(str(own) if own and own not in ("Block", "Mesh") else name, points, faces, fixed)
+    return Block(name, points, faces, fixed)

@@ -269,3 +269,73 @@ def test_parts_have_the_keys_of_their_nodes(tmp_path):
         del node["part"]["data"]["attributes"]
     (tmp_path / "a.json").write_text(json.dumps(document))
     assert [solid.name for solid in cad_file.read(str(tmp_path / "a.json"), 1.0)] == ["0", "1", "2", "3"]
+
+
+def with_a_block(path, block, **more):
+    """The gate with one more block in a node of its own."""
+    compas(path)
+    document = json.loads(path.read_text())
+    document["data"]["graph"]["data"]["node"]["cap"] = {"block": block, **more}
+    path.write_text(json.dumps(document))
+    return str(path)
+
+
+def in_type(kind, data):
+    return {"dtype": f"compas.geometry/{kind}", "data": data}
+
+
+FRAME = {"point": [10.0, 20.0, 30.0], "xaxis": [0.0, 2.0, 0.0], "yaxis": [-1.0, 3.0, 0.0]}  # a quarter turn about z
+SIZES = {"xsize": 4.0, "ysize": 2.0, "zsize": 6.0}
+PRISM = {
+    "vertices": [[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 6], [4, 0, 6], [0, 2, 6]],
+    "faces": [[0, 2, 1], [3, 4, 5], [0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]],
+}
+
+
+@pytest.mark.parametrize(
+    "block, low, high, volume",
+    [
+        (in_type("Box", SIZES | {"frame": FRAME}), (9, 18, 27), (11, 22, 33), 48.0),
+        (in_type("Box", SIZES | {"frame": in_type("Frame", FRAME)}), (9, 18, 27), (11, 22, 33), 48.0),
+        ({"dtype": "compas.geometry/Box", "value": SIZES | {"frame": None}}, (-2, -1, -3), (2, 1, 3), 48.0),
+        (in_type("Polyhedron", PRISM), (0, 0, 0), (4, 2, 6), 24.0),
+    ],
+)
+def test_boxes_and_polyhedra_are_blocks(tmp_path, block, low, high, volume):
+    solids = cad_file.read(with_a_block(tmp_path / "a.json", block, is_support=True), 1.0)
+    assert [solid.name for solid in solids] == [*GATE, "cap"] and solids[-1].fixed
+    assert solids[-1].shape.volume == pytest.approx(volume, rel=1e-12)
+    np.testing.assert_allclose(solids[-1].corners.min(axis=0), low, atol=1e-12)
+    np.testing.assert_allclose(solids[-1].corners.max(axis=0), high, atol=1e-12)
+
+
+def test_a_transformation_moves_a_box(tmp_path):
+    lifted = {"matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]]}
+    file = with_a_block(tmp_path / "a.json", in_type("Box", SIZES), transformation=in_type("Translation", lifted))
+    assert cad_file.read(file, 1.0)[-1].corners[:, 2].max() == pytest.approx(8.0, rel=1e-12)
+
+
+NO_BLOCKS = {
+    "sphere": (in_type("Sphere", {"radius": 1.0}), "block 'cap' is of type 'Sphere' and has no corners and faces"),
+    "brep": ({"dtype": "compas_occ.brep/OCCBrep", "data": {"faces": [{}]}}, "block 'cap' is of type 'OCCBrep' and has"),
+    "unknown": ({"dtype": "mine/Stone", "data": {"radius": 1.0}}, "block 'cap' is of type 'Stone' and has no corners"),
+    "empty": ({"vertex": {}, "face": {}}, "block 'cap' is empty: it has no corners and faces; put its mesh into"),
+    "features": (in_type("Box", SIZES) | {"features": [{"a": 1}]}, "block 'cap' has features that change its shape"),
+    "frame": (in_type("Box", SIZES | {"frame": {"point": [0, 0, 0]}}), "block 'cap' is damaged: KeyError('xaxis')"),
+    "no plane": (in_type("Box", SIZES | {"frame": FRAME | {"yaxis": [0, 1, 0]}}), "its frame span no plane"),
+    "corner": (in_type("Polyhedron", PRISM | {"faces": [[0, 1, 6]]}), "block 'cap' is damaged: KeyError(6)"),
+}
+
+
+@pytest.mark.parametrize("name", NO_BLOCKS)
+def test_a_block_that_cannot_be_read_is_refused_and_not_left_out(tmp_path, name):
+    block, said = NO_BLOCKS[name]
+    with pytest.raises(ScenarioError) as refusal:
+        cad_file.read(with_a_block(tmp_path / "a.json", block), 1.0)
+    assert said in str(refusal.value) and "\n" not in str(refusal.value)
+    assert str(tmp_path / "a.json") in str(refusal.value)
+
+
+def test_the_box_around_a_block_is_none(tmp_path):
+    file = with_a_block(tmp_path / "a.json", in_type("Polyhedron", PRISM), aabb=in_type("Box", SIZES))
+    assert len(cad_file.read(file, 1.0)) == len(GATE) + 1
