@@ -9,14 +9,13 @@ and one that is not convex is cut into parts that bear its name.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.geometry import compas_file, gltf_file, mesh_file
+from dembrick.geometry import compas_file, gltf_file, mesh_file, obj_file, stl_file
 from dembrick.geometry.shapes import Polyhedron
 
 ENDINGS = (".obj", ".stl", ".gltf", ".glb", ".json", ".ply", ".msh", ".vtu")
@@ -122,10 +121,15 @@ def _closed_parts(solid: _Named) -> Iterator[_Named]:
         elif begun:
             parts.append(begun)
     for faces in parts:
-        used, local = np.unique(np.concatenate([np.array(face) for face in faces]), return_inverse=True)
-        ends = np.cumsum([0, *map(len, faces)])
-        own = [tuple(local.reshape(-1)[a:b].tolist()) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-        yield _Named(solid.name, points[used], own, solid.fixed)
+        yield _with_its_corners(_Named(solid.name, points, faces, solid.fixed))
+
+
+def _with_its_corners(solid: _Named) -> _Named:
+    """A solid without the corners that its faces do not use."""
+    used, local = np.unique(np.concatenate([np.array(face) for face in solid.faces]), return_inverse=True)
+    ends = np.cumsum([0, *map(len, solid.faces)])
+    own = [tuple(local.reshape(-1)[a:b].tolist()) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return solid._replace(points=solid.points[used], faces=own)
 
 
 def _is_hollow(parts: list[_Named]) -> bool:
@@ -181,73 +185,25 @@ def linked(pairs: Iterable[tuple[T, T]]) -> list[list[T]]:
 # --- formats ---
 
 
-def _text(path: str) -> str:
-    try:
-        with open(path, encoding="utf-8", errors="replace") as file:
-            return file.read()
-    except OSError as error:
-        raise ScenarioError(f"{path}: it cannot be read ({error.strerror})") from None
-
-
 def _obj(path: str) -> list[_Named]:
-    points: list[list[float]] = []
-    by_object: dict[str, Faces] = {}
-    by_group: dict[str, Faces] = {}
-    name = group = "solid"
-    for number, line in enumerate(_text(path).replace("\\\n", " ").splitlines(), 1):
-        word, _, rest = line.strip().partition(" ")
-        try:
-            if word == "v":
-                points.append([float(x) for x in rest.split()[:3]])
-            elif word == "o":
-                name = rest.strip() or "solid"
-            elif word == "g":
-                group = rest.strip() or "solid"
-            elif word == "f":
-                corners = [int(part.split("/")[0]) for part in rest.split()]
-                face = tuple(i - 1 if i > 0 else len(points) + i for i in corners)
-                if len(face) < 3 or min(face) < 0 or max(face) >= len(points):
-                    raise ValueError("a face has fewer than three corners, or names one that is not there")
-                by_object.setdefault(name, []).append(face)
-                by_group.setdefault(group, []).append(face)
-        except ValueError as error:
-            raise ScenarioError(f"{path}: line {number} cannot be read as OBJ: {error}") from None
-    if any(len(point) != 3 for point in points):
-        raise ScenarioError(f"{path}: a corner has fewer than three coordinates")
-    found = by_object if len(by_object) > 1 or "solid" not in by_object else by_group
-    return [_Named(own, np.array(points), faces) for own, faces in found.items()]
-
-
-_SOLID = re.compile(r"^[ \t]*solid\b[ \t]*(.*?)[ \t]*$(.*?)^[ \t]*endsolid\b", re.MULTILINE | re.DOTALL)
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")])
+    file = obj_file.read(path)
+    objects = set(file.objects)
+    return _by_name(file.points, file.faces, file.groups if objects == {obj_file.NAMELESS} else file.objects)
 
 
 def _stl(path: str) -> list[_Named]:
-    with open(path, "rb") as file:
-        data = file.read()
-    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
-    if len(data) == 84 + _TRIANGLE.itemsize * count:
-        found = [("solid", np.frombuffer(data, _TRIANGLE, offset=84)["corner"].reshape(-1, 3).astype(float))]
-    else:
-        text = data.decode("utf-8", "replace")
-        try:
-            found = [(name or "solid", _vertices(body)) for name, body in _SOLID.findall(text)]
-        except ValueError:
-            raise ScenarioError(f"{path}: a vertex of it has no three numbers, so it cannot be read as STL") from None
-        if not found:
-            raise ScenarioError(f"{path}: it is neither a binary STL file, whose length would fit, nor one of text")
-    solids = []
-    for name, corners in found:
-        if len(corners) % 3 or corners.shape[1:] != (3,):
-            raise ScenarioError(f"{path}: solid {name!r} has a triangle without three corners")
-        faces = [(i, i + 1, i + 2) for i in range(0, len(corners), 3)]
-        solids.append(_Named(name, corners, faces))
-    return solids
+    file = stl_file.read(path)
+    ends = [*(first for _, first in file.solids[1:]), len(file.points)]
+    bodies = [(name, file.points[first:end]) for (name, first), end in zip(file.solids, ends, strict=True)]
+    return [_Named(name, points, stl_file.triangles_of(points)) for name, points in bodies if len(points)]
 
 
-def _vertices(text: str) -> np.ndarray:
-    """The corners (n, 3) of the triangles in the text of a solid."""
-    return np.array([line.split()[1:4] for line in text.splitlines() if "vertex" in line], float)
+def _by_name(points: np.ndarray, faces: Faces, names: list[str]) -> list[_Named]:
+    """The faces of each name, in the order in which the names come."""
+    found: dict[str, Faces] = {}
+    for name, face in zip(names, faces, strict=True):
+        found.setdefault(name, []).append(face)
+    return [_with_its_corners(_Named(name, points, own)) for name, own in found.items()]
 
 
 def _gltf(path: str) -> list[_Named]:

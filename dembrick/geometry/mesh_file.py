@@ -1,4 +1,4 @@
-"""Shapes from mesh files: STL, OBJ, PLY, gmsh .msh and .vtu, read by meshio and checked here.
+"""Shapes from mesh files: STL and OBJ, and PLY, gmsh .msh and .vtu, which meshio reads. All are checked here.
 
 A file is a surface of triangles and polygons, or a solid mesh whose skin is taken. Corners that nearly coincide are
 one corner (STL repeats them). The surface must be closed; faces that look inward are turned where that is beyond doubt.
@@ -16,6 +16,7 @@ import warnings
 import numpy as np
 
 from dembrick.errors import ScenarioError, needed
+from dembrick.geometry import obj_file, stl_file
 from dembrick.geometry.convex_hull import FLAT, hull, mass_properties
 from dembrick.geometry.convex_parts import convex_parts
 from dembrick.geometry.shapes import LARGEST, SMALLEST, Polyhedron
@@ -38,7 +39,7 @@ def convex_solids(path: str, scale: float = 1.0) -> list[Polyhedron]:
     that it is cut into.
 
     Raises ScenarioError for a file that cannot be read, and for a surface with holes, inside out, flat, or of too many
-    parts; MissingDependency without meshio.
+    parts; MissingDependency without meshio where it is needed.
     """
     points, faces = read_surface(path)
     try:
@@ -141,9 +142,15 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     """Corners (n, 3) and faces of the surface in a file."""
     ending = os.path.splitext(path)[1].lower()
     check_file(path, ENDINGS, LARGEST_FILE)
+    if ending == ".obj":
+        drawn = obj_file.read(path)
+        return drawn.points, drawn.faces
+    if ending == ".stl":
+        points = stl_file.read(path).points
+        return points, stl_file.triangles_of(points)
     needed("meshio", "a block from a mesh file")
     try:
-        # meshio tells of some faults by SystemExit, and prints them; telling text from binary STL it warns
+        # meshio tells of some faults by SystemExit, and prints them; of others it warns
         silence = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
         with silence[0], silence[1], warnings.catch_warnings(action="ignore"):
             mesh = _meshio_mesh(path, ending)

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 
-from dembrick.geometry import cad_file
+from dembrick.geometry import stl_file
 
 QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
 TRIANGLES = [(q[0], q[i], q[i + 1]) for q in QUADS for i in (1, 2)]
@@ -48,7 +48,7 @@ def text_stl(path, boxes=GATE, names=True):
 
 
 def binary_stl(path, boxes=GATE):
-    triangles = np.zeros(12 * len(boxes), cad_file._TRIANGLE)
+    triangles = np.zeros(12 * len(boxes), stl_file.TRIANGLE)
     triangles["corner"] = np.concatenate([corners(*ends)[np.array(TRIANGLES)] for ends in boxes.values()])
     path.write_bytes(b"a model of bodies".ljust(80) + len(triangles).to_bytes(4, "little") + triangles.tobytes())
 

@@ -100,7 +100,7 @@ def test_a_mesh_in_another_unit(tmp_path, capsys, factor):
     assert f"tall.obj: the surface is {factor:.3g} m across" in error and "scale" in error and error.count("\n") == 1
     (tmp_path / "tall.obj").write_text("")
     assert main(["check", str(tmp_path / "scene.toml")]) == 2
-    assert "tall.obj: there is no surface in it" in capsys.readouterr().err
+    assert "tall.obj: there is no surface in the file" in capsys.readouterr().err
 
 
 def test_a_flat_mesh(tmp_path, capsys):
