@@ -106,7 +106,7 @@ class Load:
 
     ``block`` may name a group: then each of its blocks bears that force, at its centroid. In runs of kind
     dynamic and base-motion, and of a settlement in real time, ``sine``, or the values of a CSV file ``history``
-    ("time [s], factor [1]"; ``columns`` picks two by name), multiply the force.
+    ("time [s], factor [1]"; ``columns`` picks two by name), multiply the force, straight between the lines of the file.
     ``stages``: numbers of the stages in which it acts, None for all.
     """
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.scenario.model import Load
 from dembrick.simulation.dynamics.time_histories import (
+    linear,
     must_end_at_rest,
     pulse_velocity,
     read_samples,
@@ -73,7 +75,11 @@ def test_spline_of_a_cubic(tmp_path):
 
 
 BAD_FILES = {
-    "gap": ("0,0\n0.01,1\n0.02,1\n0.05,1\n0.06,1\n", "line 5: time leaves a gap of 0.03 s"),
+    "gap": (
+        "0,0\n0.01,1\n0.02,1\n0.05,1\n0.06,1\n",
+        "line 5: time leaves a gap of 0.03 s (the usual step is 0.01 s); give the samples that are missing",
+    ),
+    "jump": ("0,0\n0.01,1\n0.01,2\n0.02,1\n", "line 4: time stands still; give a jump by two samples"),
     "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 4: time goes back"),
     "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is no finite number"),
     "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is no finite number"),
@@ -86,7 +92,7 @@ BAD_FILES = {
 def test_histories_that_are_refused(name, tmp_path):
     text, message = BAD_FILES[name]
     (tmp_path / "base.csv").write_text("t [s],a [m/s2]\n" + text, encoding="utf-8")
-    with pytest.raises(ScenarioError, match=message.replace("(", r"\(")):
+    with pytest.raises(ScenarioError, match=re.escape(message)):
         read_samples(tmp_path / "base.csv", 1.0, "acceleration")
 
 
@@ -106,6 +112,29 @@ def test_a_load_history_pushes(folder):
     result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
     time = result.run.motion.time
     assert result.displacement[1, 0] == pytest.approx(0.5 * (4.0 - 1.962) * time**2, rel=2e-3)
+
+
+def test_a_load_history_is_told_by_its_corners(folder):
+    """It grows for T = 0.04 s, stays to the end of a run of t, and has no sample between: the block, which friction
+    lets go where the force is mu m g, has the velocity (integral of the force less friction) / m."""
+    file = write(folder / "ramp.csv", [0.0, 0.04, 0.3], [0.0, 1.0, 1.0], "factor")
+    result = simulate(block_on_floor(DynamicControl(0.25), (Load("block", (12.0 * 4.0, 0.0, 0.0), history=file),)))
+    a, friction, grows, time = 4.0, 1.962, 0.04, result.run.motion.time
+    goes = grows * friction / a  # when it begins to slide
+    rest = time - grows
+    gained = 0.5 * (a - friction) * (grows - goes)
+    moved = (a - friction) * (grows - goes) ** 2 / 6.0 + gained * rest + 0.5 * (a - friction) * rest**2
+    assert result.displacement[1, 0] == pytest.approx(moved, rel=3e-4)
+
+
+def test_a_factor_may_have_unequal_steps_and_a_motion_may_not(tmp_path):
+    for quantity in ("velocity", "displacement"):
+        write(tmp_path / "corners.csv", [0.0, 0.1, 2.0, 2.1], [0.0, 1.0, 1.0, 0.0], quantity)
+        with pytest.raises(ScenarioError, match=r"line 4: time leaves a gap of 1.9 s .*; give the samples that are"):
+            read_samples(tmp_path / "corners.csv", 2.1, quantity)
+    write(tmp_path / "corners.csv", [0.0, 0.1, 2.0, 2.1], [0.0, 1.0, -0.9, 0.0], "factor")
+    factor = linear(read_samples(tmp_path / "corners.csv", 2.1, "factor"))
+    np.testing.assert_allclose(factor(np.array([0.05, 0.1, 1.0, 2.05])), [0.5, 1.0, 0.1, -0.45], rtol=1e-12)
 
 
 def test_a_record_that_has_ended_is_zero(tmp_path):

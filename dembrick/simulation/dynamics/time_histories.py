@@ -39,27 +39,36 @@ def read_samples(
     """Time (s) and ``quantity`` (SI; see `scenario.units`) out of a CSV file or a PEER record.
 
     ``columns`` names the two columns where the units do not tell them. ScenarioError if a line has no numbers, if
-    time does not grow by one step, apart from rounding, or where the history ends before ``duration`` (s), unless it
-    ``may_end``.
+    time does not grow, or where the history ends before ``duration`` (s), unless it ``may_end``; also where samples of
+    a motion seem to be missing. A factor may be described by its corners alone, as it is straight between samples.
     """
     found, numbers = read_columns(path, "a history in time", ("time", quantity), columns)
     time, value = found["time"], found[quantity]
     steps = np.diff(time)
     usual = float(np.median(steps))
-    wrong = np.flatnonzero((steps <= 0.0) | (steps > GAP * usual))
+    wrong = np.flatnonzero((steps <= 0.0) | ((steps > GAP * usual) & (quantity != "factor")))
     if len(wrong):
         first = int(wrong[0])
-        what = "goes back" if steps[first] <= 0.0 else f"leaves a gap of {steps[first]:.6g} s"
-        raise ScenarioError(
-            f"{path}, line {numbers[first + 1]}: time {what} (the usual step is {usual:.6g} s); give samples in "
-            "order and without gaps"
-        )
+        fault = _fault(float(steps[first]), usual, quantity)
+        raise ScenarioError(f"{path}, line {numbers[first + 1]}: time {fault}")
     if time[0] > 0.0 or time[-1] < (0.0 if may_end else duration):
         raise ScenarioError(
             f"{path}: covers {time[0]:.6g} to {time[-1]:.6g} s, the run lasts from 0 to {duration:.6g} s; shorten "
             "control.duration or lengthen the history"
         )
     return Samples(time, value, str(path))
+
+
+def _fault(step: float, usual: float, quantity: str) -> str:
+    """The end of a message on a wrong step of time (s): what is wrong, and its remedy."""
+    if step < 0.0:
+        return "goes back; give samples in order"
+    if step == 0.0:
+        return "stands still; give a jump by two samples, one time step of the run or more apart"
+    what = f"leaves a gap of {step:.6g} s (the usual step is {usual:.6g} s); give the samples that are missing"
+    if quantity == "displacement":
+        return f"{what}, as a curve without corners goes through those of a displacement"
+    return f"{what}, every {usual:.6g} s also where the {quantity} is straight"
 
 
 def sine(shape: Sine) -> Curve:
