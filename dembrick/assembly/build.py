@@ -29,6 +29,7 @@ from dembrick.assembly.ties import NO_TIES, TieTable, given_ties
 from dembrick.assembly.validation import (
     check_control,
     check_finite,
+    check_gaps,
     check_overlap,
     check_overrides,
     check_pieces,
@@ -148,6 +149,7 @@ def at_rest(scenario: Scenario) -> Assembly:
     if moving:
         check_pieces(scenario, joints, bodies)
     check_overrides(scenario, laws, joints, fixed)
+    gaps = check_gaps(scenario, bodies, position, fixed, joints)
     level = _levels(joints, fixed)
     if quasi_static and (level < 0).any():
         refuse_unsupported(scenario, shapes, position, orientation, fixed, level < 0)
@@ -166,6 +168,7 @@ def at_rest(scenario: Scenario) -> Assembly:
         angular_velocity=np.array([block.angular_velocity for block in blocks], float),
         joints=joints,
         laws=laws,
+        warnings=gaps,
         joint_force=np.zeros((len(joints), 3)),
         dead_force=nothing,
         dead_torque=nothing,
@@ -200,7 +203,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
     exact = exact and not len(bare.guided)  # a guide may bear what a joint would
-    warnings = scenario.remarks + check_control(scenario) + check_strengths(scenario, joints)
+    warnings = scenario.remarks + bare.warnings + check_control(scenario) + check_strengths(scenario, joints)
     warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
     tolerance = min(one.tolerance or DISCRETISATION for one in scenario.among or (control,))
     if len(joints) == 1 and not scenario.among:  # its search places the points itself

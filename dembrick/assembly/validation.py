@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from dembrick.assembly.broad_phase import Bodies, overlap_depths, way_out
+from dembrick.assembly.broad_phase import Bodies, close_pairs, overlap_depths, way_out
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, widest_rim
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints, united
 from dembrick.assembly.laws import Laws
 from dembrick.errors import DivergedError, OverlapError, ScenarioError
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape
+from dembrick.scenario.cad_models import NEAR
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import BaseMotionControl
 from dembrick.scenario.model import Scenario, Solver
@@ -124,6 +125,32 @@ def check_overrides(scenario: Scenario, laws: Laws, joints, fixed: np.ndarray) -
             f"[[joints]] between {show(entry.between)}: there is no joint between these {kind}, as {reason}; "
             "remove the entry or move the blocks together",
         )
+
+
+def check_gaps(scenario: Scenario, bodies: Bodies, positions, fixed: np.ndarray, joints: JointTable) -> tuple[str, ...]:
+    """Remark on blocks whose faces nearly touch and that share no joint; the reading of a model remarks on its own."""
+    blocks, written = scenario.all_blocks, len(scenario.blocks)
+    names = [block.name.partition(".")[0] if i >= written else f".{i}" for i, block in enumerate(blocks)]
+    numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    if len(numbers) < 2:
+        return ()
+    source = np.array([numbers[name] for name in names])[bodies.owner]
+    pairs = close_pairs(bodies, NEAR)
+    pairs = pairs[source[pairs[:, 0]] != source[pairs[:, 1]]]
+    near = find_joints((), positions, (), fixed, lambda a, b: scenario.joint, NEAR, (bodies, pairs), False)
+    touching = set(zip(joints.block_a.tolist(), joints.block_b.tolist(), strict=True))
+    missed = [
+        joint for joint in near if not touching & {(joint.block_a, joint.block_b), (joint.block_b, joint.block_a)}
+    ]
+    if not missed:
+        return ()
+    widest = max(missed, key=lambda joint: abs(joint.gap))
+    first, second = (show(blocks[i].name) for i in sorted((widest.block_a, widest.block_b)))
+    pairs_of = f"{len(missed)} pair{'s' if len(missed) > 1 else ''} of faces"
+    return (
+        f"{pairs_of} up to {1e3 * abs(widest.gap):.3g} mm apart share no joint, those of {first} and {second} among "
+        "them; if they are to touch, move the blocks onto one plane",
+    )
 
 
 def refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed, loose: np.ndarray) -> NoReturn:

@@ -23,7 +23,7 @@ from dembrick.scenario.generators.stacks import (
 )
 from dembrick.scenario.units import LENGTHS
 
-_NEAR = 5e-3  # of the smallest solid: faces nearer than this may have been meant to touch, and a remark says so
+NEAR = 5e-3  # of the smallest solid: faces nearer than this may have been meant to touch, and a remark says so
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +126,7 @@ def _read(path: str, stamp: int, scale: float, tolerance: float):
     if tolerance > 0.0:
         return *closed_gaps.close(solids, tolerance), []
     smallest = min(float((solid.corners.max(axis=0) - solid.corners.min(axis=0)).max()) for solid in solids)
-    return solids, [], closed_gaps.gaps(solids, _NEAR * smallest)
+    return solids, [], closed_gaps.gaps(solids, NEAR * smallest)
 
 
 def _pairs(gaps) -> str:
