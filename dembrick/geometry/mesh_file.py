@@ -26,6 +26,7 @@ LARGEST_FILE = 16 << 20  # bytes
 _SAME = 1e-9  # of the size: corners so near are one
 _MOST_CORNERS = 2000  # of a convex block: a hull of more is no block but a scan
 _SURFACES = ("triangle", "quad", "polygon")
+_NO_CELLS = ("vertex", "line")  # beside the surface or the solid, as gmsh writes them; with any number of points
 _SOLIDS = {  # faces of the cells of solid meshes, outward
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (2, 3, 7, 6), (0, 4, 7, 3), (1, 2, 6, 5)),
@@ -167,9 +168,13 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     faces: list[tuple[int, ...]] = []
     skin: dict[frozenset[int], tuple[int, ...] | None] = {}
     for cells in mesh.cells:
-        kind = cells.type.rstrip("0123456789")
-        if kind in _SURFACES:
+        if cells.type in _SURFACES:
             faces += [tuple(int(i) for i in cell) for cell in cells.data]
+        elif cells.type not in _SOLIDS and cells.type.rstrip("0123456789") not in _NO_CELLS:
+            raise ScenarioError(
+                f"mesh file {path}: it has cells of kind {cells.type}; export a mesh of the first order, of "
+                f"{', '.join(_SURFACES)}, {', '.join(_SOLIDS)}"
+            )
         shown = _SOLIDS.get(cells.type, ())
         if any(len(cell) <= max(map(max, shown)) for cell in cells.data if shown):
             raise ScenarioError(f"mesh file {path}: a cell of kind {cells.type} has fewer corners than such a cell has")

@@ -155,6 +155,20 @@ def test_a_cell_that_is_cut_short(tmp_path):
         convex_solids(str(tmp_path / "a.msh"))
 
 
+@pytest.mark.parametrize("name", ["b.msh", "b.vtu"])
+def test_cells_with_points_on_their_edges_are_refused_and_not_left_out(tmp_path, name):
+    """A tetrahedron of four points, which is read, and one of ten beside it."""
+    four = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    middles = [(four[a] + four[b]) / 2.0 for a, b in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))]
+    points = np.concatenate([four + (5.0, 0.0, 0.0), four, middles])
+    cells = [("tetra", [[0, 1, 2, 3]]), ("tetra10", [list(range(4, 14))])]
+    options = {"file_format": "gmsh22"} if name == "b.msh" else {}
+    with pytest.raises(ScenarioError, match="it has cells of kind tetra10; export a mesh of the first order"):
+        convex_solids(write(tmp_path / name, points, cells, **options))
+    loose = [("vertex", [[0]]), ("line3", [[4, 5, 8]]), cells[0]]
+    assert convex_solids(write(tmp_path / name, points, loose, **options))[0].volume == pytest.approx(1.0 / 6.0)
+
+
 def test_corners_that_coincide_and_faces_without_an_area_are_taken_out():
     soup = np.concatenate([CORNERS[list(face)] for face in TRIANGLES])
     faces = [(3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(TRIANGLES))]
