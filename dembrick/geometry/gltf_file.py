@@ -26,6 +26,7 @@ LARGEST_FILE = 64 << 20  # bytes, of a buffer in a file of its own
 HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_mesh_quantization", "KHR_xmp", "EXT_texture_")
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC3": 3}
+INSTANCES = "EXT_mesh_gpu_instancing"  # copies of a mesh at one node, which a file need not call required
 LIST, STRIP, FAN = 4, 5, 6  # modes of triangles; those below are points and lines
 
 
@@ -237,6 +238,8 @@ def _meshes(file: _File) -> Iterator[Mesh]:
         mesh = file.entry("meshes", node["mesh"], f"node {number}")
         if "skin" in node or np.any([weight != 0 for weight in _listed(mesh, "weights") + _listed(node, "weights")]):
             raise _Damaged(f"node {number} has a skin or morph targets, which are not known here; export it at rest")
+        if isinstance(node.get("extensions"), dict) and INSTANCES in node["extensions"]:
+            raise _Damaged(f"node {number} has instances ({INSTANCES}), which are not known here; export without them")
         if node["mesh"] not in shapes:
             shapes[node["mesh"]] = _triangles(file, mesh, node["mesh"])
         corners, triangles = shapes[node["mesh"]]

@@ -175,6 +175,7 @@ DAMAGED = {
     "absolute": (put("buffers", 0, "uri", "/etc/hostname"), "leads out of the folder"),
     "on the net": (put("buffers", 0, "uri", "https://localhost/a.bin"), "leads out of the folder"),
     "absent": (put("buffers", 0, "uri", "none.bin"), "there is no ordinary file 'none.bin'"),
+    "instances": (put("nodes", 0, "extensions", {"EXT_mesh_gpu_instancing": {}}), "export without them"),
     "compressed": (put("extensionsRequired", ["KHR_draco_mesh_compression"]), "export without it"),
 }
 
