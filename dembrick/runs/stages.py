@@ -26,6 +26,7 @@ from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.joint_laws import has_strengths, strengths_of
 from dembrick.simulation.load_increments import left_by
 from dembrick.simulation.session import Kept, Prefixed, Session, Snapshot
+from dembrick.simulation.statics.joint_families import broke
 from dembrick.simulation.statics.state import State, initial_state
 
 if TYPE_CHECKING:
@@ -114,6 +115,9 @@ class Stages:
         told = {"stage": number, "kind": scenario.control.kind, **answer}
         self.results.append(json.loads(json.dumps(told)))  # as a checkpoint gives it back
         left = getattr(run, "reached", None) or getattr(run, "left", None) or getattr(run, "state", None)
+        remark = _bonds_at_limit(assembly, run)
+        if remark and session.report:
+            session.report(f"stage {number} ({scenario.control.kind}): {remark}")
         self.done, self.left, self.auditor = number, present(left), Auditor()
 
     def _audit(self, rows: Mapping, _) -> None:
@@ -158,6 +162,16 @@ class Stages:
             state = initial_state(assemblies.assemble(at_stage(self.scenario, self.done)))
             self.left = restored_state(state, Prefixed(snapshot, _LEFT))
         return None if _BETWEEN in snapshot else snapshot
+
+
+def _bonds_at_limit(assembly: Assembly, run) -> str | None:
+    """What a search hands on of bonds that break at its limit, where there are any."""
+    left, limit = getattr(run, "left", None), getattr(run, "state", None)
+    if isinstance(left, State) and isinstance(limit, State) and broke(left, limit):
+        return "the bonds that break at its limit are broken in what comes after it"
+    breaks = getattr(run, "collapse", None) is not None and any(law.bonded for law in assembly.joints.law)
+    said = "it hands on the blocks as they stood before they came down; bonds that broke only then are whole"
+    return said if breaks else None
 
 
 MAY = ("friction", "residual_friction", "cohesion", "tensile_strength", "residual_cohesion")

@@ -16,6 +16,7 @@ from helpers.places import TESTS
 # Every writer of HDF5 with a limit on the size of files, as on a disk that is full; one process, many limits.
 WRITERS = """
 import faulthandler, resource, signal, sys
+sys.dont_write_bytecode = True  # it would be cut off too, for all who come after
 faulthandler.enable()
 sys.path[:0] = {paths!r}
 from helpers import history_cases as cases

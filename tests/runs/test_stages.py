@@ -258,6 +258,23 @@ def test_theory_knows_no_bond_that_an_earlier_stage_may_have_broken(key):
     assert kept.theory is not None and kept.agrees()
 
 
+@pytest.mark.parametrize("deformed", [False, True])
+def test_what_is_handed_on_of_bonds_that_break_at_a_limit_is_said(deformed):
+    """A search in the geometry of the start leaves them broken, one in the deformed geometry whole."""
+    large = "large_displacements = true\n" if deformed else ""
+    text = header("concave", 0.5, 1e10, keys="cohesion = 1e4\n") + block_text("floor", (0, 0, -0.05), more="fixed = true")
+    text += block_text("upper", (0, 0, 0.05)) + '[[actuators]]\nname = "jack"\nblock = "upper"\npoint = [0, 0, 0]\n'
+    text += f'direction = [1, 0, 0]\n[[stages]]\nkind = "yield"\n{large}[control]\nkind = "yield"\n'
+    said = []
+    found = simulate(toml.loads(text), report=said.append)
+    words = "bonds that broke only then are whole" if deformed else "bonds that break at its limit are broken"
+    assert sum(f"stage 1 (yield): {'it hands on' if deformed else 'the bonds'}" in line for line in said) == 1
+    assert any(words in line for line in said)
+    mu_N, bond = 0.5 * 0.3 * 0.2 * 0.1 * 2000.0 * 9.81, 1e4 * 0.06
+    assert found.stages[0]["yield_point"]["V"] == pytest.approx(mu_N + bond, rel=2e-3)
+    assert found.yield_point.V == pytest.approx(mu_N + bond * deformed, rel=2e-3)
+
+
 def test_blocks_of_several_parts_move_in_one_stage_and_not_in_another():
     """An L that stands on a floor by two parts has one joint in the geometry of the start, and two where it moves."""
     parts = "".join(
