@@ -165,7 +165,7 @@ class Stages:
 
 
 def _bonds_at_limit(assembly: Assembly, run) -> str | None:
-    """What a search hands on of bonds that break at its limit, where there are any."""
+    """A remark on the bonds that break at the limit of a search, and are handed on."""
     left, limit = getattr(run, "left", None), getattr(run, "state", None)
     if isinstance(left, State) and isinstance(limit, State) and broke(left, limit):
         return "the bonds that break at its limit are broken in what comes after it"

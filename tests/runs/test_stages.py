@@ -262,7 +262,9 @@ def test_theory_knows_no_bond_that_an_earlier_stage_may_have_broken(key):
 def test_what_is_handed_on_of_bonds_that_break_at_a_limit_is_said(deformed):
     """A search in the geometry of the start leaves them broken, one in the deformed geometry whole."""
     large = "large_displacements = true\n" if deformed else ""
-    text = header("concave", 0.5, 1e10, keys="cohesion = 1e4\n") + block_text("floor", (0, 0, -0.05), more="fixed = true")
+    text = header("concave", 0.5, 1e10, keys="cohesion = 1e4\n") + block_text(
+        "floor", (0, 0, -0.05), more="fixed = true"
+    )
     text += block_text("upper", (0, 0, 0.05)) + '[[actuators]]\nname = "jack"\nblock = "upper"\npoint = [0, 0, 0]\n'
     text += f'direction = [1, 0, 0]\n[[stages]]\nkind = "yield"\n{large}[control]\nkind = "yield"\n'
     said = []

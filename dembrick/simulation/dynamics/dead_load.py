@@ -26,7 +26,8 @@ from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 from dembrick.simulation.session import Session
 
 LOCAL_DAMPING = 0.8
-STEP = 0.7  # of the time step: against the motion, local damping makes a force 1.8 times as large
+STEP = 0.7  # of the time step: against the motion, local damping makes a force 1.8 times as large; of springs alone,
+FIRM_STEP = 1.0 / (1.0 + LOCAL_DAMPING)  # and of dashpots too
 BALANCED = 1e-9  # out-of-balance force over joint forces at which the blocks rest
 ROUNDING = 4.0  # of the force that a rounded position makes: no less can be asked for
 APART = 0.02  # of a joint's size: where friction holds, blocks that move further against each other overturn
@@ -279,6 +280,6 @@ def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tu
 
 
 def of_rounding(state: MovingState) -> float:
-    """What forces (N) of joints may be off as positions are rounded."""
+    """Error (N) of the forces of joints, as positions are rounded."""
     farthest = float(np.abs(state.bodies.position).max())
     return ROUNDING * np.finfo(float).eps * farthest * joint_families.greatest_normal_stiffness(state)

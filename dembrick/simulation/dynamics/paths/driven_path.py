@@ -20,7 +20,7 @@ from dembrick.scenario.checks import present
 from dembrick.scenario.controls import Control, DisplacementControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.protocols import Protocol
-from dembrick.simulation.dynamics.dead_load import of_rounding
+from dembrick.simulation.dynamics.dead_load import FIRM_STEP, of_rounding
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import mechanism, moved_most
@@ -50,6 +50,7 @@ class DrivenPath(EquilibriumPath):
     """
 
     greatest = math.inf
+    step = FIRM_STEP  # where points may not give way, forces of dashpots are felt in full
 
     def __init__(
         self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0,
@@ -74,7 +75,7 @@ class DrivenPath(EquilibriumPath):
         return math.copysign(1.0, float(self.protocol.ways[self.way_number]))
 
     @property
-    def step(self) -> float:
+    def stride(self) -> float:
         """The parameter from one equilibrium to the next (m), where nothing asks for less."""
         return self.refine * float(self.ranges[self.way_number]) / EQUILIBRIA
 
@@ -85,7 +86,7 @@ class DrivenPath(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        return plan_of(moving, control, output, EQUILIBRIA, 4 * FEWEST)
+        return plan_of(moving, control, output, EQUILIBRIA, step=cls.step)
 
     def driven(self, parameter: Curve) -> Driving:
         """The head follows that path; before the first equilibrium there is none."""
@@ -116,7 +117,7 @@ class DrivenPath(EquilibriumPath):
         return self._goes_on and abs(self.V - straight) > max(FLAT * max(self._greatest(), abs(self.V)), self._noise())
 
     def _noise(self) -> float:
-        """What V may be off (N), as blocks rest but for a part of the forces that there are."""
+        """Error of V (N), as blocks rest but for a part of the forces that there are."""
         state, assembly = self.moving.state, self.moving.assembly
         forces = np.abs(state.links.wrench[:, :3]).max(initial=0.0), np.abs(assembly.dead_force).max()
         off = NOISE * BALANCED * max(forces) + of_rounding(state)
@@ -143,9 +144,9 @@ class DrivenPath(EquilibriumPath):
                 return None
             self._turn()
             gone = 0.0
-        step = FIRST * self.step
+        step = FIRST * self.stride
         if self._goes_on:
-            step = min(self.step, LONGER * abs(self.path[-1][0] - self.path[-2][0]))
+            step = min(self.stride, LONGER * abs(self.path[-1][0] - self.path[-2][0]))
         return self.reached + min(step, self.travel - gone)
 
     def _turn(self) -> None:
@@ -220,7 +221,7 @@ class ForcePath(DrivenPath):
             if self.way_number + 1 == len(self.protocol.ways):
                 return None
             self._turn()
-        return min(self.reached + self.step, self.turned[0] + self.travel)
+        return min(self.reached + self.stride, self.turned[0] + self.travel)
 
     def said(self, parameter: float) -> str:
         return f"V = {self.head(parameter):.6g} N"

@@ -75,6 +75,7 @@ class EquilibriumPath(ABC):
     """
 
     greatest = 1.0  # parameter of all
+    step = STEP  # of the time step
     overshoot = 1.0  # how far blocks may swing in a step, over how far they rest: what a fall says of the parameter
     dropped = DROPPED
     to_come: LoadsToCome | None = None
@@ -98,7 +99,7 @@ class EquilibriumPath(ABC):
         self.least = np.array(least)[self.free]
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
         self.recorder = Recorder(moving, driving, session, self.past.extremes, 1, 1, equilibria=True)
-        self.dt = STEP * moving.time_step
+        self.dt = self.step * moving.time_step
 
     @abstractmethod
     def driven(self, parameter: Curve) -> Driving:
@@ -157,7 +158,7 @@ class EquilibriumPath(ABC):
     def advance(self, driving: Driving, steps: int) -> None:
         """Steps under what drives the blocks."""
         for done in range(0, steps, 8 * CHUNK):
-            advance(self.moving, driving, min(steps - done, 8 * CHUNK), self.limits, LOCAL_DAMPING, STEP)
+            advance(self.moving, driving, min(steps - done, 8 * CHUNK), self.limits, LOCAL_DAMPING, self.step)
             self.session.pause(self, within=True)
 
     def _go(self, parameter: float) -> float | None:

@@ -184,14 +184,16 @@ def equilibria_of(most: float, growth: float) -> int:
     return 1 + math.ceil(math.log(most / FIRST) / math.log(growth))
 
 
-def plan_of(moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST) -> Plan:
-    """The plan of a path of so many equilibria, of so many steps ``each``, roughly."""
+def plan_of(
+    moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST, step: float = STEP
+) -> Plan:
+    """The plan of a path of so many equilibria, of so many steps ``each``, roughly; ``step``: over the time step."""
     fields = recorded(moving.assembly, output.channels, control)
     memory = 3 * sum(array.nbytes for array in moving.state.arrays)
     memory += bytes_of(fields, equilibria, equilibria, equilibria * MEETINGS * len(moving.assembly.names))
     steps = int(equilibria * each)
     seconds = motion_seconds(steps, len(moving.assembly.joints))
-    return Plan(STEP * moving.time_step, moving.critical_time_step, steps, memory, seconds)
+    return Plan(step * moving.time_step, moving.critical_time_step, steps, memory, seconds)
 
 
 EQUILIBRIA = 80  # of the whole way, equally far apart
