@@ -113,10 +113,6 @@ class EquilibriumPath(ABC):
     def following(self) -> float | None:
         """The parameter of the next equilibrium, None at the end of the way."""
 
-    def belongs(self, parameter: float) -> bool:
-        """Whether the equilibrium that was found there is one of the path; else the next is looked for from before."""
-        return True
-
     def jumped(self, parameter: float) -> bool:
         """Whether the blocks came to that equilibrium by a jump, though there may be one nearby."""
         return False
@@ -338,10 +334,6 @@ class EquilibriumPath(ABC):
                 ratio = self._go(target)
                 if ratio is not None:
                     jumped, far = self.jumped(target), target - self.reached > self.close(target)
-                    if not (jumped and far or self.belongs(target)):
-                        self.broken = math.inf
-                        self._go_back()
-                        continue
                     broke = (joint_families.bonded(self.moving.state) < self.bonds).any() or jumped
                     if broke and far and self.equilibria < self.room - 2 * LEFT and target < self.broken:
                         self.broken = target  # from nearby: which bonds break first, and whether blocks jump at all
