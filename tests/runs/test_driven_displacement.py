@@ -145,3 +145,16 @@ def test_a_stiff_block_comes_to_rest_wherever_it_is_pushed(height):
     control = '[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = 1e-3\n'
     found = dembrick.simulate(toml.loads(text + control))
     assert curve(found)[1].max() == pytest.approx(0.5 * W * b / (height * h), rel=2e-3)
+
+
+def test_a_short_way_far_from_the_middle_of_the_scene():
+    """Positions there are rounded to 1e-11 of the travel."""
+    away = 100.0
+    post = block("post", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1), "fixed = true")
+    floor = block("floor", (away, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
+    stone = block("stone", (away, 0.0, 0.05), (0.4, 0.2, 0.1)) + jack("stone", (away, 0.0, 0.0))
+    control = '[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = 1e-3\n'
+    found = dembrick.simulate(toml.loads(header("concave", MU, KN) + post + floor + stone + control))
+    weight = 0.4 * 0.2 * 0.1 * 2000.0 * 9.81
+    assert curve(found)[1][-1] == pytest.approx(MU * weight, rel=1e-6)
+    assert len(found.run.path) < 120

@@ -34,11 +34,12 @@ EQUILIBRIA = 60  # of the whole travel, equally far apart; of a protocol of each
 MOST = 6 * EQUILIBRIA  # actuators that have not come so far by then do not give way
 FIRST = 2.0**-12  # of a step: that at the start and at a turn, where joints are elastic for a short way
 LONGER = 2.0  # times the last step: the next
+ROUNDED = 1e5  # times the rounding of a position: no step at the start is shorter
 END = 1e-9  # of the travel: so close it ends
 HELD = 1e-6  # of the way: points that are further from where they are to be do not move freely
 BENDS = 4.0  # times as far as could be expected: there the curve bends, and is followed in shorter steps,
 FLAT = 0.01  # of the greatest V: if V is off the straight line by more,
-NOISE = 100.0  # and by so much more than what is out of balance where blocks rest
+NOISE = 100.0  # and by so much more than what is out of balance where blocks rest, or a displacement than its rounding
 PROTOCOL = "driven_path.protocol"  # what a checkpoint has of it
 
 
@@ -108,13 +109,11 @@ class DrivenPath(EquilibriumPath):
     def jumped(self, parameter: float) -> bool:
         """Where joints begin to slip or bonds break the curve bends: straight lines between equilibria cut it, and laws
         that depend on the way of a slip want it in steps."""
-        u, V, _ = self.path[-1]
-        slope = 0.0
-        if self._goes_on:
-            u_0, V_0, _ = self.path[-2]
-            slope = (V - V_0) / (u - u_0)
-        straight = V + slope * (self.head(parameter) - u)
-        return self._goes_on and abs(self.V - straight) > max(FLAT * max(self._greatest(), abs(self.V)), self._noise())
+        if not self._goes_on:
+            return False
+        (u_0, V_0, _), (u, V, _) = self.path[-2:]
+        straight = V + (V - V_0) / (u - u_0) * (self.head(parameter) - u)
+        return abs(self.V - straight) > max(FLAT * max(self._greatest(), abs(self.V)), self._noise())
 
     def _noise(self) -> float:
         """Error of V (N), as blocks rest but for a part of the forces that there are."""
@@ -127,6 +126,11 @@ class DrivenPath(EquilibriumPath):
     def _goes_on(self) -> bool:
         """Whether the last equilibrium is not the first of its way."""
         return self.reached > self.turned[0]
+
+    @property
+    def _rounding(self) -> float:
+        """Rounding of positions (m)."""
+        return float(np.finfo(float).eps * np.abs(self.moving.state.bodies.position).max())
 
     def _greatest(self) -> float:
         """V (N), without its sign."""
@@ -144,7 +148,7 @@ class DrivenPath(EquilibriumPath):
                 return None
             self._turn()
             gone = 0.0
-        step = FIRST * self.stride
+        step = min(self.stride, max(FIRST * self.stride, ROUNDED * self._rounding))
         if self._goes_on:
             step = min(self.stride, LONGER * abs(self.path[-1][0] - self.path[-2][0]))
         return self.reached + min(step, self.travel - gone)
@@ -170,7 +174,7 @@ class DrivenPath(EquilibriumPath):
 
     def arrived(self, parameter: float) -> bool:
         """Whether the points are where the head has them be."""
-        return abs(self.path[-1][0] - self.head(parameter)) <= HELD * parameter
+        return abs(self.path[-1][0] - self.head(parameter)) <= HELD * parameter + NOISE * self._rounding
 
     # --- checkpoints
 
