@@ -7,6 +7,7 @@ import dembrick
 from dembrick.errors import NotConvergedError
 from dembrick.scenario import toml
 from dembrick.scenario.joint_laws import FORMULATIONS
+from helpers.restart_cases import check_same, stop_at_look
 from helpers.scenario_text import block, header, jack
 
 A, N, MU, C, KS, KN = 0.08, 300.0, 0.5, 1e4, 4e9, 1e10  # of a block of .4 by .2 m without weight on a floor
@@ -118,21 +119,37 @@ def test_a_point_that_is_held_cannot_be_driven():
         driven("concave", f"travel = {TRAVEL}", stone=stone)
 
 
-def test_a_column_that_rocks_has_its_greatest_load_at_once():
-    """W b / (2 h) at the start; then V = W (b cos t - h sin t) / (2 h cos t + 2 b sin t), turned by t about an edge."""
+@pytest.mark.parametrize("parts", [1, 2])
+def test_a_column_that_rocks_has_its_greatest_load_at_once(parts):
+    """W b / (2 h) at the start; then V = W (b cos t - h sin t) / (2 h cos t + 2 b sin t), turned by t about an edge.
+    The joint between two blocks, with half of the friction at hand, stays as it is: nothing goes so fast that it
+    slips."""
     b, h, W = 0.2, 1.0, 0.2 * 0.3 * 1.0 * 2000.0 * 9.81
-    law = header("concave", 0.9, 1e11)
-    column = block("column", (0.0, 0.0, 0.5), (b, 0.3, h))
-    push = jack("column", (-0.1, 0.0, h))
+    law, column = header("concave", 0.5, 1e11), ""
+    for k in range(parts):
+        column += block(f"part {k}", (0.0, 0.0, (k + 0.5) * h / parts), (b, 0.3, h / parts))
+    push = jack(f"part {parts - 1}", (-0.1, 0.0, h * (1.0 - 0.25 * (parts - 1))))
+    arm = h * (1.0 - 0.25 * (parts - 1))
     control = '[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = 0.05\n'
     found = dembrick.simulate(toml.loads(law + FLOOR + column + push + control))
-    assert curve(found)[1].max() == pytest.approx(0.5 * W * b / h, rel=2e-3)
-    # the jack is at the far upper edge
-    t = np.linspace(0.0, 0.06, 2000)
-    u = h * np.sin(t) - b * (np.cos(t) - 1.0)
-    V = W * (0.5 * b * np.cos(t) - 0.5 * h * np.sin(t)) / (h * np.cos(t) + b * np.sin(t))
+    assert curve(found)[1].max() == pytest.approx(0.5 * W * b / arm, rel=2e-3)
+    t = np.linspace(0.0, 0.08, 2000)
+    u = arm * np.sin(t) - b * (np.cos(t) - 1.0)
+    V = 0.5 * W * (b * np.cos(t) - h * np.sin(t)) / (arm * np.cos(t) + b * np.sin(t))
     shown = np.linspace(0.005, 0.05, 10)
-    assert there(found, shown) == pytest.approx(np.interp(shown, u, V), rel=2e-3)
+    assert there(found, shown) == pytest.approx(np.interp(shown, u, V), rel=1e-3)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_what_lies_on_a_block_goes_along(formulation):
+    """Nothing pulls at it but what it takes to speed it up, which a slow test does not."""
+    rider = block("rider", (0.0, 0.0, 0.125), (0.2, 0.2, 0.05))
+    control = '[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = 0.1\n'
+    push = jack("stone", (0.0, 0.0, 0.0))
+    found = dembrick.simulate(toml.loads(header(formulation, MU, 1e11) + FLOOR + STONE + rider + push + control))
+    weight = (0.4 * 0.2 * 0.1 + 0.2 * 0.2 * 0.05) * 2000.0 * 9.81
+    assert curve(found)[1][-1] == pytest.approx(MU * weight, rel=1e-6)
+    assert found.run.motion.displacement[1:, 0] == pytest.approx([0.1, 0.1], rel=1e-5)
 
 
 @pytest.mark.parametrize("height", [0.3, 0.5, 0.7, 0.9])
@@ -145,6 +162,17 @@ def test_a_stiff_block_comes_to_rest_wherever_it_is_pushed(height):
     control = '[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = 1e-3\n'
     found = dembrick.simulate(toml.loads(text + control))
     assert curve(found)[1].max() == pytest.approx(0.5 * W * b / (height * h), rel=2e-3)
+
+
+@pytest.mark.parametrize("look", [1, 2, 3])
+def test_a_run_that_is_stopped_before_its_first_equilibrium_goes_on(tmp_path, look):
+    control = f'[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = {TRAVEL}\n'
+    text = header("concave", MU, KN, keys=f"cohesion = {C}") + FLOOR + STONE + JACK + control
+    given = toml.loads(f"{text}[output]\ncheckpoint = 0.0\n")
+    dembrick.simulate(given, tmp_path / "whole.h5")
+    stop_at_look(given, tmp_path / "stopped.h5", look)
+    dembrick.restart(tmp_path / "stopped.h5")
+    check_same(tmp_path / "whole.h5", tmp_path / "stopped.h5")
 
 
 def test_a_short_way_far_from_the_middle_of_the_scene():

@@ -7,6 +7,7 @@ import pytest
 
 import dembrick
 from dembrick.errors import ScenarioError
+from dembrick.runs.outcomes import cycles
 from dembrick.scenario import model, toml
 from dembrick.scenario.controls import DisplacementControl
 from dembrick.scenario.protocols import protocol_of, turning_points
@@ -243,3 +244,32 @@ def test_bad_protocols_are_refused(control, said):
 def test_a_protocol_in_a_file_and_back():
     text = toml.text_of(toml.load("set4a_cyclic"))
     assert toml.loads(text).control.protocol == toml.load("set4a_cyclic").control.protocol
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_damping_is_the_area_of_a_loop_in_which_joints_open(large):
+    """A stack that leans: points lose what shear they carried as they lift, which is no friction work."""
+    text = header("concave", 0.69, 5e9) + block("floor", (0.0, 0.0, -0.1), (5.0, 4.0, 0.2), "fixed = true")
+    for k, box in enumerate([(0.37, 0.24, 0.1), (0.23, 0.38, 0.1), (0.23, 0.35, 0.1)]):
+        text += block(f"part {k}", (0.0, 0.0, 0.05 + 0.1 * k), box)
+    text += '[[loads]]\nblock = "part 2"\nforce = [0.0, 0.0, -820.0]\npoint = [-0.046, -0.047, 0.3]\n'
+    text += jack("part 2", (0.039, 0.063, 0.274), (-0.18, -0.98, -0.02))
+    points = [1.9e-4, -1.6e-4, 1.9e-4]
+    control = f'kind = "displacement"\nrate = 6.5e-6\nprotocol = {points}\nlarge_displacements = {str(large).lower()}\n'
+    found = dembrick.simulate(toml.loads(f"{text}[control]\n{control}"))
+    (cycle,) = found.cycles
+    u, V = (np.asarray(found.rows[name]) for name in ("displacement", "load"))
+    turn = int(np.argmax(u[: np.argmin(u)]))
+    area = float(np.trapezoid(V[turn:], u[turn:]))
+    sizes = 0.25 * float(np.ptp(V[turn:]) * np.ptp(u[turn:]))
+    assert cycle["damping"] == pytest.approx(area / (2.0 * np.pi * sizes), rel=2e-3)
+    assert large or cycle["dissipated"] < 0.95 * area
+
+
+def test_a_loop_of_rocking_takes_nothing():
+    """There and back on one curve, by rows that are elsewhere each way."""
+    there, back = np.linspace(0.0, 1.0, 40), np.linspace(1.0, 0.0, 57)
+    u = np.concatenate([there, back[1:]])
+    assert cycles._area(1.0 / (1.0 + 10.0 * u), u, 39) == 0.0
+    friction = np.where(np.arange(len(u)) < 40, 1.0, -1.0)
+    assert cycles._area(friction, u, 39) == pytest.approx(2.0, rel=0.03)

@@ -7,11 +7,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
-from dembrick.scenario.controls import DisplacementControl, PushoverControl, StaticsControl
-from dembrick.scenario.model import Block, Output, Scenario
+from dembrick.scenario.controls import DisplacementControl, PushoverControl, StaticsControl, YieldControl
+from dembrick.scenario.model import Actuator, Block, Output, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
 from helpers.one_joint import A, B, N, scene, single
 from helpers.places import tool_module
@@ -214,6 +215,30 @@ def wall(height, control) -> Scenario:
         Block("wall", "stone", (0.2, 0.5, height), (0.0, 0.0, 0.5 * height)),
     )
     return of_stone(law("convex", 0.9, 1e11, compressive_strength=2e5), control, blocks)
+
+
+@pytest.mark.parametrize("strength", [2e5, 5e5, 1e6, 2e6, 4e6])
+@pytest.mark.parametrize("push", [(1.0, 0.0, 0.0), (0.9, 0.0, 0.4)])
+@pytest.mark.parametrize("k", [1e9, 2e11])
+def test_a_block_that_rocks_on_a_crushing_toe(strength, push, k):
+    """Pushed near its top, against N (b / 2 - N / (2 f_c d)) about its edge: the strip is no elastic one, for which V
+    came out up to 2 % higher. A pull upwards takes from N."""
+    b, d, h = 0.2, 0.5, 0.46
+    weight, joint = b * d * h * 2000.0 * 9.81, law("convex", 4.0, k, compressive_strength=strength)
+    blocks = (
+        Block("floor", "stone", (b, d, 0.2), (0.0, 0.0, -0.1), fixed=True),
+        Block("block", "stone", (b, d, h), (0.0, 0.0, 0.5 * h)),
+    )
+    jack = Actuator("jack", "block", (0.0, 0.0, 0.8 * h), push)
+    found = simulate(of_stone(joint, YieldControl(), blocks, actuators=(jack,))).yield_point
+    x, z = np.array([push[0], push[2]]) / np.hypot(push[0], push[2])
+
+    def left(V):
+        N = weight - V * z
+        return N * (0.5 * b - N / (2.0 * strength * d)) - V * x * 0.8 * h
+
+    V = brentq(left, 0.0, weight)
+    assert found.V == pytest.approx(V, rel=1e-3) and found.V_lower <= V <= found.V_upper
 
 
 def test_a_wall_stands_on_a_toe_that_crushes():

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: what does not come back
 WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
+MISSED = 1e-2  # of the energy that is lost: straight lines between rows may miss so much of a loop
 CLOSED = 1e-5  # of the range of displacements, by which a loop may miss its start
 ROUNDING = 1e-12  # of the ranges of force and displacement: a work and a displacement that are none
 DRIFTS, PLATEAU = 10, 1e-2  # part of the way of a half cycle beside its peak, in which a plateau's force changes less
@@ -33,8 +34,8 @@ def cycles_of(
     Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of them, ``dissipated`` (J):
     the work of `LOSSES`, or where no energies are recorded that of the actuators over the loop until it is back at the
     displacement of its start, None if it does not come back there; ``damping``: the work of the actuators in the loop,
-    which is the same unless joints dilate, over 2 pi F_a u_a, of half the ranges of the force, ``weight`` times V, and
-    of the displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
+    which is the same unless joints dilate or open, over 2 pi F_a u_a, of half the ranges of the force, ``weight`` times
+    V, and of the displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
     """
     control = scenario.control
     if not control.cyclic or not len(rows.get("load", ())):
@@ -50,13 +51,13 @@ def cycles_of(
         if last == len(u) - 1 and abs(u[last] - u[middle]) <= WAY_BACK * abs(u[first] - u[middle]):
             break
         loop = slice(first, last + 1)
-        work = dissipated = None if lost is None else float(lost[last] - lost[first])
-        if lost is None or dilates:
-            work = _area(weight * V[loop], u[loop], middle - first)
-            dissipated = work if lost is None else dissipated
+        area = _area(weight * V[loop], u[loop], middle - first)
+        taken = None if lost is None else float(lost[last] - lost[first])
+        same = taken is not None and not dilates and (area is None or abs(area - taken) <= MISSED * abs(taken))
+        work, dissipated = taken if same else area, area if taken is None else taken
         halves = [_peak(V, u, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
         sizes = 0.25 * weight * float(np.ptp(V[loop]) * np.ptp(u[loop]))
-        work, dissipated = (_but_for_rounding(taken, sizes) for taken in (work, dissipated))
+        work, dissipated = (_but_for_rounding(value, sizes) for value in (work, dissipated))
         found.append(
             {
                 "peak": [float(V[at]) for at, _ in halves],
@@ -104,15 +105,18 @@ def _peak(
 
 def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
     """The work (J) of a force V along a loop with its turning point at ``middle``, until it is back at its first
-    displacement, between two rows; None if it does not come back."""
+    displacement, between two rows; None if it does not come back, and zero if it is less than what every second row
+    leaves out."""
     way = 1.0 if u[0] > u[middle] else -1.0
     back = middle + np.flatnonzero(way * (u[middle:] - u[0]) >= -CLOSED * np.ptp(u))
     if not len(back):
         return None
     end = int(back[0])
-    area = np.trapezoid(V[:end], u[:end])
     part = min((u[0] - u[end - 1]) / (u[end] - u[end - 1]), 1.0)
-    return float(area + part * (u[end] - u[end - 1]) * (V[end - 1] + 0.5 * part * (V[end] - V[end - 1])))
+    x, y = (np.append(values[:end], values[end - 1] + part * (values[end] - values[end - 1])) for values in (u, V))
+    area = float(np.trapezoid(y, x))
+    coarser = np.unique(np.append(np.arange(0, end, 2), [middle, end]))
+    return 0.0 if abs(area) <= abs(area - float(np.trapezoid(y[coarser], x[coarser]))) else area
 
 
 def _but_for_rounding(value: float | None, size: float) -> float | None:

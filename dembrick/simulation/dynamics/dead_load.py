@@ -265,13 +265,14 @@ def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarra
 
 
 def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tuple[float, float]:
-    """Greatest out-of-balance force or moment on a ``standing`` free block (n,) over the greatest joint force, and how
-    small that can be asked to be: very stiff joints feel the rounding of positions. A moment counts as the force that
-    makes it at the block's reach."""
+    """Greatest out-of-balance force or moment on a ``standing`` free block (n,) over the greatest force of a joint, or
+    of what else acts on such a block, and how small that can be asked to be: very stiff joints feel the rounding of
+    positions. A moment counts as the force that makes it at the block's reach."""
     gravity, _ = driving.forces(np.zeros(1), 1.0)
     force, torque = out_of_balance(state, gravity[0])
     free = state.bodies.free[standing[state.bodies.free]]
-    largest = math.sqrt(float((state.links.wrench[:, :3] ** 2).sum(axis=1).max()))
+    acting = state.links.wrench[:, :3], state.bodies.applied[free, :3]  # contacts and ties among them
+    largest = math.sqrt(max(float((forces**2).sum(axis=1).max(initial=0.0)) for forces in acting))
     turning = np.linalg.norm(torque[free], axis=1) / state.bodies.reach[free]
     worst = float(np.maximum(np.linalg.norm(force[free], axis=1), turning).max(initial=0.0))
     if not worst > 0.0:

@@ -88,11 +88,12 @@ def find_peak(assembly: Assembly, tolerance: float, step_factor: float, session:
             )
         if halvings:
             bars.append(max(BAR * abs(push.V - pushes[-2].V), ROUNDED * abs(push.V)))
-        if halvings > 1 and max(bars[-1], 0.5 * bars[-2]) <= tolerance * abs(push.V):
-            return _recorded(assembly, tolerance, step_factor, pace, session, push, max(bars[-1], 0.5 * bars[-2]))
+        bar = max(bars[-1], 0.5 * bars[-2]) if halvings > 1 else math.inf
+        if bar <= tolerance * abs(push.V):
+            return _recorded(assembly, tolerance, step_factor, pace, session, push, bar)
     raise NotConvergedError(
         f"the limit load was not found within {tolerance:g}: after {HALVINGS} halvings of the pace its peak of "
-        f"{pushes[-1].V:.6g} N still changes by {0.5 * bars[-1]:.3g} N. Allow a larger control.tolerance"
+        f"{pushes[-1].V:.6g} N may still change by {bar:.3g} N. Allow a larger control.tolerance"
     )
 
 

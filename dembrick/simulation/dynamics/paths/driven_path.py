@@ -20,13 +20,20 @@ from dembrick.scenario.checks import present
 from dembrick.scenario.controls import Control, DisplacementControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.protocols import Protocol
-from dembrick.simulation.dynamics.dead_load import FIRM_STEP, of_rounding
+from dembrick.simulation.dynamics.dead_load import FIRM_STEP, STEP, of_rounding
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import mechanism, moved_most
 from dembrick.simulation.dynamics.paths.driven_loads import Head
 from dembrick.simulation.dynamics.paths.equilibria import BALANCED, FEWEST, EquilibriumPath
-from dembrick.simulation.dynamics.paths.load_path import LoadPathRun, plan_of, run_of
+from dembrick.simulation.dynamics.paths.load_path import (
+    CAREFUL,
+    GENTLE,
+    OF_START,
+    LoadPathRun,
+    plan_of,
+    run_of,
+)
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session, Snapshot
 
@@ -63,6 +70,10 @@ class DrivenPath(EquilibriumPath):
         self.turns = np.zeros(len(self.protocol.ways))
         ways = np.abs(self.protocol.ways)
         self.ranges = np.maximum(ways[0], 0.5 * ways)  # m: there and back is twice as far as out
+        free = ~np.asarray(moving.assembly.fixed)
+        dead = np.linalg.norm(moving.assembly.dead_force[free], axis=1).sum()
+        self.gentle = refine * GENTLE
+        self.pull = float(dead / np.asarray(moving.assembly.mass)[free].sum())  # m/s2, of the dead loads
         super().__init__(moving, control, driving, session, math.ceil(MOST * (ways / self.ranges).sum() / refine))
 
     @property
@@ -103,8 +114,10 @@ class DrivenPath(EquilibriumPath):
             self.V = float(driving.head.V[0])
 
     def steps(self, begin: float, end: float) -> int:
-        """The least."""
-        return FEWEST
+        """So many that the acceleration of the points stays small beside that of the dead loads, as of supports."""
+        fastest = self.pull * (min(self.gentle, CAREFUL * self.tolerance) if self.careful else self.gentle)
+        seconds = math.sqrt(OF_START * (end - begin) / fastest) if fastest > 0.0 else 0.0
+        return max(FEWEST, math.ceil(seconds / self.dt))
 
     def jumped(self, parameter: float) -> bool:
         """Where joints begin to slip or bonds break the curve bends: straight lines between equilibria cut it, and laws
@@ -205,6 +218,12 @@ class DrivenPath(EquilibriumPath):
 
 class ForcePath(DrivenPath):
     """Ways of the force of actuators from equilibrium to equilibrium; the parameter is the sum of its ways (N)."""
+
+    step = STEP
+
+    def steps(self, begin: float, end: float) -> int:
+        """The least."""
+        return FEWEST
 
     def driven(self, parameter: Curve) -> Driving:
         """V follows that path."""

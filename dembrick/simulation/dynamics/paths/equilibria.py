@@ -155,7 +155,8 @@ class EquilibriumPath(ABC):
         """Steps under what drives the blocks."""
         for done in range(0, steps, 8 * CHUNK):
             advance(self.moving, driving, min(steps - done, 8 * CHUNK), self.limits, LOCAL_DAMPING, self.step)
-            self.session.pause(self, within=True)
+            if self.path:  # there is nothing to go on from before the first equilibrium
+                self.session.pause(self, within=True)
 
     def _go(self, parameter: float) -> float | None:
         """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if

@@ -150,7 +150,9 @@ class Grip:
     """
 
     def __init__(self, state: State):
-        self._state, self._convex = state, joint_families.has_areas(state)
+        # a joint that crushes presses no strip of elastic springs alone
+        crushes = np.isfinite(joint_families.compressive_strength(state)).any()
+        self._state, self._strips = state, joint_families.has_areas(state) and not crushes
         self._friction, self._cohesion = joint_families.friction(state), joint_families.cohesion_of_sliding(state)
         self._lever = joint_families.torsion_radius(state)
         self.forces = np.zeros((2, len(self._friction) + 1, 4))
@@ -161,11 +163,12 @@ class Grip:
         self.forces[1, :-1], self.forces[1, -1] = self._state.joints.resultant[:, :4], V
 
     def rocks_on(self, V: float) -> bool:
-        """Whether convex joints may rock on until the load is ``V`` (N): no joint slides then that does not slide now.
+        """Whether convex joints may rock on, on elastic strips, until the load is ``V`` (N): no joint slides then that
+        does not slide now.
 
         While one mechanism rocks, joint forces follow V on a straight line, that of one joint by statics.
         """
-        if not self._convex:
+        if not self._strips:
             return False
         forces, (before, now) = self.forces[:, :-1], self.forces[:, -1, 0]
         if V <= now:
