@@ -128,12 +128,9 @@ def handed_over(assembly: Assembly, joints: np.ndarray) -> list[LeftOut]:
         "custom_law": ([assembly.custom_law is not None] * len(laws), "rub by plain friction"),
     }
     meant = {name: (np.flatnonzero(joints & np.array(own, bool)), what) for name, (own, what) in leave.items()}
+    why = "slid, turned or opened so far, or was hit as time began, that contacts took over, which"
     return [
-        LeftOut(
-            name, own, None, f"{_count(len(own))} slid, turned or opened so far that contacts took over, which {what}"
-        )
-        for name, (own, what) in meant.items()
-        if len(own)
+        LeftOut(name, own, None, f"{_count(len(own))} {why} {what}") for name, (own, what) in meant.items() if len(own)
     ]
 
 
