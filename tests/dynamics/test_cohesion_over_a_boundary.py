@@ -23,7 +23,7 @@ TRAVEL = 0.018  # m: 0.16 of the way from the middle of a joint to its corner, w
 
 @pytest.mark.parametrize(
     "formulation, points",
-    [("concave", None), ("convex", None), ("distributed", (4, 4)), ("distributed", (1, 1)), ("distributed", (2, 9))],
+    [("concave", None), ("convex", None), ("distributed", (1, 1)), ("distributed", (2, 5))],
 )
 @pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (0.8, 0.6)], ids=["along", "across", "askew"])
 def test_cohesion_goes_with_the_area_that_both_blocks_share(formulation, points, way):

@@ -315,6 +315,7 @@ def test_the_settlement_at_which_a_block_leaves_its_balance(friction, block, rat
     assert found["settlement"] == pytest.approx(math.atan(truth) * floor, rel=off)
 
 
+@pytest.mark.slow
 def test_a_spread_in_real_time_is_that_of_equilibria(monkeypatch):
     """At 20 mm/s: the thrust follows three hinges but for what swings, and the energy balances."""
     control = SettlementControl(("arch.right",), (0.01, 0.0, 0.0), quasi_static=False, rate=0.02)

@@ -163,7 +163,7 @@ def test_friction_in_the_plane_of_a_joint_is_what_it_carries(pushed):
             np.testing.assert_allclose(stage.friction.sum(axis=0), [-v for v in V], atol=1e-3 * np.abs(V).max())
 
 
-@pytest.mark.parametrize("formulation", ["convex", "concave"])
+@pytest.mark.parametrize("formulation", ["convex", pytest.param("concave", marks=pytest.mark.slow)])
 def test_forces_in_the_deformed_geometry_turn_with_the_blocks(tmp_path, pushed, formulation):
     with pushed(formulation, "large_displacements = true") as found:
         in_balance(tmp_path, found)
