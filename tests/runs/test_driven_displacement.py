@@ -186,3 +186,24 @@ def test_a_short_way_far_from_the_middle_of_the_scene():
     weight = 0.4 * 0.2 * 0.1 * 2000.0 * 9.81
     assert curve(found)[1][-1] == pytest.approx(MU * weight, rel=1e-6)
     assert len(found.run.path) < 120
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_blocks_that_meet_are_followed_in_shorter_steps(fixed):
+    """A block on a joint that is driven into another bears on more springs than the joints that the time step is for:
+    V is the friction of one block, then of both, or grows with the overlap at the face that holds."""
+    gap, kn, mu, density = 1e-4, 1e10, 0.6, 2000.0
+    size, face = (0.2, 0.2, 0.1), 0.2 * 0.1
+    law = header("concave", mu, kn, density=density)
+    curb = block("curb", (size[0] + gap, 0.0, 0.05), size, "fixed = true" if fixed else "")
+    jacks = jack("stone", (-0.1, 0.0, 0.05))
+    control = f'[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = {2.0 * gap}\n'
+    found = dembrick.simulate(toml.loads(law + FLOOR + block("stone", (0.0, 0.0, 0.05), size) + curb + jacks + control))
+    one = mu * density * float(np.prod(size)) * 9.81
+    assert there(found, 0.5 * gap) == pytest.approx(one, rel=1e-5)
+    if not fixed:
+        assert curve(found)[1][-1] == pytest.approx(2.0 * one, rel=1e-5)
+    else:
+        assert curve(found)[1][-1] > 100.0 * one
+        assert curve(found)[1][-1] == pytest.approx(one + kn * face * gap, rel=2e-3)
+    assert found.run.motion.time_step < 0.9 * found.run.motion.critical_time_step

@@ -63,6 +63,10 @@ IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "
 BETWEEN = ("dead_load", "contact_search", "geometry", "record", "driving")  # what a run does beside its steps
 
 
+class StepTooLong(DivergedError):
+    """A block swings on its contacts faster than the time step can follow."""
+
+
 @dataclass
 class Motion:
     """An assembly that can come to rest and move: its time step (s), and how long it took (s).
@@ -150,6 +154,12 @@ class Motion:
     def reactions(self) -> np.ndarray:
         """Of the supports (s, 6), see `write_reactions`."""
         return reactions(self)
+
+    def shorten_steps(self, factor: float) -> None:
+        """Make the time step shorter by a ``factor``: contacts may then do more to a block, as joints do less."""
+        self.time_step *= factor
+        detection = self.contact_detection
+        detection.bearable = STABLE - factor * (STABLE - detection.bearable)
 
 
 def motion(
@@ -255,12 +265,12 @@ def _follow(motion: Motion, called: bool) -> None:
 
 
 def _examine(motion: Motion) -> None:
-    """DivergedError if a block's contacts swing faster than the time step can follow."""
+    """StepTooLong if a block's contacts swing faster than the time step can follow."""
     began, detection = time.perf_counter(), motion.contact_detection
     block = detection.examine(motion.state, motion.time_step)
     motion.phases["contact_search"] += time.perf_counter() - began
     if block is not None:
-        raise DivergedError(
+        raise StepTooLong(
             f"at t = {motion.time:.6g} s block {show(motion.assembly.names[block])} swings on all its contacts faster "
             f"than steps of {motion.time_step:.3g} s can follow, which would make energy from nothing: lower "
             "solver.step_factor"

@@ -19,7 +19,7 @@ from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
-from dembrick.simulation.dynamics.dead_load import find_equilibrium, unsupported
+from dembrick.simulation.dynamics.dead_load import LOCAL_DAMPING, find_equilibrium, unsupported
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.integrator import MOST_STEPS, NO_LIMIT, Motion, advance, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
@@ -111,6 +111,29 @@ class EquilibriaRun(MotionRun):
     reaction: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
     state: Kept | None = None
     bracket: tuple[float, float] = (0.0, math.inf)
+
+    @classmethod
+    def of(cls, past: Past, path: np.ndarray, collapse: dict | None, **last) -> EquilibriaRun:
+        """Result of the ``path`` of a scene with that ``past``, with what there is of the ``last`` equilibrium."""
+        moving, noted = past.moving, past.extremes.noted
+        return cls(
+            motion=moving,
+            status=COMPLETED if collapse is None else COLLAPSE,
+            collapse=collapse,
+            unbalanced=float(path[:, 2].max()),
+            furthest=noted.furthest,
+            peak_tension=noted.tension,
+            turned=past.extremes.turn,
+            fallen=np.isin(moving.assembly.names, [] if collapse is None else collapse["blocks"]),
+            settings={
+                "contact_damping": moving.damping,
+                "local_damping": LOCAL_DAMPING,
+                "dead_load_steps": moving.dead_load_steps,
+                "equilibria": len(path),
+            },
+            path=path,
+            **last,
+        )
 
     @property
     def reactions(self) -> np.ndarray:

@@ -29,12 +29,12 @@ from dembrick.errors import DivergedError, HistoryError, NotConvergedError, Unde
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.swings import SWINGING
-from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
+from dembrick.scenario.regimes import Control
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance, keep_of_rest
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, StepTooLong, advance, keep_of_rest
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
 from dembrick.simulation.dynamics.paths.stage_loads import LoadsToCome, rest_by_increments
@@ -57,6 +57,8 @@ SPARE = 200  # equilibria for which there is room beside those of the way, and o
 LEFT = 50  # of these that a path keeps to find its end: where blocks follow a load on and on, it gives up
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
 BREAKS = 64  # of each joint
+SHORTEN = 0.7  # the time step by so much where blocks swing too fast for it,
+SHORTER = 6  # and so often at the most on the way from one equilibrium to the next
 FASTER = 4.0  # times as far as in the step before: so far blocks may be expected to move, whatever they did
 SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
 
@@ -99,7 +101,11 @@ class EquilibriumPath(ABC):
         self.least = np.array(least)[self.free]
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
         self.recorder = Recorder(moving, driving, session, self.past.extremes, 1, 1, equilibria=True)
-        self.dt = self.step * moving.time_step
+
+    @property
+    def dt(self) -> float:
+        """A step of the relaxation (s)."""
+        return self.step * self.moving.time_step
 
     @abstractmethod
     def driven(self, parameter: Curve) -> Driving:
@@ -162,12 +168,22 @@ class EquilibriumPath(ABC):
         """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if
         they come down."""
         _, before = self.from_where
-        try:
-            return self._gone(parameter, before, math.inf)
-        except DivergedError:
-            # blocks that fall freely for long get too fast for a step: look at them before they can
-            self._go_back()
-            return self._gone(parameter, before, SEEN_FALLING)
+        often, left = math.inf, SHORTER
+        while True:
+            try:
+                return self._gone(parameter, before, often)
+            except StepTooLong:  # blocks that meet bear on more than their joints
+                if not left:
+                    raise
+                left -= 1
+                self._go_back()
+                self.moving.shorten_steps(SHORTEN)
+                self.kept.arrays["loop"] = self.past.loop
+            except DivergedError:  # blocks that fall freely for long get too fast for a step: look before they can
+                if often < math.inf:
+                    raise
+                often = SEEN_FALLING
+                self._go_back()
 
     def _gone(self, parameter: float, before: np.ndarray, often: float) -> float | None:
         """`_go`, with a look after every ``often`` of the time in which the smallest block falls by its size."""
@@ -381,27 +397,8 @@ class EquilibriumPath(ABC):
 
     def finished(self) -> EquilibriaRun:
         """Result of the path."""
-        moving, path = self.moving, np.array(self.path)
-        return EquilibriaRun(
-            motion=moving,
-            status=COMPLETED if self.collapse is None else COLLAPSE,
-            collapse=self.collapse,
-            unbalanced=float(path[:, 2].max()),
-            furthest=self.past.extremes.noted.furthest,
-            peak_tension=self.past.extremes.noted.tension,
-            turned=self.past.extremes.turn,
-            fallen=np.isin(moving.assembly.names, [] if self.collapse is None else self.collapse["blocks"]),
-            settings={
-                "contact_damping": moving.damping,
-                "local_damping": LOCAL_DAMPING,
-                "dead_load_steps": moving.dead_load_steps,
-                "equilibria": len(path),
-            },
-            path=path,
-            reaction=self.reaction,
-            state=self.kept,
-            bracket=(self.reached, self.falls),
-        )
+        last = {"reaction": self.reaction, "state": self.kept, "bracket": (self.reached, self.falls)}
+        return EquilibriaRun.of(self.past, np.array(self.path), self.collapse, **last)
 
     @property
     def where(self) -> str:
