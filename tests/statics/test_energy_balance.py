@@ -142,6 +142,27 @@ def test_what_actuators_give_to_gravity_is_put_in_too():
     assert result.energy.relative_residual < 1e-4
 
 
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_brittle_bond_that_breaks_at_a_constant_rate_loses_what_its_springs_held(formulation):
+    """A weightless block, pressed by N: springs hold (c A + mu N)^2 / (2 ks A) as the bond breaks, then what is left
+    at mu N. Blocks swing, so that the balance is worse, or friction gives back more in a step, than may be without."""
+    A, N, mu, c, kn, travel = 0.08, 300.0, 0.5, 1e4, 1e10, 2e-5
+    keys = f"cohesion = {c}\n" + ("points = [4, 3]\n" if formulation == "distributed" else "")
+    text = header(formulation, mu, kn, gravity=(0.0, 0.0, 0.0), keys=keys)
+    text += block("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
+    text += block("stone", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1)) + jack("stone", (0.0, 0.0, 0.0))
+    text += f'[[loads]]\nblock = "stone"\nforce = [0.0, 0.0, {-N}]\npoint = [0.0, 0.0, 0.05]\n'
+    text += f'[control]\nkind = "displacement"\nrate = 1e-4\ntravel = {travel}\n'
+    result = simulate(toml.loads(text))
+    strength, ks = c * A + mu * N, 0.4 * kn * A
+    assert result.yield_point.V_peak == pytest.approx(strength, rel=5e-3)
+    assert result.yield_point.V == pytest.approx(mu * N, rel=1e-6)
+    lost = (strength**2 - (mu * N) ** 2) / (2.0 * ks)
+    assert result.rows["energy"]["fracture"][-1] == pytest.approx(lost, rel=3e-3)
+    gave_back = -result.energy.least_friction_increment / result.rows["energy"]["external"][-1]
+    assert result.energy.relative_residual > energy_audit.LIMIT or gave_back > energy_audit.NEGATIVE
+
+
 def test_the_json_carries_the_audit():
     result = simulate(lab.lab_scenario("set4a_curve", "convex"))
     shown = result.as_dict()["energy"]
