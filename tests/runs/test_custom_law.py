@@ -13,9 +13,11 @@ import dembrick
 from dembrick import cli
 from dembrick._jit import hearing
 from dembrick.errors import DembrickError, HistoryError, ScenarioError
+from dembrick.scenario import toml
 from dembrick.simulation.statics import custom_limit
 from dembrick.views.motion.joints import JointMotion
 from tests.helpers.custom_laws import BILINEAR, COULOMB, FOLLOWING, coulomb
+from tests.helpers.scenario_text import block, header
 
 N, MU, AREA = 467.0, 0.64, 0.06  # of the laboratory's joint: N, friction, m2
 K_N, K_S = 1e10, 4e9  # Pa/m
@@ -142,6 +144,17 @@ def test_newmarks_block_in_real_time():
     falling = FOLLOWING.with_parameters(slip_distance=1e-8, rise=0.0)
     moved, _ = newmark(falling)
     assert moved == pytest.approx(closed_form(0.5 * yielding), rel=1e-3)
+
+
+@pytest.mark.parametrize("formulation, height", [("concave", 0.1), ("concave", 0.3), ("corrected", 0.15)])
+def test_a_block_that_is_thrown_is_not_braked_by_dashpots(formulation, height):
+    """It slides v^2 / (2 mu g), rattling as it goes: its dashpots rest while the law loses all that its force does."""
+    v, mu = 0.2, 0.5
+    text = header(formulation, mu) + block("floor", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
+    text += block("stone", (0.0, 0.0, 0.5 * height), (0.2, 0.2, height), f"velocity = [{v}, 0.0, 0.0]")
+    text += '[control]\nkind = "dynamic"\nduration = 0.1\nrestitution = 0.5\n'
+    went = dembrick.simulate(toml.loads(text), law=COULOMB).greatest_displacement["stone"]
+    assert went == pytest.approx(v * v / (2.0 * mu * 9.81), rel=5e-3)
 
 
 def test_parameters_and_other_laws_compile_no_kernel_again():

@@ -5,8 +5,9 @@ of the law there, and what the point remembers, and answers with its springs: no
 that they hold. What it did not hold of the work of the step is lost.
 
 The dashpots are those of `point_law`, which lie behind what slips or gives way: they carry by as much as the law
-answers a step with its elastic stiffness, all of it where a point sticks, and nothing where it slides steadily or gets
-weaker. None pulls at a point that presses, and an open point has none.
+answers a step with its elastic stiffness, all of it where a point sticks, and nothing where it slides or gets weaker:
+in shear by as much as the law loses nothing of the work that its force could do. None pulls at a point that presses,
+and an open point has none.
 """
 
 from math import sqrt
@@ -86,6 +87,9 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, swings):
         along = slip_1 * slip_1 + slip_2 * slip_2
         if k > 0.0 and along > 0.0:
             part = min(max(((e1 - b1) * slip_1 + (e2 - b2) * slip_2) / (k * along), 0.0), 1.0)
+            at_most = 0.5 * (sqrt(b1 * b1 + b2 * b2) + sqrt(e1 * e1 + e2 * e2)) * sqrt(along)
+            if lost > 0.0 and part > 0.0:
+                part *= max(1.0 - lost / at_most, 0.0)
             t1 += viscous_s * part * k * slip_1
             t2 += viscous_s * part * k * slip_2
             q1 = slip_1 - (e1 - b1) / k
