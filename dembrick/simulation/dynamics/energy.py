@@ -59,6 +59,8 @@ class MotionEnergy:
         twice = (mass * (v * v - moved * moved)).sum()
         twice += (np.einsum("nij,nj,ni->n", inertia[free], w, w) - half * (torque[free] * turned).sum(axis=1)).sum()
         self.table.share[:] = share
+        # new contacts that press already are in that: what they have more at the first step has worked over half a step
+        self.table.push[:] *= -1.0
         self.start[:] = 0.5 * twice, (share * self._springs(state)[1]).sum() + tie_energy(state.ties)
 
     def open(self, state: MovingState) -> None:

@@ -1,0 +1,33 @@
+"""Stages after one in which a block was pushed into another: what rests on a new contact goes on from there."""
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick.scenario import toml
+from helpers.scenario_text import block, header, jack
+
+MU, GRAVITY = 0.3, 9.81
+GAP, TRAVEL = 2e-3, 3e-3
+PUSHED = f'[[stages]]\nkind = "displacement"\nlarge_displacements = true\ntravel = {TRAVEL}\n'
+
+
+def after(formulation, control, more=""):
+    """Two blocks of .3 by .2 by .1 m, the first pushed through the gap into the second, then ``control``."""
+    points = "points = [3, 2]\n" if formulation == "distributed" else ""
+    text = header(formulation, MU, 1e9, keys=points)
+    text += block("base", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
+    text += block("first", (0.0, 0.0, 0.05)) + block("second", (0.3 + GAP, 0.0, 0.05))
+    text += jack("first", (-0.15, 0.0, 0.02), more="stages = [1]") + more
+    return dembrick.simulate(toml.loads(f"{text}{PUSHED}[control]\n{control}"))
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave", "distributed"])
+def test_the_energy_of_blocks_that_are_let_go_in_time_balances(formulation):
+    """Springs of joints and of the contact let go of some hundredths of a millijoule, which dashpots take."""
+    found = after(formulation, 'kind = "dynamic"\nduration = 0.1\n[output]\nrows = 200\nchannels = ["energy"]\n')
+    energy = found.rows["energy"]
+    let_go = float(energy["kinetic"][0] - energy["elastic"][-1] - energy["new_contacts"][-1])  # of leap-frog
+    assert let_go > 1e-5
+    assert energy["dashpots"][-1] + energy["friction"][-1] == pytest.approx(let_go, rel=1e-3)
+    assert energy["kinetic"][-1] < 1e-9 * let_go
