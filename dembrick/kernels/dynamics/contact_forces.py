@@ -20,6 +20,9 @@ of it lies well apart there is nothing to hand over, and it is 1: faces that lan
 It falls back as slowly where the joint can follow again and presses: a block that was tossed, or rocked far over, rocks
 on its corners again and not on a bed of springs. It stays while the faces lie flat. A block that rocks leaves its
 corners at each impact by as little as it bounces; that is not apart.
+
+Where equilibria are looked for, no joint that crushes begins to hand over while its blocks overlap by more than it
+bears: a new contact would press on what is crushed, which only the joint knows, and hold up what falls.
 """
 
 from math import sqrt
@@ -38,7 +41,7 @@ from dembrick.kernels.dynamics.contact_surface import (
     positive_part,
     sum_patches,
 )
-from dembrick.kernels.dynamics.swings import RESTED
+from dembrick.kernels.dynamics.swings import MOVING, RESTED
 from dembrick.kernels.dynamics.tiles import W, offset_of, sense_of, three, wrench_at
 from dembrick.kernels.joint.dashpots import damped_push
 from dembrick.kernels.joint.pressure import Pressed
@@ -68,6 +71,7 @@ class Touching(NamedTuple):
     deepest: ndarray  # (t,) m, the depth
     size: ndarray  # (t,) m, greatest distance of the joint's polygon from its centroid at the start
     partial: ndarray  # (t,) whether that polygon is less than the face that it rides on
+    crushes: ndarray  # (t,) m, the overlap from which on the joint crushes; infinite if it does not
     start: ndarray  # (j, 9) `Links.seen` at the start, of all joints
     shift: ndarray  # (j, 2) m, where their O is now on the host, from where it was then
     plane: ndarray  # (t,) int64, the face that kept the parts apart last, those of B after those of A; -1: none
@@ -273,7 +277,9 @@ def touch(touching, links, bodies, dt):
     parts = touching.parts
     for t in range(touching.first.size):
         is_open = parted = False
-        if touching.joint[t] >= 0:
+        joint = touching.joint[t]
+        before = touching.weight[t]
+        if joint >= 0:
             is_open, parted = hand_over(touching, links, t)
             if touching.weight[t] <= 0.0 and not is_open:
                 if touching.area[t] > 0.0:  # handed back: what it pressed last must not be counted again
@@ -298,6 +304,12 @@ def touch(touching, links, bodies, dt):
                 parts, bodies, first, second, slack, touching.scratch
             )  # fmt: skip
             touching.plane[t] = plane
+        if joint >= 0:
+            if before <= 0.0 and touching.laws[0] != MOVING and 2.0 * depth > touching.crushes[t]:
+                touching.weight[t] = 0.0
+                rest(touching, t)
+                continue
+            leave_rest(touching, links, t)
         if patches == 0:
             if parted:
                 touching.weight[t] = 1.0
@@ -340,7 +352,7 @@ def ramp(x, low, high):
 
 @jit
 def hand_over(touching, links, t):
-    """Let the weight of pair ``t`` grow as its joint fails to follow, and leave the joint the rest of its force.
+    """Let the weight of pair ``t`` grow as its joint fails to follow.
 
     Returns whether the joint is open, and whether it is open and apart.
     """
@@ -373,7 +385,13 @@ def hand_over(touching, links, t):
     elif not is_open and turn > FLUSH:
         weight = max(due, weight - GROWTH)
     touching.weight[t] = weight
-    for i in range(9):
-        wrench[i] *= 1.0 - weight
     gap = sense_of(links, joint) * (o3 - offset_of(links, joint))
     return is_open, is_open and gap - size * turn > PARTED * size
+
+
+@jit
+def leave_rest(touching, links, t):
+    """Leave the joint of pair ``t`` what the new contact does not count by its weight."""
+    wrench = links.wrenches[wrench_at(links, touching.joint[t])]
+    for i in range(9):
+        wrench[i] *= 1.0 - touching.weight[t]

@@ -119,6 +119,7 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
         weight=(joints < 0).astype(float),
         size=size[joints],
         partial=partial[joints],
+        crushes=np.array([(law.compressive_strength or np.inf) / law.normal_stiffness for law in laws], float),
         start=start,
         shift=shift,
         plane=np.full(n, -1, np.int64),

@@ -67,6 +67,10 @@ class StepTooLong(DivergedError):
     """A block swings on its contacts faster than the time step can follow."""
 
 
+class PressedTooDeep(NotConvergedError):
+    """Blocks overlap by more than a contact can mean."""
+
+
 @dataclass
 class Motion:
     """An assembly that can come to rest and move: its time step (s), and how long it took (s).
@@ -250,7 +254,7 @@ def after_chunk(motion: Motion, status: int, done: int, dt: float) -> int:
             f"{LONGEST_MOVE:g} of a block in a step of {dt:.3g} s): lower solver.step_factor"
         )
     if status in (DEEP, CROWDED):
-        raise NotConvergedError(_trouble(motion, status))
+        raise (PressedTooDeep if status == DEEP else NotConvergedError)(_trouble(motion, status))
     if status == OVERLOADED:
         _examine(motion)
     _follow(motion, called=status == MEETING and motion.contact_detection.touching is not None)

@@ -34,7 +34,15 @@ from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, StepTooLong, advance, keep_of_rest
+from dembrick.simulation.dynamics.integrator import (
+    LONGEST_MOVE,
+    NO_LIMIT,
+    Motion,
+    PressedTooDeep,
+    StepTooLong,
+    advance,
+    keep_of_rest,
+)
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
 from dembrick.simulation.dynamics.paths.stage_loads import LoadsToCome, rest_by_increments
@@ -179,7 +187,8 @@ class EquilibriumPath(ABC):
                 self._go_back()
                 self.moving.shorten_steps(SHORTEN)
                 self.kept.arrays["loop"] = self.past.loop
-            except DivergedError:  # blocks that fall freely for long get too fast for a step: look before they can
+            except (DivergedError, PressedTooDeep):
+                # blocks that fall for long get too fast for a step, or into each other: look before they can
                 if often < math.inf:
                     raise
                 often = SEEN_FALLING
