@@ -33,7 +33,7 @@ def hinges(history: History, joints: JointMotion, frame: int) -> list[int]:
     now = joints.at([frame])
     N = now.resultants[0, :, 0]
     # from O of the start, also where a joint was cut as it slid over an edge: a slip is small against the joint
-    at = now.shift[0] + now.pressure_centre[0]
+    at = now.shift[0] + now.pressed_arm[0]
     out = way_to_edge(joints, N[None], at[None])[0]
     return np.flatnonzero((N > CARRIES * N.max(initial=0.0)) & (out >= HINGE)).tolist()
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dembrick.views.motion.joints import JointMotion
 
 CHANNELS = ("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")
+_ALONG = 0.1  # of a force: with less of it across a face its line of action meets that far away
 
 
 class JointFrames:
@@ -165,10 +166,29 @@ class JointFrames:
         return np.divide(moments, N[..., None], out=np.zeros_like(moments), where=N[..., None] > 0.0)
 
     @cached_property
+    def pressed_arm(self) -> np.ndarray:
+        """(f, j, 2) m: where the line of action of each joint's force meets the face that the polygon rides on, from O
+        along that face's own t1 and t2: the toe of a block that rocks, however far. In the geometry of the start, and
+        where the force runs along the face, the `pressure_centre`."""
+        found = self.pressure_centre.copy()
+        if self.joints.small:
+            return found
+        N, V_1, V_2 = np.moveaxis(self.resultants[..., :3], -1, 0)
+        force = np.stack([-V_1, -V_2, N], axis=-1)
+        # the axes of the face in those of the resultants
+        face = np.einsum("fjik,fjlk->fjil", self._riding(self.joints.host), self.acting_axes)
+        along = (force * face[..., 2, :]).sum(axis=-1)
+        meets = (N > 0.0) & (along > _ALONG * np.linalg.norm(force, axis=-1))
+        height = (found * face[..., 2, :2]).sum(axis=-1)
+        way = np.divide(height, along, out=np.zeros_like(height), where=meets)
+        point = np.concatenate([found, np.zeros((*height.shape, 1))], axis=-1) - way[..., None] * force
+        return np.where(meets[..., None], np.einsum("fjil,fjl->fji", face[..., :2, :], point), found)
+
+    @property
     def pressure_place(self) -> np.ndarray:
-        """(f, j, 3) m: the `pressure_centre` in the world, on the block that the polygon rides on."""
-        axes = self._riding(self.joints.host) if self.joints.small else self.acting_axes
-        return self.acting_origin + np.einsum("fji,fjik->fjk", self.pressure_centre, axes[:, :, :2])
+        """(f, j, 3) m: the `pressed_arm` in the world, on the block that the polygon rides on."""
+        axes = self._riding(self.joints.host)
+        return self.acting_origin + np.einsum("fji,fjik->fjk", self.pressed_arm, axes[:, :, :2])
 
     @cached_property
     def point_forces(self) -> np.ndarray | None:
@@ -205,13 +225,13 @@ class JointFrames:
 
     @cached_property
     def bending_utilisation(self) -> np.ndarray:
-        """(f, j): how far the centre of pressure is on its way from O to the edge of what can carry N: the polygon of a
+        """(f, j): how far the `pressed_arm` is on its way from O to the edge of what can carry N: the polygon of a
         convex joint, that around the contact points else; 1 is a hinge. A joint that crushes ends nearer to O, by as
         much as N presses at f_c; N over f_c A if that is more. Of a bond that holds, tension over strength.
         0 if the joint carries nothing, NaN if it was cut as it slid over an edge, see `friction_utilisation`, and if it
         has lost part of a bond that pulls and its contact forces were not recorded."""
         joints, N = self.joints, self.resultants[..., 0]
-        found, bonds = way_to_edge(joints, N, self.pressure_centre), joints.bonds
+        found, bonds = way_to_edge(joints, N, self.pressed_arm), joints.bonds
         if bonds is not None:
             found = np.where(self._held == 1.0, bonds.tension_utilisation(self.resultants), found)
             found = np.fmax(found, crushed_share(joints, N))

@@ -66,7 +66,7 @@ class DrawnForces:
         """Where the resultant of every joint passes, on the drawn blocks, and its force on b: (j, 3) m, (j, 3) N."""
         joints, now = self._joints, self._joints.at(range(frame, frame + 1))
         N, V_1, V_2 = now.resultants[0, :, :3].T
-        at = now.pressure_centre[0].copy()
+        at = now.pressed_arm[0].copy()
         # the centre of pressure cannot be outside the joint but by rounding of a small N
         far = np.linalg.norm(at, axis=1)
         at *= np.minimum(1.0, np.divide(joints.size, far, out=np.ones_like(far), where=far > 0.0))[:, None]
