@@ -11,7 +11,19 @@ from functools import partial
 
 from dembrick.views import structure_numbers as structure
 from dembrick.views.number_lines import Declared, Told, no_bar
-from dembrick.views.summary import length, listed, load_text, number, outward, part, rounded_up, texts, with_error
+from dembrick.views.summary import (
+    length,
+    length_unit,
+    length_with_error,
+    listed,
+    load_text,
+    number,
+    outward,
+    part,
+    rounded_up,
+    texts,
+    with_error,
+)
 
 
 def _moved(results: Mapping) -> Told | None:
@@ -61,7 +73,7 @@ def _at_the_end(results: Mapping) -> Told | None:
     moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
     if moved is None:
         return None
-    value = length(moved) if error is None else with_error(moved, error, "m")
+    value = length(moved) if error is None else length_with_error(moved, error)
     bar = "from stiffer joints" if error is not None else no_bar(results)
     if part(results, "collapse").get("error_estimate") is not None:  # which has the bar of the refined runs
         bar = "no error bar"
@@ -95,9 +107,12 @@ def _settled(results: Mapping) -> Told | None:
     at, bar = number(collapse.get("settlement")), number(collapse.get("error_estimate"))
     if at is None:
         return None
-    text = f"{at:.5g} m" if bar is None else with_error(at, abs(bar), "m")
+    unit, factor = length_unit(at)
+    text = f"{factor * at:.5g} {unit}" if bar is None else length_with_error(at, abs(bar))
     ends = structure.pair(collapse.get("settlement_range"))
-    between = "" if ends is None else "between {} and {} m; ".format(*outward(*ends))
+    between = ""
+    if ends is not None:
+        between = "between {} and {} {}; ".format(*outward(factor * ends[0], factor * ends[1]), unit)
     return Told(text, between + (no_bar(results) if bar is None else "from runs refined"))
 
 

@@ -229,10 +229,22 @@ def plain(text: str) -> str:
 
 def length(metres: float) -> str:
     """A small length in the unit that suits it."""
+    unit, factor = length_unit(metres)
+    return f"{metres * factor:.4g} {unit}"
+
+
+def length_with_error(metres: float, error: float) -> str:
+    """A small length with its error bar (m) as `with_error`, both in the unit that suits the length."""
+    unit, factor = length_unit(metres)
+    return with_error(factor * metres, factor * error, unit)
+
+
+def length_unit(metres: float) -> tuple[str, float]:
+    """The unit that suits a small length, and how many of it are a metre."""
     for unit, factor, least in (("m", 1.0, 1.0), ("mm", 1e3, 0.1)):
         if abs(metres) * factor >= least:
-            return f"{metres * factor:.4g} {unit}"
-    return f"{metres * 1e6:.4g} µm"
+            return unit, factor
+    return "µm", 1e6
 
 
 def texts(value: object) -> list[str]:

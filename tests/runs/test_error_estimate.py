@@ -69,9 +69,9 @@ def test_what_is_printed(folder, capsys):
     said = capsys.readouterr().out
     (words,) = (line.split() for line in said.splitlines() if " +- " in line and line.startswith("residual"))
     moved, error = words[2], words[4]
-    assert math.isclose(float(moved), PULSE, rel_tol=1e-3) and 0.0 < float(error) < 1e-3
+    assert math.isclose(float(moved), 1e3 * PULSE, rel_tol=1e-3) and 0.0 < float(error) < 1.0 and words[5] == "mm"
     shown = {line.name: line for line in key_numbers({"displacement": 0.147, "displacement_error": 2e-4})}
-    assert shown["displacement at the end"].value == "0.14700 ± 0.00020 m"
+    assert shown["displacement at the end"].value == "147.00 ± 0.20 mm"
     shown = {line.name: line for line in key_numbers({"displacement": 0.147})}
     assert "--refine" in shown["displacement at the end"].remark
 

@@ -175,7 +175,7 @@ def test_colours_by_block(run, drawing):
 def test_units_follow_the_size(run, drawing):
     with drawn(run) as found:
         titles = [found._colouring.scale(size).title for size in (3.0, 0.1, 0.0999, 2e-5, 1.1e-7, 9e-8, 0.0)]
-    units = ["m", "m", "mm", "µm", "µm", "nm", "m"]
+    units = ["m", "mm", "mm", "µm", "µm", "nm", "m"]
     assert titles == [f"displacement\nof each point [{unit}]" for unit in units]
 
 

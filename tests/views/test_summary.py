@@ -117,7 +117,7 @@ def test_a_structure_tells_what_else_its_run_printed():
     assert told["path range"] == ("0.19 to 0.21", "by 9 of 10 paths of the same structure")
     assert told["bound"] == ("0.22", "associative: no path ends above")
     settled = names({"collapse": {"settlement": 0.2, "settlement_range": [0.19, 0.21], "mechanism": "rocking"}})
-    assert settled["settlement at collapse"].remark.startswith("between 0.19 and 0.21 m; ")
+    assert settled["settlement at collapse"].remark.startswith("between 190 and 210 mm; ")
 
 
 def test_of_many_supports_and_ties_some_have_a_line():

@@ -124,7 +124,8 @@ class Colouring:
             return Scale("velocity over\nthe greatest [-]", 1.0 / max(largest, 1e-300), 1.0)
         units = _UNITS[self.color]
         step = 0
-        while step < len(units) - 1 and 0.0 < largest * 1e3**step < 0.1:
+        # lengths in metres from 1 m on, as all other views
+        while step < len(units) - 1 and 0.0 < largest * 1e3**step < (1.0 if units[step] == "m" else 0.1):
             step += 1
         top = 1.0 if self.color == "utilisation" else max(largest * 1e3**step, 1e-12)
         return Scale(f"{_TITLES[self.color]} [{units[step]}]", 1e3**step, top)
