@@ -122,14 +122,14 @@ def test_lengths_are_round(longest, text):
 
 def test_names_stand_at_blocks_and_joints(column, drawing):
     found = drawn(column, names="all", magnification=0.0)
-    (blocks, _), (joints, _) = found._names
+    (blocks, _), (joints, _) = found._names.named
     moving = moving_blocks(column, column.n_frames - 1)  # the base does not
-    at = dict(zip([column.block_names[i] for i in moving], blocks._cloud.points, strict=True))
+    at = dict(zip([column.block_names[i] for i in moving], blocks.points, strict=True))
     for name, place in at.items():  # blocks of 0.2 m on one another
         np.testing.assert_allclose(place, [0.0, 0.0, 0.2 * int(name.rpartition(".")[2]) - 0.1], atol=1e-6)
     lowest = 0.2 * min(moving)  # of the joints that touch one of them
-    np.testing.assert_allclose(joints._cloud.points[:, 2].min(), lowest, atol=1e-6)
-    assert "column.2" in at and joints._cloud.n_points == round((0.4 - lowest) / 0.2) + 1
+    np.testing.assert_allclose(joints.points[:, 2].min(), lowest, atol=1e-6)
+    assert "column.2" in at and len(joints.points) == round((0.4 - lowest) / 0.2) + 1
     without, named = drawn(column, magnification=0.0).pixels(), found.pixels()
     assert (without != named).any(axis=2).sum() > 200
     with pytest.raises(ScenarioError, match="names = 'walls' is unknown; use one of none, blocks, joints, all"):

@@ -1,4 +1,4 @@
-"""Annotations over the blocks: a scale bar, names, the line of thrust with its hinges."""
+"""Annotations over the blocks: a scale bar, the line of thrust with its hinges."""
 
 from __future__ import annotations
 
@@ -75,38 +75,6 @@ class ScaleBar:
         ]  # fmt: skip
         self._bar.Modified()
         self._text.input = length_text(length)
-
-
-class Names:
-    """Names at points of the scene, in front of everything; ``points`` (n, 3) is written into."""
-
-    def __init__(self, plotter, names: Sequence[str], colour: str):
-        import pyvista
-        from vtkmodules.vtkCommonCore import vtkStringArray
-        from vtkmodules.vtkRenderingCore import vtkActor2D
-        from vtkmodules.vtkRenderingLabel import vtkLabeledDataMapper
-
-        self._cloud = pyvista.PolyData(np.zeros((len(names), 3)))
-        texts = vtkStringArray()
-        texts.SetName("name")
-        for name in names:
-            texts.InsertNextValue(name)
-        self._cloud.GetPointData().AddArray(texts)
-        mapper, actor = vtkLabeledDataMapper(), vtkActor2D()
-        mapper.SetInputData(self._cloud)
-        mapper.SetLabelModeToLabelFieldData()
-        mapper.SetFieldDataName("name")
-        size = max(9, round(plotter.window_size[0] / 95))
-        look = pyvista.TextProperty(color=colour, font_family="arial", font_size=size, bold=True)
-        look.background_color, look.background_opacity = "white", 0.7
-        look.justification_horizontal = look.justification_vertical = "center"
-        mapper.SetLabelTextProperty(look)
-        actor.SetMapper(mapper)
-        plotter.add_actor(actor, reset_camera=False)
-
-    def show(self, points: np.ndarray) -> None:
-        self._cloud.points[:] = points
-        self._cloud.Modified()
 
 
 class ThrustLine:

@@ -19,10 +19,11 @@ from dembrick.views.motion.joints import JointMotion
 from dembrick.views.motion.magnification import automatic_magnification
 from dembrick.views.motion.moments import words
 from dembrick.views.plot.subject import chosen_joint, joint_names
-from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
+from dembrick.views.render.annotations import CRIMSON, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.force_arrows import GREEN, PURPLE, DrawnForces, ForceArrows, glyphs, put_glyphs
 from dembrick.views.render.loads import DrawnLoads, DrawnReactions, DrawnSettlement, DrawnTies
 from dembrick.views.render.look import VIEWS, Colouring, Look
+from dembrick.views.render.names import NameBoard, Names
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -101,6 +102,9 @@ class Scene:
         self._build()
         self.show(self._last)
         self._place_camera(whole)
+        self._spread_names()
+        if self._names.named:  # in a window the camera moves
+            self._plotter.renderer.AddObserver("StartEvent", lambda *_: self._spread_names())
 
     @property
     def frame(self) -> int:
@@ -123,14 +127,18 @@ class Scene:
         self._settlement.show(poses)
         self._ties.show(poses)
         self._reactions.show(frame, poses)
-        marked = self._show_centre(frame)
+        self._centre_shown = self._show_centre(frame)
         if self.arrows is not None:
             self.arrows.show(frame, poses)
         if self.thrust is not None:
             self.thrust.show(frame, poses)
-        for names, places in self._names:
-            names.show(places(poses, points))
-        self._text.input = self._words(marked)
+        self._names.show(poses, points)
+        self._text.input = self._words(self._centre_shown)
+
+    def _spread_names(self) -> None:
+        """Where names have room as the camera stands now."""
+        if self._names.spread():
+            self._text.input = self._words(self._centre_shown)
 
     def pixels(self) -> np.ndarray:
         """The picture (h, w, 3) as it is now."""
@@ -183,7 +191,8 @@ class Scene:
         self.largest = largest
         width, height = self._plotter.window_size
         extent = (self._seen[1] - self._seen[0])[:2]
-        lines = len(self._title()) + 1 + len(_lines(self._keys(frames[-1], bool(self._marked), n_hinges=9)))
+        keys = self._keys(frames[-1], bool(self._marked), 9, n_left_out=9 if self._look.names != "none" else 0)
+        lines = len(self._title()) + 1 + len(_lines(keys))
         # letters grow with the width of the picture
         taken = (lines + 0.4) * _LINE * _font_size(width) / height
         self._top = max(min(_TOP, _WORDS - taken), self._below + 0.4)
@@ -247,7 +256,7 @@ class Scene:
             self.arrows.build(plotter, history.n_joint, self._start[0])
         if self._look.thrust:
             self.thrust = ThrustLine(plotter, history, self._joints, self._drawn_forces)
-        self._names = self._build_names()
+        self._names = NameBoard(plotter, self._build_names())
         self.bar = ScaleBar(plotter)
         size = _font_size(plotter.window_size[0])
         self._text = plotter.add_text(" ", position=(0.012, _WORDS), viewport=True, color="black", font_size=size)
@@ -382,7 +391,8 @@ class Scene:
             told = ", ".join([*words(history, self._frame), shown])
             if history.results.get("unlimited"):
                 told += "\nno limit: stones sink into each other, as much as the stiffness of their joints lets them"
-        keys = self._keys(self._frame, marked, len(self.thrust.hinges) if self.thrust else 0)
+        n_hinges = len(self.thrust.hinges) if self.thrust else 0
+        keys = self._keys(self._frame, marked, n_hinges, self._names.left_out)
         return "\n".join([*self._title(), told, *_lines(keys)]).rstrip()
 
     def _has_moved(self, frame: int) -> bool:
@@ -396,7 +406,7 @@ class Scene:
         title = self._history.title
         return textwrap.wrap(f"{self._name}: {title}" if self._name else title, _WIDE)[:2]
 
-    def _keys(self, frame: int, marked: bool, n_hinges: int) -> list[str]:
+    def _keys(self, frame: int, marked: bool, n_hinges: int, n_left_out: int) -> list[str]:
         """Explanations of colours and arrows."""
         history = self._history
         if history.status == START:
@@ -412,7 +422,7 @@ class Scene:
                 keys.append("forces of new contacts were not recorded")
         if self._look.thrust:
             keys.append(f"red: line of thrust, {_count(n_hinges, 'hinge')}")
-        return keys
+        return [*keys, f"{_count(n_left_out, 'name')} left out for want of room"] if n_left_out else keys
 
 
 def _font_size(width: int) -> int:
