@@ -10,6 +10,7 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.views import export
 from dembrick.views.export import vtkhdf
+from dembrick.views.motion.blocks import mean_velocities
 from dembrick.views.motion.joints import JointMotion
 from helpers import history_cases as cases
 from helpers.exported import N_FRAME, THREE, make, real_time, vtk_steps
@@ -277,3 +278,17 @@ def test_pvd_read_back_by_meshio(tmp_path):
     np.testing.assert_allclose(
         contacts.point_data["force"][:4], cases.motion(N_FRAME - 1, N_FRAME)["contact_force"][0], rtol=1e-6
     )
+
+
+@pytest.mark.parametrize("step", [0.5, 2.0, 3.0])
+def test_a_block_that_spins_fast_has_its_spin(tmp_path, step):
+    """By so many radians from frame to frame: more than half a turn between the two frames that tell the mean."""
+    axis, angle = np.array([1.0, 2.0, -2.0]) / 3.0, 0.5 * step * np.arange(5.0)
+    orientation = np.tile([1.0, 0.0, 0.0, 0.0], (5, 2, 1))
+    orientation[:, 1] = np.column_stack([np.cos(angle), np.sin(angle)[:, None] * axis])
+    poses = 0.1 * np.arange(5.0), np.zeros((5, 2, 3)), orientation
+    with cases.written(tmp_path / "run.h5", cases.moving_record(0, 5), poses, control=cases.MOTION,
+                       moving={"joint_shift": np.zeros((5, 1, 2))}) as run:  # fmt: skip
+        _, spin = mean_velocities(run, 0, 5)
+        np.testing.assert_allclose(spin[:, 1], np.tile(step / 0.1 * axis, (5, 1)), rtol=1e-12)
+        assert not spin[:, 0].any()

@@ -121,7 +121,11 @@ def rotation_times(rotation: np.ndarray, factor: float) -> np.ndarray:
 
 
 def mean_velocities(history: History, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean velocity (m/s) and spin (rad/s) of the blocks (f, n, 3) between the frames before and after each."""
+    """Mean velocity (m/s) and spin (rad/s) of the blocks (f, n, 3) between the frames before and after each.
+
+    Frames hold orientations, which do not count turns: from one frame to the next a block is taken to turn by less than
+    half a turn, so that it may turn by a whole one between the two frames.
+    """
     last = history.n_frames - 1
     k = np.arange(start, stop)
     before, after = np.maximum(k - 1, 0), np.minimum(k + 1, last)
@@ -132,5 +136,16 @@ def mean_velocities(history: History, start: int, stop: int) -> tuple[np.ndarray
     duration = (time[after] - time[before])[:, None, None]
     duration[duration <= 0.0] = np.inf
     velocity = (displacement[after - first] - displacement[before - first]) / duration
-    turn = quaternion_product(orientation[after - first], orientation[before - first] * np.array([1, -1, -1, -1]))
-    return velocity, rotation_vector(turn) / duration
+    before, now, after = (orientation[number - first] for number in (before, k, after))
+    turned, by_steps = _turn(before, after), _turn(before, now) + _turn(now, after)
+    # of all turns that end the same, that nearest to the one by steps
+    axis = np.where(turned.any(axis=2, keepdims=True), turned, by_steps)
+    size = np.linalg.norm(axis, axis=2, keepdims=True)
+    axis = np.divide(axis, size, out=np.zeros_like(axis), where=size > 0.0)
+    missed = ((by_steps - turned) * axis).sum(axis=2, keepdims=True)
+    return velocity, (turned + 2.0 * np.pi * np.round(missed / (2.0 * np.pi)) * axis) / duration
+
+
+def _turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The rotation vectors (..., 3) from quaternions (..., 4) to others, of at most half a turn."""
+    return rotation_vector(quaternion_product(end, start * np.array([1, -1, -1, -1])))
