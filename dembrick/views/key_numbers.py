@@ -13,6 +13,7 @@ from dembrick.views import structure_numbers as structure
 from dembrick.views.motion_numbers import BESIDE, OF_LAWS, OF_MOTION, OF_SETTLEMENT, OF_WORK
 from dembrick.views.number_lines import KeyNumber, Told, no_bar, refuses_refining, told_by
 from dembrick.views.summary import (
+    ROUNDING,
     angle_text,
     barred,
     known,
@@ -33,7 +34,6 @@ from dembrick.views.summary import (
 
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
 _REACHED = 1e-3  # of a limit: as near a record comes to one that it reaches
-_ROUNDING = 1e-7  # of N (times 1 m): forces below are not there
 
 
 def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
@@ -89,7 +89,7 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
         lines.append(KeyNumber("start", start))
     if "V_peak" in point:
         lines.append(KeyNumber(f"largest {load}", *_largest(point, unit, results, path, open_ended and not timed)))
-    least = _ROUNDING * abs(point.get("N", 0.0))
+    least = ROUNDING * abs(point.get("N", 0.0))
     shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
     carried = [f"{name} = {shown[name]:.5g} {_CARRIED[name]}" for name in shown]
     if carried:

@@ -12,6 +12,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import NamedTuple
 
 NO_BAR = "no error bar: --refine gives one"
+ROUNDING = 1e-7  # of N (times 1 m): forces of a joint below are not there
 _MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
 _TINY = 5e-7  # of a value: what no digit of seven shows
 _SHORT, _LONG = 2e-4, 2.0  # m: travels up to the one are told in µm, from the other on in m

@@ -8,6 +8,7 @@ import pytest
 from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, OutputError
+from dembrick.scenario.controls import YieldControl
 from dembrick.views import page
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.page import content
@@ -170,3 +171,24 @@ def test_the_command_writes_it(tmp_path, capsys):
     assert main(["render", str(path), "--to", str(tmp_path / "page.html")]) == 0
     assert "page.html" in capsys.readouterr().out
     assert (tmp_path / "page.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_the_slider_of_the_magnification_reaches_what_comes_before_a_limit(tmp_path):
+    """A block that moves by 10 um, and then by 10 mm at the limit: twice as far suits the one, 2000 times the other."""
+    displacement, turns = np.zeros((3, 2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (3, 2, 1))
+    displacement[1, 1, 0], displacement[2, 1, 0] = 1e-5, 1e-2
+    poses = np.arange(3.0), displacement, turns
+    rows = cases.record(0, 3) | {"time": np.arange(3.0)}
+    for control, most in ((YieldControl(), 4.0), (cases.CONSTANT_RATE, 1.0)):
+        with cases.written(tmp_path / f"{control.kind}.h5", rows, poses, control=control) as found:
+            told = content.collect(found)["magnification"]
+        assert told["start"] == pytest.approx(np.log10(2.0)) and told["most"] == most
+
+
+def test_torsion_that_is_rounding_is_not_read_out(tmp_path):
+    rows = cases.record(0, 5)
+    rows["joint"][:, 0, :4] = [1e4, 0.0, 5e3, 1e-4]
+    rows["joint"][-1, 0, 3] = 2e-2
+    with cases.written(tmp_path / "run.h5", rows, cases.frames(0, 4)) as found:
+        (torsion,) = (one for one in content.collect(found)["readout"] if one["name"] == "torsion")
+        assert torsion["values"][0] == 0.0 and set(torsion["values"]) <= {0.0, 0.02}

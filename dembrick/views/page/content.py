@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 MOST_FRAMES = 240
 MOST_BYTES = 8 << 20  # of packed frames
 _MOST_USED = 200_000  # joints times frames, for which utilisation and slip are told
+_LOOKS = 12  # about as many frames say how far the slider of the magnification must go
+_BEYOND, _EARLIER = (
+    5.0,
+    1e3,
+)  # of the magnification at the start: how far it goes at least, and for earlier frames at most
 _FAR = 2.0  # of the scene: a torsion centre further away is that of a shear
 
 
@@ -76,7 +81,7 @@ def collect(history: History) -> dict:
         "reach": 0.5 * float(np.linalg.norm(np.ptp(world, axis=0))),
         "most": max(_up_to(moved, at), 1e-30),
         "mostText": colours[0]["text"],
-        "magnification": {"start": math.log10(start), "most": max(1.0, math.ceil(math.log10(start) + 0.7))},
+        "magnification": {"start": math.log10(start), "most": _most_magnified(history, frames.number[: at + 1], start)},
         "actuators": _arrows(history, loads.driven_loads(history) if pushed else [], middle),
         "loads": _arrows(history, loads.dead_loads(history), middle),
         "ties": [
@@ -90,6 +95,14 @@ def collect(history: History) -> dict:
         "record": None if before else choices.record(history),
         "readout": [] if before else diagrams.readout(history, record, path),
     }
+
+
+def _most_magnified(history: History, numbers: np.ndarray, start: float) -> float:
+    """Where the slider of the magnification ends, a power of ten: above the factor ``start`` that it begins at, which
+    suits the last of the frames, and of equilibria by which those before are seen, where blocks have hardly moved."""
+    early = numbers[1 :: max(1, len(numbers) // _LOOKS)].tolist() if history.counts_equilibria else []
+    wanted = max((automatic_magnification(history, k) for k in early), default=1.0)
+    return max(1.0, math.ceil(math.log10(max(_BEYOND * start, min(wanted, _EARLIER * start)))))
 
 
 def chosen_frames(history: History) -> Frames:

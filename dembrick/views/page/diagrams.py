@@ -108,8 +108,9 @@ def readout(history: History, record: Record, path: JointPath | None) -> list[di
         items.append({"name": name, "unit": record.load_unit.strip("-"), "digits": 5, "values": listed(record.load)})
     items.append({"name": "displacement", "unit": record.unit, "digits": 4, "values": listed(record.travel)})
     if path is not None and record.diagram.unit == "N":
-        torsion = listed(np.interp(record.time, history.time, path.M_T))
-        items.append({"name": "torsion", "unit": "N m", "digits": 4, "values": torsion})
+        torsion = np.interp(record.time, history.time, path.M_T)
+        torsion[np.abs(torsion) <= summary.ROUNDING * np.abs(history.joint("N")[:, path.number]).max()] = 0.0
+        items.append({"name": "torsion", "unit": "N m", "digits": 4, "values": listed(torsion)})
     return items
 
 
