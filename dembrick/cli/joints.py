@@ -104,6 +104,7 @@ def _text_of_contacts(rows: list[dict], most: int) -> str:
     largest = {name: max(abs(row[name]) for row in rows) for name in OF_CONTACTS}
     largest["V"] = max(largest["N"], largest["V"])
     largest["M_T"] = max(largest["M_T"], SHORT * largest["V"])
+    largest |= dict.fromkeys("xyz", max(largest["x"], largest["y"], largest["z"], SHORT))
     lines = [f"{'new contact':{width}}" + "".join(f"{title:>12}" for title, _ in OF_CONTACTS.values())]
     for row in rows[:most]:
         cells = (_cell(row[name], largest[name], factor) for name, (_, factor) in OF_CONTACTS.items())

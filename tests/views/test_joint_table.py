@@ -6,13 +6,14 @@ import json
 import pytest
 
 from dembrick import history
+from dembrick.cli import joints as joints_command
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Output
-from dembrick.views.motion.table import UNITS, joint_table, new_contact_table, reaction_table
+from dembrick.views.motion.table import CONTACT, UNITS, joint_table, new_contact_table, reaction_table
 from helpers.impact_scenes import scene
 from helpers.places import SCENARIOS
 
@@ -200,3 +201,9 @@ def test_a_block_that_has_slid_over_an_edge_still_presses_below_its_middle(tmp_p
     assert row["N"] == pytest.approx(117.72, rel=1e-3)
     assert (row["e_1"], row["e_2"]) == (pytest.approx(0.0, abs=1e-4), pytest.approx(0.0, abs=1e-4))
     assert (row["M_1"], row["M_2"]) == (pytest.approx(0.0, abs=0.01), pytest.approx(0.0, abs=0.01))
+
+
+def test_places_of_new_contacts_hold_no_rounding():
+    """A contact in the plane y = 0, to 1e-16 m, and 0.1 mm below z = 0."""
+    row = dict.fromkeys(CONTACT, 1.0) | {"contact": "a/b", "x": 0.1, "y": 4.3e-16, "z": -1.4e-4}
+    assert joints_command._text_of_contacts([row], 5).split()[-3:] == ["0.1", "0", "-0.00014"]

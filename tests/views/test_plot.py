@@ -74,6 +74,7 @@ def test_domains_mark_simulated_and_measured_points(run):
     lab = next(line for line in ax.lines if line.get_label() == "experiment")
     np.testing.assert_allclose(lab.get_xdata(), [0.0, 0.0, 216.0, 166.0])
     np.testing.assert_allclose(lab.get_ydata(), [0.27 * 108, 0.15 * 205, 0.075 * 216, 0.135 * 166])
+    assert marker[0].get_zorder() > lab.get_zorder()  # at the same place, and smaller
     convex = next(line for line in ax.lines if line.get_label() == "convex")
     assert convex.get_ydata().max() == pytest.approx(0.64 * 467 * 0.09681061, rel=1e-7)
     assert convex.get_xdata().max() == pytest.approx(0.64 * 467, rel=1e-12)

@@ -47,6 +47,7 @@ _OF_DOMAIN = {
     "a": "the edge a of its joint (m)", "b": "the edge b of its joint (m)", "friction": "its friction",
     "N": "its normal force N (N)", "cohesion": "its cohesion (Pa)",
 }  # fmt: skip
+_OVER = 3.3  # stars of measured points: over simulated ones with larger marks, under those with smaller ones
 _APPROXIMATE = (":", "--", "-.", (0, (10, 3)))
 
 
@@ -191,7 +192,7 @@ def domains(
             _mark(axes, row, shear * shear_of(row), torsion * abs(row["M_T"]))
         if experiments:
             V, M_T = np.array(list(experiments.values())).T * [[shear], [torsion]]
-            axes.plot(V, M_T, label="experiment", zorder=5, clip_on=False, **style.EXPERIMENT)
+            axes.plot(V, M_T, label="experiment", zorder=_OVER, clip_on=False, **style.EXPERIMENT)
             named: dict[float, list[tuple[float, str]]] = {}
             for name, x, y in zip(experiments, V.tolist(), M_T.tolist(), strict=True):
                 named.setdefault(x, []).append((y, name))
