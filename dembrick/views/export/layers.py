@@ -10,7 +10,8 @@
 
 SI units, world axes. ``state``: 0 closed, 1 partly open, 2 open. ``torsion_centre`` is in the world,
 ``torsion_centre_joint`` along t1 and t2 from O; NaN if there is none. A convex joint has one contact, where the
-line of action of its force meets the face that the polygon rides on. A joint of several pieces has a polygon for each, all with the quantities of the whole joint.
+line of action of its force meets the face that the polygon rides on. A joint of several pieces has a polygon for each,
+all with the quantities of the whole joint.
 """  # noqa: E501 - a table
 
 from __future__ import annotations
