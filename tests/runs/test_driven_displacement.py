@@ -207,3 +207,12 @@ def test_blocks_that_meet_are_followed_in_shorter_steps(fixed):
         assert curve(found)[1][-1] > 100.0 * one
         assert curve(found)[1][-1] == pytest.approx(one + kn * face * gap, rel=2e-3)
     assert found.run.motion.time_step < 0.9 * found.run.motion.critical_time_step
+
+
+def test_a_loop_that_loses_nothing_loses_nothing_whatever_comes_after():
+    """Forces below mu N, then one that pushes the block on to another: it had -5e-7 J."""
+    text = header("concave", 0.3, 1e9) + FLOOR + block("stone", (0.0, 0.0, 0.05)) + block("curb", (0.302, 0.0, 0.05))
+    text += jack("stone", (-0.15, 0.0, 0.02))
+    control = '[control]\nkind = "displacement"\nlarge_displacements = true\nforce_protocol = [30.0, -20.0, 50.0]\n'
+    (cycle,) = dembrick.simulate(toml.loads(text + control)).cycles
+    assert cycle["dissipated"] == 0.0 and cycle["damping"] == 0.0

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: what does not come back
 WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
 MISSED = 1e-2  # of the energy that is lost: straight lines between rows may miss so much of a loop
-CLOSED = 1e-5  # of the range of displacements, by which a loop may miss its start
+CLOSED = 1e-5  # of the way out, by which a loop that ends near its start may miss it
 ROUNDING = 1e-12  # of the ranges of force and displacement: a work and a displacement that are none
 DRIFTS, PLATEAU = 10, 1e-2  # part of the way of a half cycle beside its peak, in which a plateau's force changes less
 
@@ -108,7 +108,8 @@ def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
     displacement, between two rows; None if it does not come back, and zero if it is less than what every second row
     leaves out."""
     way = 1.0 if u[0] > u[middle] else -1.0
-    back = middle + np.flatnonzero(way * (u[middle:] - u[0]) >= -CLOSED * np.ptp(u))
+    beyond, slack = way * (u[middle:] - u[0]), CLOSED * np.ptp(u[: middle + 1])
+    back = middle + np.flatnonzero(beyond >= (0.0 if (beyond >= 0.0).any() else -slack))
     if not len(back):
         return None
     end = int(back[0])
