@@ -1,6 +1,7 @@
 """Stages after one in which a block was pushed into another: what rests on a new contact goes on from there."""
 
-import numpy as np
+import math
+
 import pytest
 
 import dembrick
@@ -31,3 +32,33 @@ def test_the_energy_of_blocks_that_are_let_go_in_time_balances(formulation):
     assert let_go > 1e-5
     assert energy["dashpots"][-1] + energy["friction"][-1] == pytest.approx(let_go, rel=1e-3)
     assert energy["kinetic"][-1] < 1e-9 * let_go
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_blocks_that_met_stand_where_they_were_let_go(formulation):
+    """But for the micrometres that springs let go of; a concave joint and a contact ask for shorter steps together."""
+    found = after(formulation, 'kind = "statics"\nlarge_displacements = true\n')
+    assert found.status == "stands"
+    assert found.displacement[1:, 0] == pytest.approx([-2.06e-6, -0.99e-6], abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "control",
+    [
+        'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]',
+        'kind = "pushover"\ndirection = [-1.0, 0.0, 0.0]',
+        'kind = "tilt"\naxis = [0.0, 1.0, 0.0]',
+    ],
+    ids=["pushed on", "pushed back", "tilted"],
+)
+def test_blocks_that_met_slide_at_their_friction(control):
+    found = after("concave", f"{control}\nlarge_displacements = true\n").collapse
+    share = math.tan(math.radians(found["angle"])) if found["angle"] else found["load_factor"]
+    assert share == pytest.approx(MU, rel=1e-3)
+
+
+def test_a_jack_on_the_other_block_pulls_it_away():
+    """V is the friction of that block alone, as new contacts do not pull."""
+    pull = jack("second", (0.3 + GAP + 0.15, 0.0, 0.02), more="stages = [2]").replace('"jack"', '"other"')
+    found = after("concave", 'kind = "displacement"\nlarge_displacements = true\ntravel = 1e-3\n', pull)
+    assert found.run.path[-1, 1] == pytest.approx(MU * 12.0 * GRAVITY, rel=1e-5)

@@ -87,17 +87,13 @@ class Past:
             arrays |= {"controller.present": self._controller.present, "controller.peak": self._controller.peak}
         return arrays | moving.energy.arrays | self.extremes.arrays
 
-    @property
-    def loop(self) -> np.ndarray:
-        """Steps, their length (s) and those of the dead-load equilibrium (3,)."""
-        return np.array([self.moving.steps, self.moving.time_step, self.moving.dead_load_steps])
-
     def snapshot(self) -> dict[str, np.ndarray]:
         self.pass_on()
         moving = self.moving
+        loop = np.array([moving.steps, moving.time_step, moving.dead_load_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}
         met = moving.contact_detection.snapshot() if moving.steps else {}  # nobody looks for pairs before time begins
-        return {"loop": self.loop, **met, **self._arrays(), **_polygons(moving), **flattened(parts)}
+        return {"loop": loop, **met, **self._arrays(), **_polygons(moving), **flattened(parts)}
 
     def has_begun(self, snapshot: Snapshot) -> bool:
         """Whether the dead-load equilibrium was reached when the ``snapshot`` was taken, and time had begun."""

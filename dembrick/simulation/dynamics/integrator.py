@@ -13,7 +13,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -51,15 +51,18 @@ from dembrick.simulation.dynamics.time_step import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.dynamics.contact_forces import Touching
 
+Found = TypeVar("Found")
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 MOST_STEPS = 1e12  # of a run: a year for a single block
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
+SHORTEN = 0.7  # the time step by so much where blocks swing too fast for it,
+SHORTER = 6  # and so often at the most
 BETWEEN = ("dead_load", "contact_search", "geometry", "record", "driving")  # what a run does beside its steps
 
 
@@ -159,12 +162,6 @@ class Motion:
         """Of the supports (s, 6), see `write_reactions`."""
         return reactions(self)
 
-    def shorten_steps(self, factor: float) -> None:
-        """Make the time step shorter by a ``factor``: contacts may then do more to a block, as joints do less."""
-        self.time_step *= factor
-        detection = self.contact_detection
-        detection.bearable = STABLE - factor * (STABLE - detection.bearable)
-
 
 def motion(
     assembly: Assembly, damping: float, step_factor: float, impacts: float = 1.0, duration: float | None = None
@@ -194,6 +191,20 @@ def driving_time(motion: Motion) -> Iterator[None]:
     began, before = time.perf_counter(), motion.seconds
     yield
     motion.phases["driving"] += time.perf_counter() - began - (motion.seconds - before)
+
+
+def in_shorter_steps(motion: Motion, attempt: Callable[[], Found], go_back: Callable[[], None]) -> Found:
+    """What an ``attempt`` finds; where blocks swing too fast, as those that meet bear on more than their joints, what
+    another one finds in shorter steps, after going back. Raises StepTooLong if no step is short enough."""
+    for _ in range(SHORTER):
+        try:
+            return attempt()
+        except StepTooLong:
+            motion.time_step *= SHORTEN
+            detection = motion.contact_detection
+            detection.bearable = STABLE - SHORTEN * (STABLE - detection.bearable)  # joints do less in a shorter step
+            go_back()
+    return attempt()
 
 
 def advance(

@@ -39,9 +39,10 @@ from dembrick.simulation.dynamics.integrator import (
     NO_LIMIT,
     Motion,
     PressedTooDeep,
-    StepTooLong,
     advance,
+    in_shorter_steps,
     keep_of_rest,
+    look_first,
 )
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
@@ -65,8 +66,6 @@ SPARE = 200  # equilibria for which there is room beside those of the way, and o
 LEFT = 50  # of these that a path keeps to find its end: where blocks follow a load on and on, it gives up
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
 BREAKS = 64  # of each joint
-SHORTEN = 0.7  # the time step by so much where blocks swing too fast for it,
-SHORTER = 6  # and so often at the most on the way from one equilibrium to the next
 FASTER = 4.0  # times as far as in the step before: so far blocks may be expected to move, whatever they did
 SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
 
@@ -176,23 +175,12 @@ class EquilibriumPath(ABC):
         """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if
         they come down."""
         _, before = self.from_where
-        often, left = math.inf, SHORTER
-        while True:
-            try:
-                return self._gone(parameter, before, often)
-            except StepTooLong:  # blocks that meet bear on more than their joints
-                if not left:
-                    raise
-                left -= 1
-                self._go_back()
-                self.moving.shorten_steps(SHORTEN)
-                self.kept.arrays["loop"] = self.past.loop
-            except (DivergedError, PressedTooDeep):
-                # blocks that fall for long get too fast for a step, or into each other: look before they can
-                if often < math.inf:
-                    raise
-                often = SEEN_FALLING
-                self._go_back()
+        try:
+            return in_shorter_steps(self.moving, partial(self._gone, parameter, before, math.inf), self._go_back)
+        except (DivergedError, PressedTooDeep):
+            # blocks that fall for long get too fast for a step, or into each other: look before they can
+            self._go_back()
+            return in_shorter_steps(self.moving, partial(self._gone, parameter, before, SEEN_FALLING), self._go_back)
 
     def _gone(self, parameter: float, before: np.ndarray, often: float) -> float | None:
         """`_go`, with a look after every ``often`` of the time in which the smallest block falls by its size."""
@@ -296,7 +284,16 @@ class EquilibriumPath(ABC):
         stood = standing(self.moving.state.bodies)
         joint_families.hold_bonds(self.moving.state, self.bonded)
         rest, still = partial(self._rest_and_break, parameter, places(stood)), partial(self._at, parameter)
-        ratio = rest_by_increments(self, still, rest) if self.moving.settled else rest()
+        look_first(self.moving)
+        kept = Kept(self.past.snapshot() | self.moving.contact_detection.snapshot())
+
+        def go_back() -> None:
+            self.to_come = None
+            self.moving.energy.fit(still().n_load, len(still().supports))
+            self.past.go_back(kept)
+
+        comes = partial(rest_by_increments, self, still, rest) if self.moving.settled else rest
+        ratio = in_shorter_steps(self.moving, comes, go_back)
         if ratio is None:
             self.falls_at_once(stood)
         return ratio
@@ -391,6 +388,7 @@ class EquilibriumPath(ABC):
 
     def _go_back(self) -> None:
         own = self._own()
+        self.kept.arrays["loop"][1] = self.moving.time_step  # as short as it has become
         self.past.restore(self.kept)
         self.kept.arrays.update(own)
 
