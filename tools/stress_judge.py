@@ -24,14 +24,15 @@ from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, 
 from dembrick.scenario.model import Load, Scenario
 from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.energy_audit import Auditor
+from dembrick.simulation.session import Session
 from dembrick.simulation.statics import constant_rate, limit_load, load_system, ties
-from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
+from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.rest.dead_load import dead_load_equilibrium
-from dembrick.simulation.statics.state import initial_state
+from dembrick.simulation.statics.state import initial_state, new_energy
 from dembrick.simulation.statics.stepper import Loop
-from dembrick.simulation.statics.stiffness import block_stiffness, inverse_inertia
+from dembrick.simulation.statics.stiffness import block_stiffness
 
 STATUSES = ("right", "near", "stopped", "refused", "WRONG")
 VALID_STEP = 0.9  # largest step factor of a valid cell
@@ -185,11 +186,8 @@ def must_fall(scenario: Scenario, expected: Callable, pace: float, height: float
 # --- at rest
 
 
-def _at_rest(setup: load_system.Setup, physical: bool, rate: float = 0.0) -> Loop:
-    """A loop on the blocks in dead-load equilibrium: with physical inertia in finite motion, or scaled in small motion.
-
-    Without a ``rate`` there is no jack either.
-    """
+def at_rest(setup: load_system.Setup, rate: float = 0.0) -> Loop:
+    """The loop of a test at a constant rate, on the blocks in dead-load equilibrium; without a ``rate`` and a jack."""
     built, state = setup.assembly, setup.state
     damping = setup.dashpots()
     dt = VALID_STEP * damping.critical_time_step
@@ -197,25 +195,22 @@ def _at_rest(setup: load_system.Setup, physical: bool, rate: float = 0.0) -> Loo
     if rate == 0.0:
         drive = drive._replace(stiffness=0.0, dashpot=0.0)
     certificate = setup.certificate._replace(every=1 << 40, strict=False)
-    scaled = inertia = moving = None
-    if physical:
-        state.joints.damping[:] = damping.joints / dt
-        drive = drive._replace(viscous_n=1.0, viscous_s=1.0)
-        constant_rate.to_finite_motion(state)
-        inertia = constant_rate.physical_inertia(built)
-        moving = ties.start_moving(state, built)  # none, in the kernel that a run has
-    else:
-        scaled = inverse_inertia(
-            state, setup.stiffness * (dt / (VALID_STEP * critical_time_step(1.0, load_system.VISCOUS))) ** 2
-        )
-    return Loop(dt, state, scaled, inertia, drive, certificate, None, new_guard(built, state), moving)
+    state.joints.damping[:] = damping.joints / dt
+    constant_rate.to_finite_motion(state)
+    # energy and record too, so that it is the kernel that a run has
+    moving, session = ties.start_moving(state, built), Session.of(None)
+    record = Recorder(state, session, 2, rows_every=1 << 40, frames_every=1 << 20).record
+    return Loop(
+        dt, state, None, constant_rate.physical_inertia(built), drive._replace(viscous_n=1.0, viscous_s=1.0),
+        certificate, new_energy(state), new_guard(built, state), moving, record,
+    )  # fmt: skip
 
 
-def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
+def rest(scenario: Scenario, steps: int) -> Outcome:
     """Creep under the dead loads alone: displacement after ``steps`` against that after the first thousand."""
     try:
         setup = load_system.Setup(assemblies.assemble(scenario), tolerance=0.0)
-        loop = _at_rest(setup, physical)
+        loop = at_rest(setup)
         start, worst = None, 0.0
         while loop.step < steps:
             status = loop.advance(1000 if loop.step == 0 else min(100_000, steps - loop.step))
@@ -251,7 +246,7 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
     try:
         for rate in (0.0, 1e-4):
             setup = load_system.Setup(assemblies.assemble(scenario), tolerance=0.0)
-            loop = _at_rest(setup, physical=True, rate=rate)
+            loop = at_rest(setup, rate)
             status = loop.advance(steps)
             refuse_divergence(status, setup.assembly, loop.state, loop.step, loop.dt, loop.dt / VALID_STEP)
             ends.append(loop.state.blocks)

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 AT_EDGE = 0.95  # of the way from O to an edge: a resultant beyond it stands at the edge
-ROCKS = 0.01  # rad, from where a block begins to rock
+ROCKS = 0.01  # rad, from where a block rocks, whatever its joints are
+LIFTED = 20.0  # times the depth to which all weight presses a joint, over its width: a turn with a third of it pressed
 _MOVES = 0.01  # of the greatest tilt or slip: a joint that does less does not
 
 
@@ -104,7 +105,10 @@ def rolled_over(assembly: Assembly, turned: np.ndarray) -> list[LeftOut]:
     """
     joints = assembly.joints
     a, b = (np.array([getattr(joint, side) for joint in joints], np.int64) for side in ("block_a", "block_b"))
-    rocked = (turned > ROCKS)[[a, b]].any(axis=0)
+    weight = np.linalg.norm(assembly.dead_force[~np.asarray(assembly.fixed)], axis=1).sum()
+    area, k_n = np.asarray(joints.area, float), np.array([one.normal_stiffness for one in joints.law], float)
+    rocks = np.minimum(ROCKS, LIFTED * weight / (k_n * area * np.sqrt(area)))
+    rocked = np.maximum(turned[a], turned[b]) > rocks
     law = np.array([one.formulation for one in joints.law], dtype="U16")
     found = []
     for name in ("convex", "distributed"):

@@ -121,7 +121,7 @@ def test_a_toe_that_crushes_under_a_block_on_a_floor_that_turns():
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
-@pytest.mark.parametrize("dilation", [0.1, 0.3])
+@pytest.mark.parametrize("dilation", [pytest.param(0.1, marks=pytest.mark.slow), 0.3])
 def test_a_block_that_is_pushed_over_a_joint_that_dilates(formulation, dilation):
     """Behind a smooth support that moves: V = mu W, and tan psi of its slip higher than it stood."""
     floor = Block("floor", "stone", (2.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)

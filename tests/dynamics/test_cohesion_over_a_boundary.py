@@ -25,7 +25,14 @@ TRAVEL = 0.018  # m: 0.16 of the way from the middle of a joint to its corner, w
     "formulation, points",
     [("concave", None), ("convex", None), ("distributed", (1, 1)), ("distributed", (2, 5))],
 )
-@pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (0.8, 0.6)], ids=["along", "across", "askew"])
+@pytest.mark.parametrize(
+    "way",
+    [
+        pytest.param((1.0, 0.0), id="along", marks=pytest.mark.slow),
+        pytest.param((0.0, 1.0), id="across", marks=pytest.mark.slow),
+        pytest.param((0.8, 0.6), id="askew"),
+    ],
+)
 def test_cohesion_goes_with_the_area_that_both_blocks_share(formulation, points, way):
     """V = mu N + c (a - x) (b - y) of a guided block that slides by (x, y), which is known to a fraction of a
     thousandth of its short side."""
@@ -75,7 +82,7 @@ def thrown(still: Scenario, speed: float) -> Scenario:
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
-@pytest.mark.parametrize("kept", [COHESION, 0.25 * COHESION])
+@pytest.mark.parametrize("kept", [pytest.param(COHESION, marks=pytest.mark.slow), 0.25 * COHESION])
 def test_what_a_bond_keeps_is_handed_over(formulation, kept):
     rows = simulate(plank(formulation, COHESION, kept)).to_pandas()
     moved, load = rows["displacement [m]"].to_numpy(), rows["load [N]"].to_numpy()

@@ -20,7 +20,7 @@ from helpers.places import TESTS
 from helpers.walls import wall
 
 
-@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("formulation", ["concave", pytest.param("convex", marks=pytest.mark.slow)])
 def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
     built = wall(formulation)
     before = built.rotation.copy()

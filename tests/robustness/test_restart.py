@@ -75,7 +75,13 @@ displacement = 0.002
 
 @pytest.mark.parametrize(
     "formulation, pressure",
-    [("concave", "full"), ("convex", "full"), ("distributed", "full"), ("convex", "effective"), ("convex", "linear")],
+    [
+        ("concave", "full"),
+        ("convex", "full"),
+        pytest.param("distributed", "full", marks=pytest.mark.slow),
+        pytest.param("convex", "effective", marks=pytest.mark.slow),
+        ("convex", "linear"),
+    ],
 )
 @pytest.mark.parametrize("control", [TILT, PUSH], ids=["tilt", "push"])
 def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formulation, pressure, control):

@@ -71,7 +71,12 @@ def signal_after(stop_after, monkeypatch):
     return stop_after
 
 
-@pytest.mark.parametrize("name", SCENES)
+LONG = "arch", "blocks that are pushed on"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in SCENES]
+)
 def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, monkeypatch, name):
     """At the first look, at the last one, and at random ones; then stopped once more."""
     if "pushed on" in name:
@@ -83,7 +88,7 @@ def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, monke
     most = len(looked)
     assert most > 5
     wheres = set()
-    for number, looks in enumerate((1, 3, most, *(rng.randrange(1, most) for _ in range(4)))):
+    for number, looks in enumerate((1, 3, most, *(rng.randrange(1, most) for _ in range(2)))):
         path = tmp_path / f"{looks}.h5"
         told = f"^interrupted after .*; go on with: dembrick restart {path}"
         with signal_after(looks, signal.SIGTERM, told) as stopped:

@@ -97,7 +97,15 @@ def test_first_motions_are_dual_to_the_least_reaction():
         assert (weight * moved.velocity[~assembly.fixed, :3]).sum() == pytest.approx(work, rel=1e-6)
 
 
-@pytest.mark.parametrize("number, wall", [(0, False), (2, False), (8, False), (1, True)])
+@pytest.mark.parametrize(
+    "number, wall",
+    [
+        (0, False),
+        (2, False),
+        pytest.param(8, False, marks=pytest.mark.slow),
+        pytest.param(1, True, marks=pytest.mark.slow),
+    ],
+)
 def test_drawn_motions_are_found(number, wall):
     """Cracks by the path of equilibria in the deformed geometry, which the study knows nothing of."""
     drawn = tool_module("drawn_causes")

@@ -55,7 +55,7 @@ def brackets(result, V):
     assert point.V == pytest.approx(0.5 * (point.V_lower + point.V_upper), rel=1e-12)
 
 
-@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("formulation", [pytest.param("concave", marks=pytest.mark.slow), "convex"])
 def test_a_push_down_and_across_a_floor_that_has_turned(formulation):
     """Down the floor V = tan(phi - th), a tilt about y adds to it; across it friction has to hold both."""
     th, phi = math.radians(10.0), math.atan(0.5)
@@ -262,7 +262,7 @@ def held_back(angle: float, attached, anchored, stiffness: float, strength: floa
     "anchored, attached, stiffness, strength, prestress",
     [
         (-0.8, 0.66, 20800.0, 1258.8, 17.3),
-        (-0.84, 0.43, 20200.0, 287.7, 37.7),
+        pytest.param(-0.84, 0.43, 20200.0, 287.7, 37.7, marks=pytest.mark.slow),
         pytest.param(-0.92, 0.92, 6140.0, 1430.6, 223.1, marks=pytest.mark.slow),
     ],
 )

@@ -24,7 +24,7 @@ def wall(formulation, *changes):
     return toml.load(SCENARIOS / "wall_tilt.toml", list(given))
 
 
-@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("formulation", ["concave", pytest.param("convex", marks=pytest.mark.slow)])
 def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation):
     """t / H = 0.4; soft convex joints fall early and a fast table shows it late, and the two must not cancel."""
     fallen = simulate(wall(formulation, "control.displacement=0.01"), record=False, refine=True).collapse
@@ -32,7 +32,7 @@ def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation):
     assert 1e-3 < away < fallen["error_estimate"] < 0.05
 
 
-@pytest.mark.parametrize("stiffness", [1e10, 1e9])
+@pytest.mark.parametrize("stiffness", [1e10, pytest.param(1e9, marks=pytest.mark.slow)])
 def test_a_bar_holds_the_rigid_block_that_is_pushed_over_a_convex_joint(stiffness):
     """The strip under its edge makes the error c k^-1/3 and less of higher powers: just that is no bar."""
     floor = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)

@@ -80,7 +80,7 @@ STONE_N = 0.4 * 0.4 * 0.1 * 2000.0 * 9.81
     "jacks, lost",
     [
         (ONE, STONE_N),
-        (ONE + "weight = 2.0\n", STONE_N),
+        pytest.param(ONE + "weight = 2.0\n", STONE_N, marks=pytest.mark.slow),
         (COUPLE, 0.765196 * STONE_N),
         (ONE + POST + TIE, STONE_N + 120.0),
     ],
@@ -133,9 +133,9 @@ def test_the_same_in_the_deformed_geometry():
 
 @pytest.mark.parametrize("points, count, closed", [
     ((U, -U, 2.0 * U), 1, True),  # back at U on the way to 2 U
-    ((2.0 * U, -2.0 * U, U), 1, False),
+    pytest.param((2.0 * U, -2.0 * U, U), 1, False, marks=pytest.mark.slow),
     ((U, -U, 0.0), 0, True),  # a rest of a loop
-    ((U, -U, U, -U, 0.0), 1, True),
+    pytest.param((U, -U, U, -U, 0.0), 1, True, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_only_loops_that_close_have_an_area(points, count, closed):
     """4 V s each, whatever comes after the loop is closed."""
@@ -152,7 +152,9 @@ def test_only_loops_that_close_have_an_area(points, count, closed):
         assert cycle["dissipated"] == pytest.approx(4.0 * limit * slip, rel=0.1)
 
 
-@pytest.mark.parametrize("slips", [1.05, 1.5, 3.0])
+@pytest.mark.parametrize(
+    "slips", [1.05, pytest.param(1.5, marks=pytest.mark.slow), pytest.param(3.0, marks=pytest.mark.slow)]
+)
 def test_small_loops_turn_where_they_are_to(slips):
     """A guided block on a spring k_s A that slips at mu N, by amplitudes little beyond its u: 4 mu N (amplitude - u) a
     loop."""

@@ -160,7 +160,7 @@ JACK = '[[actuators]]\nname = "jack"\nblock = "block"\npoint = [-0.2, 0.0, 0.0]\
 ON_FLOOR = SETTLED[: SETTLED.index("[control]")] + JACK
 
 
-@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("formulation", [pytest.param("concave", marks=pytest.mark.slow), "convex"])
 def test_a_search_in_the_deformed_geometry_goes_on_on_a_wetted_joint(tmp_path, formulation):
     """V = mu W: half of the weight as it began, a fifth of it on what has become wet below that load."""
     search = '[control]\nkind = "yield"\nlarge_displacements = true\ntolerance = 1e-3\n'

@@ -54,7 +54,7 @@ def test_the_same_as_scene_by_scene(formulation, z):
         assert found.steps[i] == alone.run.steps
 
 
-@pytest.mark.parametrize("pressure", ["full", "effective", "linear"])
+@pytest.mark.parametrize("pressure", ["full", pytest.param("effective", marks=pytest.mark.slow), "linear"])
 def test_random_convex_joints_against_theory(pressure):
     """Each case with a polygon, friction, N, eccentricity, dead shear and load of its own; certified, theory inside."""
     rng = np.random.default_rng(31)

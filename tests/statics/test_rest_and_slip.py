@@ -18,13 +18,12 @@ from helpers.places import tool_module
 from helpers.stone_scenes import law, of_stone
 
 
-@pytest.mark.parametrize("physical", [True, False])
 @pytest.mark.parametrize("kind", ["middle", "eccentric"])
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear", "convex"])
-def test_no_creep_below_the_limit(formulation, kind, physical):
+def test_no_creep_below_the_limit(formulation, kind):
     """At 0.98 of the limit load, for a hundred thousand steps; ``stress.py --long`` does ten million."""
     scene = tool_module("stress_scenes").rest_scene(formulation, kind)
-    outcome = tool_module("stress_judge").rest(scene, 100_000, physical)
+    outcome = tool_module("stress_judge").rest(scene, 100_000)
     assert outcome.status == "right" and outcome.error < 1e-12, outcome
 
 
@@ -70,7 +69,7 @@ def test_a_block_beside_a_test_moves_as_it_does_alone(formulation):
     setup = load_system.Setup(build.assemble(together), tolerance=0.0)
     built = build.assemble(apart)
     alone = part_of(setup.state, initial_state(built))
-    loop = judge._at_rest(setup, physical=True, rate=1e-4)
+    loop = judge.at_rest(setup, 1e-4)
     alone = part_of(loop.state, alone)
     inertia = constant_rate.physical_inertia(built)
     moving = ties.start_moving(alone, built)
@@ -119,7 +118,7 @@ def test_friction_is_opposite_to_slip(seed):
     is mu N there: friction pushes back on the block that slips. The forces are those that the joint hands on."""
     built = pushed_polygon(seed)
     setup = load_system.Setup(built, tolerance=0.0)
-    loop = tool_module("stress_judge")._at_rest(setup, physical=True, rate=1e-4)
+    loop = tool_module("stress_judge").at_rest(setup, 1e-4)
     points, joints, mu = loop.state.points, loop.state.joints, loop.state.points.friction[0]
     viscous = joints.damping[0]
     seen = 0

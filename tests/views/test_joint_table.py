@@ -157,7 +157,7 @@ def test_a_joint_that_was_handed_over_and_the_contact_in_its_place(tmp_path, cap
         Block("lower", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
         Block("upper", "stone", (0.3, 0.2, 0.1), (0.08, 0.05, 0.05), velocity=(-0.8, 0.0, 0.0)),
     )
-    output = Output(("joints", "frames", *(("contacts",) if recorded else ())), rows=100, frames=50)
+    output = Output(("joints", "frames", *(("contacts", "energy") if recorded else ())), rows=100, frames=50)
     path = str(tmp_path / "slid.h5")
     simulate(scene(DynamicControl(0.4, 0.5), *blocks, friction=0.5, stiffness=1e8, output=output), path)
     assert main(["joints", path, "--json"]) == 0

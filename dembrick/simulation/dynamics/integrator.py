@@ -194,7 +194,7 @@ def driving_time(motion: Motion) -> Iterator[None]:
 
 
 def in_shorter_steps(motion: Motion, attempt: Callable[[], Found], go_back: Callable[[], None]) -> Found:
-    """What an ``attempt`` finds; where blocks swing too fast, as those that meet bear on more than their joints, what
+    """Result of an ``attempt``; where blocks swing too fast, as those that meet bear on more than their joints, what
     another one finds in shorter steps, after going back. Raises StepTooLong if no step is short enough."""
     for _ in range(SHORTER):
         try:
