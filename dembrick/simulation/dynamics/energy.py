@@ -97,14 +97,14 @@ class MotionEnergy:
         """N and its moments (a, 3) of the springs of convex joints, and energy (j,) J of those of all joints."""
         n = len(state.links.host)
         held, energy = np.zeros((len(joint_families.convex_joints(state)), 3)), np.zeros(n)
-        self._known.call(state, take_stock, state.links, state.corners, state.faces, held, energy)
+        self._known.call(state, take_stock, state.links, *joint_families.springs(state), held, energy)
         return held, energy
 
     def _work_ahead(self, state: MovingState, held: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """Work (k,) in J that the springs of ``joints`` (k,) would take over the step since the last forces, if these
         stayed; ``held``: see `take_stock`."""
         worked = np.zeros(len(joints))
-        of_state = state.links, state.corners, state.faces, state.bodies
+        of_state = state.links, *joint_families.springs(state), state.bodies
         self._known.call(state, work_ahead, *of_state, held, self.table.place, joints, worked)
         return worked
 

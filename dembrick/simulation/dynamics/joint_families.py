@@ -47,6 +47,18 @@ def places(state) -> np.ndarray:
     return found
 
 
+def springs(state, with_laws: bool = True) -> tuple[Corners | None, Faces | None]:
+    """Joints of a state without what the energy of their springs does not depend on, or without their laws too: a
+    kernel is compiled for all that it is given."""
+    laws = dict.fromkeys(() if with_laws else ("strengths", "bonds"))
+    own = dict.fromkeys(() if with_laws else ("custom",))
+    corners, faces = state.corners, state.faces
+    return (
+        None if corners is None else corners._replace(force=None, **laws, **own),
+        None if faces is None else faces._replace(pressed=None, **laws),
+    )
+
+
 def stiffness(state) -> np.ndarray:
     """Elastic stiffness (j, 6, 6) of the closed joints against (d1, d2, dn, r1, r2, rn) at O, in the plane's axes."""
     found = np.zeros((len(state.links.host), 6, 6))

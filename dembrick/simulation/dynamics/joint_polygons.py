@@ -167,7 +167,7 @@ class Polygons:
     def _cut(self, j: int) -> None:
         drawn, place, links = self._as_drawn(j), self._place[j], self.state.links
         if len(drawn.areas):
-            self._known.call(self.state, cut_points, links, self.state.corners, place, j, drawn)
+            self._known.call(self.state, cut_points, links, joint_families.springs(self.state)[0], place, j, drawn)
         elif self._known.call(self.state, must_clip, links, j, drawn):
             self._clip(j, place, drawn)
 

@@ -65,7 +65,8 @@ def scene_of(moving: Motion) -> Scene:
     state, touching = moving.state, moving.contact_detection.touching
     new = moving.no_contacts if touching is None else touching
     forces = new.parts.owner, new.first, new.second, new.normal, new.point, new.force, new.torque
-    return Scene(*state[:5], Pressing(*forces), moving.energy.table)
+    springs = joint_families.springs(state, moving.energy.wanted)
+    return Scene(state.bodies, state.links, *springs, state.ties, Pressing(*forces), moving.energy.table)
 
 
 def reactions(moving: Motion) -> np.ndarray:
