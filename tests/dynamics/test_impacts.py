@@ -14,7 +14,7 @@ from dembrick.geometry.polygons import mean_distance
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
-from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Sine
 from dembrick.scenario.model import Block, JointLaw, Output, Solver
 from dembrick.simulation.dynamics import chunks
 from dembrick.simulation.dynamics.contact_detection import ContactDetection
@@ -352,3 +352,14 @@ def test_pairs_are_looked_for_no_later_for_looking_seldom(monkeypatch, made):
     simulate(made)
     assert few < len(asked) and len(moments) > 20
     assert looked == moments
+
+
+@pytest.mark.parametrize(
+    "formulation, friction, told", [("convex", 2.0, True), ("convex", 0.1, False), ("concave", 2.0, False)]
+)
+def test_small_rocking_over_stiff_springs_is_remarked_on(formulation, friction, told):
+    """Shaken little above g b / h the block turns by .008 rad, and by 1e-5 if it slides before it lifts."""
+    tall = Block("tall", "stone", (0.25, 0.3, 1.0), (0.0, 0.0, 0.5))
+    control = BaseMotionControl(0.7, (1.0, 0.0, 0.0), restitution=0.5, sine=Sine(2.6, 1.0))
+    result = simulate(scene(control, FLOOR, tall, formulation=formulation, friction=friction, stiffness=1e11))
+    assert bool(result.left_out) == told
