@@ -205,7 +205,7 @@ def test_contacts_of_a_plate_over_the_edge_stay_on_both_faces(tmp_path, formulat
             np.testing.assert_allclose(moment[:, :2], whole[:, :2], atol=2e-3 * np.abs(whole).max())
 
 
-@pytest.mark.parametrize("cohesion", [0.0, 100.0])
+@pytest.mark.parametrize("cohesion", [0.0, pytest.param(100.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "corrected-shear", "distributed", "convex"])
 def test_utilisation_of_a_plate_that_slides_and_spins_over_the_edge(tmp_path, formulation, cohesion):
     """While every point slides the joint is on the edge of its yield domain, that of the points where they are now,
