@@ -248,11 +248,30 @@ def moved_most(moving: Motion, at_rest: np.ndarray) -> int:
 
 
 def _moves(moving: Motion, at_rest: np.ndarray) -> np.ndarray:
-    """How far the rim of every joint has slid, tilted and turned about the normal since then, and the joint opened at O
-    (j, 4), in m."""
+    """How far every joint has slid since then, its rim tilted and turned about its normal, and it opened at O (j, 4) m.
+
+    It slides where it is pressed last: a block that overturns about an edge takes O along, and the edge stays.
+    """
     links = moving.state.links
-    change = seen(moving.state.bodies, links) - at_rest
-    slid = np.hypot(change[:, 0], change[:, 1])
-    rocked = links.reach * np.hypot(change[:, 5], change[:, 8])
-    twisted = links.reach * np.hypot(change[:, 3], change[:, 4])
-    return np.column_stack([slid, rocked, twisted, links.sense * change[:, 2]])
+    now = seen(moving.state.bodies, links)
+    turn = _axes(now) @ np.swapaxes(_axes(at_rest), 1, 2)
+    twist = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+    rocked = links.reach * np.sqrt(2.0 * np.maximum(1.0 - turn[:, 2, 2], 0.0))
+    twisted = links.reach * 2.0 * np.abs(np.sin(0.5 * twist))
+    slid = np.zeros(len(now))
+    for joints, outlines in moving.polygons.outlines():
+        corners = np.concatenate([outlines, np.zeros((*outlines.shape[:2], 1))], axis=2)
+        arm, before = (np.einsum("jik,jmk->jmi", _axes(found[joints]), corners) for found in (now, at_rest))
+        height = now[joints, None, 2] + arm[..., 2] - links.offset[joints, None]
+        pressed = np.arange(len(joints)), np.argmin(links.sense[joints, None] * height, axis=1)
+        way = (now - at_rest)[joints, :2] + (arm - before)[pressed][:, :2]
+        x, y = before[pressed][:, :2].T
+        c, s = np.cos(twist[joints]) - 1.0, np.sin(twist[joints])
+        slid[joints] = np.hypot(way[:, 0] - (c * x - s * y), way[:, 1] - (s * x + c * y))
+    return np.column_stack([slid, rocked, twisted, links.sense * (now - at_rest)[:, 2]])
+
+
+def _axes(found: np.ndarray) -> np.ndarray:
+    """Axes of the host's face in those of the plane (j, 3, 3), columns, of `seen` (j, 9)."""
+    first, second = found[:, 3:6], found[:, 6:9]
+    return np.stack([first, second, np.cross(first, second)], axis=2)
