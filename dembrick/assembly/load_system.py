@@ -80,6 +80,7 @@ def tilted(axis, force: np.ndarray, what: str) -> np.ndarray:
     if (along > _ALONG * np.linalg.norm(force, axis=-1)).any():
         raise ScenarioError(
             f"{what} has a part along control.axis, which a tilt does not turn: a quasi-static tilt needs an axis at "
-            "right angles to gravity and to every load; use quasi_static = false"
+            "right angles to gravity and to every load; use quasi_static = false, with a rate and a displacement, as "
+            "the last stage, or let it act in other stages"
         )
     return -np.cross(axis, force)

@@ -1,4 +1,4 @@
-"""What a run in real time says at its end: times and velocities that belong together, what has fallen, the onset."""
+"""What a run that moves blocks says at its end: times and velocities that belong together, what has fallen and how."""
 
 import math
 from dataclasses import replace
@@ -23,7 +23,7 @@ from dembrick.scenario.time_functions import Turn
 from dembrick.simulation.dynamics.outcome import _carried
 from dembrick.simulation.energy_audit import Auditor, Sums
 from helpers.key_lines import words
-from helpers.scenario_text import block, header
+from helpers.scenario_text import block, header, jack
 from helpers.stone_scenes import law, of_stone
 
 G = 9.81
@@ -226,3 +226,17 @@ def test_a_support_carries_blocks_by_what_it_has_moved_in_its_stage():
     start = middle + about_y(10.0) @ [2.0, 0.0, 0.15]
     np.testing.assert_allclose(turned, about_y(5.0), atol=1e-9)
     np.testing.assert_allclose(carried[1], about_y(5.0) @ start - start, atol=1e-4)
+
+
+@pytest.mark.parametrize("control", [
+    'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]',
+    'kind = "tilt"\naxis = [0.0, 1.0, 0.0]',
+    'kind = "yield"',
+])  # fmt: skip
+def test_a_column_that_overturns_is_said_to_rock(control):
+    """However far it has fallen when it is looked at: on its side O is as far along the floor as its rim is up."""
+    text = header("concave", 0.8, 1e8) + block("base", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
+    text += block("column", (0.0, 0.0, 0.3), (0.2, 0.2, 0.6))
+    text += jack("column", (-0.1, 0.0, 0.6)) if "yield" in control else ""
+    found = simulate(toml.loads(f"{text}[control]\n{control}\nlarge_displacements = true\n"))
+    assert (found.collapse or {"mechanism": found.yield_point.mechanism})["mechanism"] == "rocking"

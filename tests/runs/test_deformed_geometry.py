@@ -443,17 +443,3 @@ def test_a_block_that_slides_on_and_rests_below_its_limit_is_put_back():
     low, high = moved.yield_point.V_lower, moved.yield_point.V_upper
     assert low < start.yield_point.V * (1.0 + 2e-4) and high > start.yield_point.V * (1.0 - 2e-4)
     assert moved.yield_point.displacement < 1e-4
-
-
-@pytest.mark.parametrize("control", [
-    'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]',
-    'kind = "tilt"\naxis = [0.0, 1.0, 0.0]',
-    'kind = "yield"',
-])  # fmt: skip
-def test_a_column_that_overturns_is_said_to_rock(control):
-    """However far it has fallen when it is looked at: on its side O is as far along the floor as its rim is up."""
-    text = header("concave", 0.8, 1e8) + block("base", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
-    text += block("column", (0.0, 0.0, 0.3), (0.2, 0.2, 0.6))
-    text += jack("column", (-0.1, 0.0, 0.6)) if "yield" in control else ""
-    found = simulate(toml.loads(f"{text}[control]\n{control}\nlarge_displacements = true\n"))
-    assert (found.collapse or {"mechanism": found.yield_point.mechanism})["mechanism"] == "rocking"
