@@ -223,9 +223,9 @@ def size_cells(short: bool) -> Iterator[Cell]:
                 yield Cell("size", size, f"rate {name}", lambda s=scenario: push_at_rate(s, by_judge, 0.003))
 
 
-def rest_cells(steps: int, short: bool) -> Iterator[Cell]:
+def rest_cells(steps: int) -> Iterator[Cell]:
     """A dead load at 0.98 of its limit, for a long time."""
-    for formulation in ("concave", "convex") if short else FORMULATIONS[:4]:
+    for formulation in FORMULATIONS[:4]:
         yield Cell("rest", BESIDE, f"{formulation} beside a test", partial(undisturbed, formulation))
         for kind in ("middle", "eccentric"):
             yield Cell(
@@ -294,7 +294,7 @@ def cells(axes=AXES, short=False, rest_steps=1_000_000, random=1000, seed=1) -> 
         "tolerance": lambda: tolerance_cells(short),
         "rate": lambda: rate_cells(short),
         "size": lambda: size_cells(short),
-        "rest": lambda: rest_cells(rest_steps, short),
+        "rest": lambda: rest_cells(rest_steps),
         "random": lambda: random_cells(random, seed),
     }
     for axis in axes:

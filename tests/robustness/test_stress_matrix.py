@@ -59,7 +59,7 @@ def test_no_wrong_answer(axis):
 @pytest.mark.parametrize("axis", ["slenderness", "tolerance", "rate", "size", "rest"])
 def test_all_right(axis):
     """What a single joint may be asked for, it answers."""
-    assert len(results(axis)) >= (6 if axis == "rest" else 10)
+    assert len(results(axis)) >= 10
     rest = [(c, o) for c, o in results(axis) if o.status != "right"]
     assert not rest, listed(rest)
 

@@ -87,8 +87,8 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, swings):
         along = slip_1 * slip_1 + slip_2 * slip_2
         if k > 0.0 and along > 0.0:
             part = min(max(((e1 - b1) * slip_1 + (e2 - b2) * slip_2) / (k * along), 0.0), 1.0)
-            at_most = 0.5 * (sqrt(b1 * b1 + b2 * b2) + sqrt(e1 * e1 + e2 * e2)) * sqrt(along)
             if lost > 0.0 and part > 0.0:
+                at_most = 0.5 * (sqrt(b1 * b1 + b2 * b2) + sqrt(e1 * e1 + e2 * e2)) * sqrt(along)
                 part *= max(1.0 - lost / at_most, 0.0)
             t1 += viscous_s * part * k * slip_1
             t2 += viscous_s * part * k * slip_2

@@ -50,12 +50,16 @@ def places(state) -> np.ndarray:
 def springs(state, with_laws: bool = True) -> tuple[Corners | None, Faces | None]:
     """Joints of a state without what the energy of their springs does not depend on, or without their laws too: a
     kernel is compiled for all that it is given."""
-    laws = dict.fromkeys(() if with_laws else ("strengths", "bonds"))
-    own = dict.fromkeys(() if with_laws else ("custom",))
     corners, faces = state.corners, state.faces
+    if corners is not None:
+        corners = corners._replace(force=None)
+    if faces is not None:
+        faces = faces._replace(pressed=None)
+    if with_laws:
+        return corners, faces
     return (
-        None if corners is None else corners._replace(force=None, **laws, **own),
-        None if faces is None else faces._replace(pressed=None, **laws),
+        None if corners is None else corners._replace(strengths=None, bonds=None, custom=None),
+        None if faces is None else faces._replace(strengths=None, bonds=None),
     )
 
 

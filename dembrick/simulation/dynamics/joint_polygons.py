@@ -32,6 +32,7 @@ from dembrick.simulation.dynamics.state import MovingState
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.dynamics.point_joints import Corners
 
 STALE = 2e-4  # of the polygon's short side
 
@@ -75,8 +76,9 @@ class Polygons:
 
     def cut(self, stale: np.ndarray) -> None:
         """Cut the polygons of ``stale`` joints."""
+        corners, _ = joint_families.springs(self.state)
         for j in stale.tolist():
-            self._cut(j)
+            self._cut(j, corners)
 
     def cut_stale(self) -> int:
         """Cut all polygons that have moved too far; returns how many."""
@@ -164,10 +166,10 @@ class Polygons:
         )
         return self._drawn[j]
 
-    def _cut(self, j: int) -> None:
+    def _cut(self, j: int, corners: Corners | None) -> None:
         drawn, place, links = self._as_drawn(j), self._place[j], self.state.links
         if len(drawn.areas):
-            self._known.call(self.state, cut_points, links, joint_families.springs(self.state)[0], place, j, drawn)
+            self._known.call(self.state, cut_points, links, corners, place, j, drawn)
         elif self._known.call(self.state, must_clip, links, j, drawn):
             self._clip(j, place, drawn)
 

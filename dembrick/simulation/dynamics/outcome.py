@@ -260,7 +260,8 @@ def _moves(moving: Motion, at_rest: np.ndarray) -> np.ndarray:
     twisted = links.reach * 2.0 * np.abs(np.sin(0.5 * twist))
     slid = np.zeros(len(now))
     for joints, outlines in moving.polygons.outlines():
-        corners = np.concatenate([outlines, np.zeros((*outlines.shape[:2], 1))], axis=2)
+        drawn = outlines - moving.polygons.shift[joints, None]  # from O of now
+        corners = np.concatenate([drawn, np.zeros((*drawn.shape[:2], 1))], axis=2)
         arm, before = (np.einsum("jik,jmk->jmi", _axes(found[joints]), corners) for found in (now, at_rest))
         height = now[joints, None, 2] + arm[..., 2] - links.offset[joints, None]
         pressed = np.arange(len(joints)), np.argmin(links.sense[joints, None] * height, axis=1)

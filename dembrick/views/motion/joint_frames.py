@@ -184,7 +184,7 @@ class JointFrames:
         point = np.concatenate([found, np.zeros((*height.shape, 1))], axis=-1) - way[..., None] * force
         return np.where(meets[..., None], np.einsum("fjil,fjl->fji", face[..., :2, :], point), found)
 
-    @property
+    @cached_property
     def pressure_place(self) -> np.ndarray:
         """(f, j, 3) m: the `pressed_arm` in the world, on the block that the polygon rides on."""
         axes = self._riding(self.joints.host)

@@ -27,10 +27,7 @@ MOST_FRAMES = 240
 MOST_BYTES = 8 << 20  # of packed frames
 _MOST_USED = 200_000  # joints times frames, for which utilisation and slip are told
 _LOOKS = 12  # about as many frames say how far the slider of the magnification must go
-_BEYOND, _EARLIER = (
-    5.0,
-    1e3,
-)  # of the magnification at the start: how far it goes at least, and for earlier frames at most
+_BEYOND, _EARLIER = 5.0, 1e3  # times the magnification at the start: its end at least, and for earlier frames at most
 _FAR = 2.0  # of the scene: a torsion centre further away is that of a shear
 
 

@@ -292,7 +292,7 @@ class EquilibriumPath(ABC):
             self.moving.energy.fit(still().n_load, len(still().supports))
             self.past.go_back(kept)
 
-        comes = partial(rest_by_increments, self, still, rest) if self.moving.settled else rest
+        comes = partial(rest_by_increments, self, kept, still, rest) if self.moving.settled else rest
         ratio = in_shorter_steps(self.moving, comes, go_back)
         if ratio is None:
             self.falls_at_once(stood)

@@ -18,13 +18,13 @@ from dembrick.assembly.actuators import Attached
 from dembrick.simulation import load_increments
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.dead_load import CHUNK
-from dembrick.simulation.dynamics.integrator import Motion, joint_forces, keep_of_rest, look_first
+from dembrick.simulation.dynamics.integrator import Motion, joint_forces, keep_of_rest
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import out_of_balance
-from dembrick.simulation.session import Kept
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
+    from dembrick.simulation.session import Kept
 
 
 LITTLE = 2.5e-4  # of the greatest joint force: new loads that need no increments, as the turn of blocks to their rest
@@ -67,14 +67,13 @@ class LoadsToCome:
 
 
 def rest_by_increments(
-    path: EquilibriumPath, still: Callable[[], Driving], rest: Callable[[], float | None]
+    path: EquilibriumPath, kept: Kept, still: Callable[[], Driving], rest: Callable[[], float | None]
 ) -> float | None:
-    """Bring the blocks of a path to ``rest`` under the loads ``still``: what is out of balance then, None if they come
-    down. Loads that came at once could throw down what they do not push over, and swing joints open, which forget then.
+    """Bring the blocks of a path, ``kept`` as they are, to ``rest`` under the loads ``still``: what is out of balance
+    then, None if they come down. Loads that came at once could throw down what they do not push over, and swing joints
+    open, which forget then.
     """
     moving = path.moving
-    look_first(moving)
-    kept = Kept(path.past.snapshot() | moving.contact_detection.snapshot())
     path.to_come = to_come = LoadsToCome(moving, still())
     if not to_come.on_others:
         path.path_error = math.inf  # blocks that fall onto one another swing open
