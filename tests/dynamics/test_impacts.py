@@ -299,13 +299,18 @@ def test_a_collapse_goes_on_from_a_checkpoint(tmp_path, collapsed, step):
 
 @pytest.mark.slow
 def test_a_wall_of_ten_by_ten_comes_to_rest_where_it_falls():
-    """All blocks lie on the ground or on blocks that do, and bear on it by their weight; two may still rock."""
-    result = simulate(SCENARIOS / "wall_collapse.toml")
+    """All blocks lie on the ground or on blocks that do, nothing moves any more, and the energy is that of lying.
+
+    The first and the last block of a course stand on their sides and rock for 3.9 s; the ground is so wide that none
+    rolls off it.
+    """
+    given = toml.load(SCENARIOS / "wall_collapse.toml", ["control.duration=4.5"])
+    ground, *others = given.blocks
+    result = simulate(dataclasses.replace(given, blocks=(dataclasses.replace(ground, box=(9.0, 9.0, 0.2)), *others)))
     motion = result.run.motion
     height = motion.state.bodies.position[1:, 2] + motion.state.middle[2]
     assert 0.049 < height.min() and height.max() < 0.2
-    speeds = np.abs(result.frames["velocity"][-1]).max(axis=1)
-    assert np.count_nonzero(speeds > 0.01) <= 2 and speeds.max() < 0.2
+    assert np.abs(result.frames["velocity"][-1]).max() < 0.01
     weight = G * result.assembly.mass[1:].sum()
     held = motion.contact_detection.pressed(motion.state.middle)
     on_ground = held["blocks"][:, 0] == 0
