@@ -81,6 +81,6 @@ def tilted(axis, force: np.ndarray, what: str) -> np.ndarray:
         raise ScenarioError(
             f"{what} has a part along control.axis, which a tilt does not turn: a quasi-static tilt needs an axis at "
             "right angles to gravity and to every load; use quasi_static = false, with a rate and a displacement, as "
-            "the last stage, or let it act in other stages"
+            "the last stage, or let that load act in other stages only"
         )
     return -np.cross(axis, force)

@@ -153,7 +153,7 @@ def rest(
         raise UndecidedError(
             f"undecided under the dead loads: after {steps} steps of relaxation {ratio:.2g} of the joint forces is "
             "still out of balance, and Newton's method, which would decide it, knows no joint law of one's own; let "
-            "joints carry the blocks, or stiffen the ties that do"
+            "joints press: free guides along their normals"
         )
     if not stands:
         relaxation.start_again()
