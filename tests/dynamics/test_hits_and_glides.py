@@ -81,7 +81,7 @@ def test_a_prism_slides_down_a_trough_without_being_cut_again_and_again(monkeypa
     tilt, mu = math.radians(35.0), 0.3
     cuts = []
     own = Polygons._cut
-    monkeypatch.setattr(Polygons, "_cut", lambda self, j: (cuts.append(j), own(self, j)))
+    monkeypatch.setattr(Polygons, "_cut", lambda self, j, corners: (cuts.append(j), own(self, j, corners)))
     blocks, gravity = trough(tilt, 6.0)
     result = simulate(scene(*blocks, control=DynamicControl(0.4), gravity=gravity, friction=mu))
     wedged = math.sin(math.radians(30.0)) + math.sin(math.radians(60.0))
@@ -101,8 +101,8 @@ def test_what_glides_along_an_edge_is_cut_at_its_end(monkeypatch, formulation):
     glided = simulate(given)
     own = Polygons._cut
 
-    def cut_and_stop(self, j):
-        own(self, j)
+    def cut_and_stop(self, j, corners):
+        own(self, j, corners)
         self.state.links.glide[j] = 1.0, 0.0, 1.0
 
     monkeypatch.setattr(Polygons, "_cut", cut_and_stop)
