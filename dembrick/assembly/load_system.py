@@ -40,7 +40,7 @@ def load_system(scenario: Scenario, loads, position, mass, fixed) -> tuple[np.nd
         raise ScenarioError(
             f"control kind {show(control.kind)} drives no pressure: remove actuator = true, or take kind 'yield'"
         )
-    if control.tilt_axis is not None and scenario.pressures and not control.in_deformed_geometry:
+    if control.pushes_as_tilted and scenario.pressures:
         raise ScenarioError(
             "a quasi-static tilt turns loads as gravity, and [[pressures]] stay normal to the faces of blocks that "
             "tilt: use large_displacements = true, or a rate with quasi_static = false"

@@ -48,6 +48,7 @@ from dembrick.simulation.statics import constant_rate, custom_limit, limit_load
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.rest import dead_load
 from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.tilting_table import on_table
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.integrator import Motion
@@ -203,7 +204,11 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     if session is not None:
         expected = newton_steps(_has_convex(assembly))
         session.warn_if_long(newton_seconds(expected, len(assembly.joints)), "take fewer blocks")
-    return limit_load.find_limit_load(assembly, control.tolerance, session, control.displacement or 0.0, steps)
+    goal = control.displacement or 0.0
+    if control.pushes_as_tilted:
+        session = replace(session or Session(), tilts=True)
+        return on_table(limit_load.find_limit_load(assembly, control.tolerance, session, goal, steps))
+    return limit_load.find_limit_load(assembly, control.tolerance, session, goal, steps)
 
 
 def _other_path(follow: Callable[..., Replay]) -> Callable[..., float]:
@@ -293,6 +298,7 @@ def _find_equilibria(scenario: Scenario, assembly: Assembly, session: Session, s
     run.ask_for(moving, scenario.output, driving)
     plan = _path_of(control).plan(moving, control, driving, scenario.output)
     session.warn_if_long(present(plan.seconds), "lower joint.normal_stiffness and joint.shear_stiffness")
+    session = replace(session, tilts=control.tilt_axis is not None)
     kind, more = _path_of(control), {}
     if isinstance(control, DisplacementControl):
         more = {"protocol": protocol_of(scenario)}

@@ -1,7 +1,8 @@
 """The structure before a run, and the mechanism of limit analysis, as histories: what draws a history draws them.
 
 A mechanism has two frames: the structure at rest, and its velocities times a time in which the farthest corner moves a
-little. Rows and joint forces are those of the limit state in both. A structure before a run has one frame and no force.
+little. Rows and joint forces are those of the limit state in both, of a table at its angle. A structure before a run
+has one frame and no force.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from dembrick.simulation.joint_laws import bonded_at_start
 from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.recorder import reactions
 from dembrick.simulation.statics.state import State, initial_state
+from dembrick.simulation.statics.tilting_table import forces_on_table
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -57,6 +59,8 @@ def write(result, path: str | os.PathLike, force: bool = False) -> str:
         rows["tension"] = np.tile(result.limit.forces.tension, (2, 1))
     if assembly.control_points.names:
         rows["control_point"][1] = assembly.control_points.displacement(displacement, rotation_matrix(orientation))
+    if result.scenario.control.tilt_axis is not None:
+        rows = forces_on_table(rows)
     with history.HistoryWriter(
         path, scenarios.text_of(result.scenario), assembly, {}, force, channels=channels,
         control=result.scenario.control, inputs=history.inputs_of(result.scenario),

@@ -159,6 +159,11 @@ class Control:
         return ()
 
     @property
+    def pushes_as_tilted(self) -> bool:
+        """Whether it is a tilt in the geometry of the start, which pushes the blocks by the tangent of its angle."""
+        return self.tilt_axis is not None and self.regime.small_displacements
+
+    @property
     def tilt_axis(self) -> Vector | None:
         """The axis of a table that tilts."""
         return None

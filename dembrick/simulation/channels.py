@@ -279,7 +279,8 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
         wanted = channel.real_time in (None, regime.real_time)
         wanted = wanted and ("frames" in asked or channel.grows_by == ROWS)
         wanted = wanted and (not channel.asked or channel.asked in asked or (strong and channel.asked == STRENGTHS))
-        wanted = wanted and (channel.asked != "energy" or regime.balances_energy)
+        balances = regime.balances_energy and not control.pushes_as_tilted
+        wanted = wanted and (channel.asked != "energy" or balances)
         if wanted and not (channel.optional and not getattr(sizes, channel.shape[0])):
             found.append(channel.of_run(sizes, words))
     return tuple(found)

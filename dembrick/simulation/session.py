@@ -133,9 +133,9 @@ class Session:
     the same blocks has left, to start on; None for the blocks as they are drawn. ``ties_before``: which of its
     ties this run goes on with, None: they are the same; ``force_error`` (N): by how much the joint forces at the end of
     that run may be off; ``hands_on``: whether another starts on what this one leaves. ``goes_on``: what is not as in
-    the run that ``resumed`` is of;
-    ``keep_last`` gets the snapshot of the end. ``tell`` hears how far it is, ten times a second, and
-    ``report`` remarks.
+    the run that ``resumed`` is of; ``tilts``: V is the tangent of the angle of a table, and the record is of that
+    table. ``keep_last`` gets the snapshot of the end. ``tell`` hears how far it is, ten times a second, and ``report``
+    remarks.
     """
 
     observe: Observer | None = None
@@ -146,6 +146,7 @@ class Session:
     ties_before: TiesBefore | None = None
     force_error: float = 0.0
     hands_on: bool = False
+    tilts: bool = False
     goes_on: GoesOn | None = None
     keep_last: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     tell: Callable[[Progress], None] | None = None

@@ -18,7 +18,7 @@ from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, point_la
 from dembrick.kernels.joint.utilisation import FrictionPoints, point_gauge
 from dembrick.kernels.math.geometric_median import median_distance
 from dembrick.kernels.math.vectors import columns_times, put_vector
-from dembrick.kernels.statics.point_laws import bonded_forces, custom_forces, power_taken
+from dembrick.kernels.statics.point_laws import forces_not_dry, power_taken
 
 
 class Bonds(NamedTuple):
@@ -90,10 +90,8 @@ def forces(points, p, before, motion, viscous, energy):
 @jit
 def forces_by(strengths, bonds, custom, points, p, before, motion, viscous, energy):
     """`forces` by the law that the points have: dry if ``strengths`` and ``custom`` are None."""
-    if custom is not None:
-        return custom_forces(custom, points, p, motion, viscous, energy)
-    if strengths is not None:
-        return bonded_forces(strengths, bonds, points, p, motion, viscous, energy)
+    if custom is not None or strengths is not None:
+        return forces_not_dry(strengths, bonds, custom, points, p, motion, viscous, energy)
     return dry_forces(points, p, before, motion, viscous, energy)
 
 

@@ -9,80 +9,62 @@ from dembrick.kernels.joint.point_law import Bond, bonded_law, bonded_losses, sh
 
 
 @jit
-def bonded_forces(strengths, bonds, points, p, motion, viscous, energy):
-    """`forces` of a joint of a scene where some have strengths; what they lose is summed point by point."""
-    mu = points.friction[p]
+def answer_bonded(strengths, bonds, points, p, i, here, viscous, energy):
+    """Forces of point ``i`` of joint ``p`` by its strengths, ``here``: its penetration, its growth in the step, and its
+    slip (2). Remembers its bond; returns N, N of the spring alone, the shear force (2), that of the spring (2), and the
+    slip path of the step."""
+    g, d, slip = here
+    mu, k, k_n, area = points.friction[p], points.k_s[i], points.k_n[i], bonds.area[i]
     damped = 1.0 + viscous[1]
-    dashpots = viscous[0], damped, 1.0 / damped
-    g0, gx, gy = motion.depth
-    d0, dx, dy = motion.growth
-    p1, p2, pr = motion.slip
-    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
-    still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
-    for i in range(points.start[p], points.start[p + 1]):
-        x = points.x_n[i]
-        y = points.y_n[i]
-        xs = points.x_s[i]
-        ys = points.y_s[i]
-        k = points.k_s[i]
-        k_n = points.k_n[i]
-        area = bonds.area[i]
-        slip_here = p1 - pr * ys, p2 + pr * xs
-        b1 = points.elastic_1[i]
-        b2 = points.elastic_2[i]
-        bond = Bond((b1, b2), bonds.bonded[i], bonds.crushed[i], bonds.rise[i])
-        g = g0 + gy * y + gx * x
-        d = d0 + dy * y + dx * x
-        normal, spring, (t1, t2), slid, now = bonded_law(
-            g, d, slip_here, (k_n, k), mu, dashpots, strengths, p, area, bond
-        )
-        e1, e2 = now.elastic
-        points.normal[i] = normal
-        points.elastic_1[i] = e1
-        points.elastic_2[i] = e2
-        bonds.bonded[i] = now.bonded
-        bonds.crushed[i] = now.crushed
-        bonds.rise[i] = now.rise
-        bonds.spring[i] = spring
-        n += normal
-        m1 -= y * normal
-        m2 += x * normal
-        v1 += t1
-        v2 += t2
-        mt += xs * t2 - ys * t1
-        points.slip[i] += slid
-        slip += k * points.slip[i]
-        weight += k
-        if energy is not None:
-            still_n += spring
-            still_1 -= y * spring
-            still_2 += x * spring
-            c1 += t1 - e1
-            c2 += t2 - e2
-            cm += xs * (t2 - e2) - ys * (t1 - e1)
-            before = spring_of(strengths, p, k_n, g - d, area, bond)
-            opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
-            lost = bonded_losses(
-                strengths, p, area, mu, k_n, d, (before, spring, normal),
-                shear_loss(bond.elastic, now.elastic, slip_here, k), slid,
-                (now.bonded < bond.bonded, now.crushed - bond.crushed, now.rise - bond.rise, opened),
-            )  # fmt: skip
-            energy.work[0].sliding += lost.friction
-            energy.work[0].by_law += lost.by_law
-            energy.work[0].least = min(energy.work[0].least, lost.friction)
-            energy.work[0].crushing += lost.crushing
-            energy.work[0].fracture += lost.fracture
-            energy.work[0].damping += lost.released + lost.dash
+    bond = Bond((points.elastic_1[i], points.elastic_2[i]), bonds.bonded[i], bonds.crushed[i], bonds.rise[i])
+    normal, spring, (t1, t2), slid, now = bonded_law(
+        g, d, slip, (k_n, k), mu, (viscous[0], damped, 1.0 / damped), strengths, p, area, bond
+    )
+    bonds.bonded[i] = now.bonded
+    bonds.crushed[i] = now.crushed
+    bonds.rise[i] = now.rise
+    bonds.spring[i] = spring
     if energy is not None:
-        energy.work[0].damping += 0.5 * dashpot_work(
-            energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion
-        )
-    return n, v1, v2, mt, m1, m2, slip / weight
+        before = spring_of(strengths, p, k_n, g - d, area, bond)
+        opened = normal == 0.0 and (bond.elastic[0] != 0.0 or bond.elastic[1] != 0.0)
+        lost = bonded_losses(
+            strengths, p, area, mu, k_n, d, (before, spring, normal),
+            shear_loss(bond.elastic, now.elastic, slip, k), slid,
+            (now.bonded < bond.bonded, now.crushed - bond.crushed, now.rise - bond.rise, opened),
+        )  # fmt: skip
+        energy.work[0].sliding += lost.friction
+        energy.work[0].by_law += lost.by_law
+        energy.work[0].least = min(energy.work[0].least, lost.friction)
+        energy.work[0].crushing += lost.crushing
+        energy.work[0].fracture += lost.fracture
+        energy.work[0].damping += lost.released + lost.dash
+    return normal, spring, t1, t2, now.elastic[0], now.elastic[1], slid
 
 
 @jit
-def custom_forces(custom, points, p, motion, viscous, energy):
-    """`point_joints.forces` of a joint with a law of the user's own; all that it does not hold counts as friction."""
+def answer_custom(custom, i, here, viscous, energy):
+    """`answer_bonded` by a law of the user's own; all that it does not hold counts as friction."""
+    g, d, slip = here
+    normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
+        custom, i, g, d, slip[0], slip[1], viscous[0], viscous[1], False
+    )
+    if energy is not None:
+        energy.work[0].sliding += lost
+        energy.work[0].by_law += lost
+    return normal, spring, t1, t2, e1, e2, slid
+
+
+@jit
+def answer(strengths, bonds, custom, points, p, i, here, viscous, energy):
+    """`answer_bonded` by the law that the points have."""
+    if custom is not None:
+        return answer_custom(custom, i, here, viscous, energy)
+    return answer_bonded(strengths, bonds, points, p, i, here, viscous, energy)
+
+
+@jit
+def forces_not_dry(strengths, bonds, custom, points, p, motion, viscous, energy):
+    """`point_joints.forces` of a joint of a scene that is not dry; what its springs lose is summed point by point."""
     g0, gx, gy = motion.depth
     d0, dx, dy = motion.growth
     p1, p2, pr = motion.slip
@@ -93,12 +75,8 @@ def custom_forces(custom, points, p, motion, viscous, energy):
         y = points.y_n[i]
         xs = points.x_s[i]
         ys = points.y_s[i]
-        k = points.k_s[i]
-        g = g0 + gy * y + gx * x
-        d = d0 + dy * y + dx * x
-        normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
-            custom, i, g, d, p1 - pr * ys, p2 + pr * xs, viscous[0], viscous[1], False
-        )
+        here = g0 + gy * y + gx * x, d0 + dy * y + dx * x, (p1 - pr * ys, p2 + pr * xs)
+        normal, spring, t1, t2, e1, e2, slid = answer(strengths, bonds, custom, points, p, i, here, viscous, energy)
         points.normal[i] = normal
         points.elastic_1[i] = e1
         points.elastic_2[i] = e2
@@ -108,6 +86,7 @@ def custom_forces(custom, points, p, motion, viscous, energy):
         v1 += t1
         v2 += t2
         mt += xs * t2 - ys * t1
+        k = points.k_s[i]
         points.slip[i] += slid
         slip += k * points.slip[i]
         weight += k
@@ -118,8 +97,6 @@ def custom_forces(custom, points, p, motion, viscous, energy):
             c1 += t1 - e1
             c2 += t2 - e2
             cm += xs * (t2 - e2) - ys * (t1 - e1)
-            energy.work[0].sliding += lost
-            energy.work[0].by_law += lost
     if energy is not None:
         energy.work[0].damping += 0.5 * dashpot_work(
             energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion

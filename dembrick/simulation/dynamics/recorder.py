@@ -37,6 +37,7 @@ from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.row_arrays import bytes_of_row, record_of, scene_of
 from dembrick.simulation.dynamics.state import contact_areas, contact_arms, contact_forces
 from dembrick.simulation.session import Session
+from dembrick.simulation.statics.tilting_table import cosine
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -258,7 +259,7 @@ class Recorder:
             return {}
         return {
             "actuator_displacement": np.tile(driven.displacements(self._moving.state.bodies), (len(load), 1)),
-            "actuator_force": load[:, None] * driven.weight,
+            "actuator_force": (load * cosine(load) if self._session.tilts else load)[:, None] * driven.weight,
             "lower": load,
             "upper": np.full(len(load), NO_BOUND),
         }

@@ -16,6 +16,7 @@ from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.state import State, for_kernels
+from dembrick.simulation.statics.tilting_table import frames_on_table, rows_on_table
 
 ENERGIES = energies(real_time=False)
 BUFFER_BYTES = 4 << 20  # memory that the rows of a chunk may take, and again its frames; a chunk ends before more
@@ -80,6 +81,8 @@ class Recorder:
             frames = _capacity(chunk // every, of_frames)
             self.longest_chunk = min(self.longest_chunk, (frames - 2) * every)
         self._observe, self._weight, self._channels = session.observe, state.actuators.weight, channels
+        self._tilts, self._start = session.tilts, state.blocks.orientation.copy()
+        self._load_factors: dict[float, float] = {}  # of the equilibria that may have a frame, by their time
         self.record = Record(
             every=np.array([rows_every, rows_every * frames_every], np.int64),
             count=np.zeros(2, np.int64),
@@ -119,6 +122,7 @@ class Recorder:
     def write_frame(self, state: State, number: int) -> None:
         """Add the frame of the equilibrium with this ``number``, whose row is in the record."""
         rows = int(self.record.count[0])
+        self._load_factors[float(number)] = float(state.actuators.driven[0].load)
         write_row(self.record, number, float(number), for_kernels(state), 0.0, 0.0, (0.0, 0.0), True)
         self.record.count[0] = rows
 
@@ -133,7 +137,18 @@ class Recorder:
         rows["actuator_force"] = rows["load"][:, None] * self._weight
         rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))
         rows |= self._written(self._rows, n)
-        self._observe(rows, self._written(self._frames, f) if "frames" in self._channels else {})
+        frames = self._written(self._frames, f) if "frames" in self._channels else {}
+        if self._tilts:
+            rows, frames = self._on_table(rows, frames)
+        self._observe(rows, frames)
+
+    def _on_table(self, rows: dict, frames: dict) -> tuple[dict, dict]:
+        """Rows and frames of a table that tilts."""
+        self._load_factors |= zip(rows["time"].tolist(), rows["load"].tolist(), strict=True)
+        if frames:
+            load_factors = np.array([self._load_factors[time] for time in frames["time"].tolist()])
+            frames = frames_on_table(frames, load_factors, self._start)
+        return rows_on_table(rows), frames
 
     def _written(self, channels: Mapping[str, str], count: int) -> dict[str, np.ndarray]:
         """Copies of the first ``count`` entries of fields of the record, by their ``channels``."""
