@@ -25,7 +25,7 @@ from functools import partial
 
 import numpy as np
 
-from dembrick.errors import DivergedError, HistoryError, NotConvergedError, UndecidedError
+from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.swings import SWINGING
@@ -38,17 +38,16 @@ from dembrick.simulation.dynamics.integrator import (
     LONGEST_MOVE,
     NO_LIMIT,
     Motion,
-    PressedTooDeep,
     advance,
-    in_shorter_steps,
     keep_of_rest,
     look_first,
 )
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
+from dembrick.simulation.dynamics.paths.falls import seen_falling, watched
 from dembrick.simulation.dynamics.paths.stage_loads import LoadsToCome, rest_by_increments
 from dembrick.simulation.dynamics.recorder import Recorder
-from dembrick.simulation.dynamics.run import EquilibriaRun, G
+from dembrick.simulation.dynamics.run import EquilibriaRun
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve, eased
@@ -64,7 +63,6 @@ DROPPED = 0.5  # of a block's least dimension: one that has moved so far since t
 FALL = 8  # frames of that, equally far apart
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds
 LEFT = 50  # of these that a path keeps to find its end: where blocks follow a load on and on, it gives up
-SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
 BREAKS = 64  # of each joint
 FASTER = 4.0  # times as far as in the step before: so far blocks may be expected to move, whatever they did
 SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
@@ -87,6 +85,7 @@ class EquilibriumPath(ABC):
     step = STEP  # of the time step
     overshoot = 1.0  # how far blocks may swing in a step, over how far they rest: what a fall says of the parameter
     dropped = DROPPED
+    often = math.inf  # see `falls`
     to_come: LoadsToCome | None = None
     increments, path_error = 1, 0.0  # of loads that came after others: `load_increments`
 
@@ -174,26 +173,13 @@ class EquilibriumPath(ABC):
     def _go(self, parameter: float) -> float | None:
         """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if
         they come down."""
-        _, before = self.from_where
-        try:
-            return in_shorter_steps(self.moving, partial(self._gone, parameter, before, math.inf), self._go_back)
-        except (DivergedError, PressedTooDeep):
-            # blocks that fall for long get too fast for a step, or into each other: look before they can
-            self._go_back()
-            return in_shorter_steps(self.moving, partial(self._gone, parameter, before, SEEN_FALLING), self._go_back)
+        return watched(self, partial(self._gone, parameter, self.from_where[1]), self._go_back)
 
-    def _gone(self, parameter: float, before: np.ndarray, often: float) -> float | None:
-        """`_go`, with a look after every ``often`` of the time in which the smallest block falls by its size."""
+    def _gone(self, parameter: float, before: np.ndarray) -> float | None:
+        """`_go`, in steps as long as they are, of blocks whose `places` were ``before`` at the last equilibrium."""
         driving, steps = self._growing(self.reached, parameter)
         joint_families.hold_bonds(self.moving.state, self.bonded)
-        falls = math.sqrt(2.0 * self.moving.smallest / G) / self.dt  # steps
-        few = max(1, int(min(often * falls, steps)))
-        for done in range(0, steps, few):
-            self.advance(driving, min(few, steps - done))
-            if often < math.inf and self._down(before) > 1.0:
-                self._look_on(1.0)
-                return None
-        return self._rest_and_break(parameter, before)
+        return None if seen_falling(self, driving, steps, before) else self._rest_and_break(parameter, before)
 
     def _rest_and_break(self, parameter: float, before: np.ndarray) -> float | None:
         """`_rest` with the bonds held; those that bear too much then break, and the blocks come to rest again."""
@@ -209,9 +195,10 @@ class EquilibriumPath(ABC):
         still = self._at(parameter)
         balanced, chunks, passed, ratio = 0, most_steps(self.moving) // CHUNK, {}, 1.0
         for chunk in range(ROUNDS * chunks):
-            self.advance(still, CHUNK)
-            down = self._down(before)
-            self._look_on(down)
+            if seen_falling(self, still, CHUNK, before):
+                return None
+            down = self.down(before)
+            self.look_on(down)
             if down > 1.0:
                 return None
             ratio, enough = unbalanced(self.moving.state, still, self.free)
@@ -224,14 +211,14 @@ class EquilibriumPath(ABC):
             if chunk % chunks == chunks - 1:
                 first, middle, last = passed.values()
                 if moved(last, first).max() > DRIFTING * moved(middle, first).max():
-                    self._look_on(1.0)
+                    self.look_on(1.0)
                     return None
         raise UndecidedError(
             f"undecided at {self.said(parameter)}, neither at rest nor falling: after {ROUNDS * CHUNK * chunks} "
             f"steps of relaxation the out-of-balance force is still {ratio:.2g} of the joint forces; {self.slow}"
         )
 
-    def _down(self, before: np.ndarray) -> float:
+    def down(self, before: np.ndarray) -> float:
         """How far blocks have come down whose `places` were ``before``: 1 for one that has."""
         return float((self._away(before) / (self.dropped * self.least)).max())
 
@@ -239,7 +226,7 @@ class EquilibriumPath(ABC):
         """How far every free block has moved or turned since the `places` of all were ``before`` (m)."""
         return moved(places(self.moving.state.bodies), before)[self.free]
 
-    def _look_on(self, down: float) -> None:
+    def look_on(self, down: float) -> None:
         """Keep a frame of how blocks come down, where that is to be seen: ``down`` is how far, 1 at the end."""
         if self.fall is None or not self.recorder.takes_frames:
             return
@@ -293,7 +280,7 @@ class EquilibriumPath(ABC):
             self.past.go_back(kept)
 
         comes = partial(rest_by_increments, self, kept, still, rest) if self.moving.settled else rest
-        ratio = in_shorter_steps(self.moving, comes, go_back)
+        ratio = watched(self, comes, go_back)
         if ratio is None:
             self.falls_at_once(stood)
         return ratio

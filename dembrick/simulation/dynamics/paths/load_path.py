@@ -122,7 +122,7 @@ class LoadPath(EquilibriumPath):
         self._go_back()
         ratio = super()._go(parameter)  # again: how they come down, or rest
         if jumps:
-            self._look_on(1.0)
+            self.look_on(1.0)
         return None if jumps else ratio
 
     def _jumps(self, parameter: float) -> bool:

@@ -17,7 +17,6 @@ import numpy as np
 from dembrick.assembly.actuators import Attached
 from dembrick.simulation import load_increments
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.dead_load import CHUNK
 from dembrick.simulation.dynamics.integrator import Motion, joint_forces, keep_of_rest
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import out_of_balance
@@ -77,7 +76,6 @@ def rest_by_increments(
     path.to_come = to_come = LoadsToCome(moving, still())
     if not to_come.on_others:
         path.path_error = math.inf  # blocks that fall onto one another swing open
-        path.advance(still(), CHUNK)
         return rest()
     slip, bonds, ratio = _slip(moving), joint_families.bonded(moving.state), 1.0  # type: float, np.ndarray, float | None
 

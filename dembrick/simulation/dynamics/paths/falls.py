@@ -1,0 +1,43 @@
+"""Falls of blocks that come to rest on a path of equilibria, seen before they get too fast for a step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.errors import DivergedError
+from dembrick.simulation.dynamics.integrator import PressedTooDeep, in_shorter_steps
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.run import G
+
+if TYPE_CHECKING:
+    from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
+
+SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
+
+
+def watched(path: EquilibriumPath, attempt: Callable[[], float | None], go_back: Callable[[], None]) -> float | None:
+    """Result of an ``attempt`` of a path, `in_shorter_steps` where that must be. Blocks that fall for long get too fast
+    for a step, or into each other: then that of another one, which looks before they can."""
+    path.often = math.inf
+    try:
+        return in_shorter_steps(path.moving, attempt, go_back)
+    except (DivergedError, PressedTooDeep):
+        go_back()
+        path.often = SEEN_FALLING
+        return in_shorter_steps(path.moving, attempt, go_back)
+
+
+def seen_falling(path: EquilibriumPath, driving: Driving, steps: int, before: np.ndarray) -> bool:
+    """Advance a path by so many steps; whether its blocks, whose `places` were ``before``, were seen to come down,
+    where one looks after every ``often`` of the time in which the smallest one falls by its size."""
+    few = max(1, int(min(path.often * math.sqrt(2.0 * path.moving.smallest / G) / path.dt, steps)))
+    for done in range(0, steps, few):
+        path.advance(driving, min(few, steps - done))
+        if path.often < math.inf and path.down(before) > 1.0:
+            path.look_on(1.0)
+            return True
+    return False
