@@ -86,3 +86,50 @@ def test_a_push_over_a_toe_that_crushes(kind, share, heights):
     assert point.V_peak == pytest.approx(V, rel=2e-3)
     if kind != "displacement":
         assert point.V_upper - point.V_lower <= 1.01e-3 * point.V_upper
+
+
+FRICTION, DILATION, STRENGTH, STIFFNESS = 0.6, 0.2, 4e5, 1e9  # f_c in Pa, k_n in Pa/m
+LENGTH, HEIGHT, AREA = 0.3, 0.1, 0.06  # m and m2, of the clamped block
+
+
+def clamped(formulation, travel, lift, more=""):
+    """V of a block that is driven between two plates, ``lift`` (m) off its middle, as the slip lifts and crushes all
+    points of both beds; and by how much it turned."""
+    keys = f"dilation = {DILATION}\ncompressive_strength = {STRENGTH}\n"
+    keys += "points = [2, 2]\n" if formulation == "distributed" else ""
+    text = header(formulation, FRICTION, STIFFNESS, gravity=(0.0, 0.0, 0.0), keys=keys)
+    text += block("low", (0.0, 0.0, -0.05), (0.6, 0.4, 0.1), "fixed = true")
+    text += block("between", (0.0, 0.0, 0.05), (LENGTH, 0.2, HEIGHT), more)
+    text += block("high", (0.0, 0.0, 0.15), (0.6, 0.4, 0.1), "fixed = true")
+    text += jack("between", (0.0, 0.0, 0.05 + lift))
+    text += f'[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = {travel}\n'
+    found = simulate(toml.loads(text), record=False)
+    return found.yield_point.V, float(found.run.motion.state.bodies.rotation[1, 2, 0])
+
+
+@pytest.mark.parametrize("lift", [-1e-6, 1e-6, 1e-4])
+@pytest.mark.parametrize("travel", [4e-3, 6e-3])
+def test_a_clamped_block_whose_beds_crush_turns_between_them(travel, lift):
+    """Nothing resists a turn while all points crush, and forces at its faces, h apart, turn it on. So it turns, either
+    way, as fast as leaves one row of each bed at its strength: that row sinks by what dilation lifts, l th = psi (s -
+    s_0) for rows at l, while f_c is reached at the slip s_0 = f_c / (k_n psi). Of its force the row lacks D, by an
+    elastic way 2 D / (k_n A), so that 2 l D = N h th (1 - mu psi), and V is 2 mu N, N = f_c A - D: the shift of the
+    middle, psi h th / 2, gives friction its arm."""
+    V, turn, D = clamped("concave", travel, lift), 0.0, 0.0
+    rows, whole = 0.5 * LENGTH, STRENGTH * AREA
+    for _ in range(50):
+        N = whole - D
+        slip = travel - 2.0 * FRICTION * N / (2.0 * 0.4 * STIFFNESS * AREA)
+        way = DILATION * (slip - STRENGTH / (STIFFNESS * DILATION)) + 2.0 * D / (STIFFNESS * AREA)
+        turn = way / rows
+        D = N * (HEIGHT * turn * (1.0 - FRICTION * DILATION) + 2.0 * FRICTION * abs(lift)) / (2.0 * rows)
+    assert abs(V[1]) == pytest.approx(turn, rel=1e-3)
+    assert V[1] * lift < 0.0
+    assert whole * 2.0 * FRICTION - V[0] == pytest.approx(2.0 * FRICTION * D, rel=2e-3)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])
+def test_a_clamped_block_that_may_not_turn_keeps_its_strength(formulation):
+    """2 mu f_c A, however far it is off its middle."""
+    more = 'held = ["ry"]\n'
+    assert clamped(formulation, 4e-3, 1e-4, more)[0] == pytest.approx(2.0 * FRICTION * STRENGTH * AREA, rel=1e-9)
