@@ -17,7 +17,8 @@ from dembrick.kernels.joint.ties import TIE
 from dembrick.scenario.stages import TiesBefore
 from dembrick.simulation.checkpoint_arrays import flattened, plain, restored
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.dead_load import keep, put_back
+from dembrick.simulation.dynamics.integrator import Motion, look_first
 from dembrick.simulation.dynamics.outcome import PEAK_TENSIONS, Extremes
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
@@ -168,13 +169,14 @@ def start_at_rest(moving: Motion) -> float:
     """Put the blocks where they rest in the geometry of the start, and give their joints what they remember there.
     Returns by how much (N) their forces may be off.
 
-    Where they find no such rest they stay as drawn; so they do where the joints are others, as parts of blocks have
-    their own here. From there they would fall onto one another, and what opens as they swing forgets its shear.
+    Where they find no such rest, or rest in each other there, as nobody looks for contacts, they stay as drawn; so they
+    do where the joints are others, as parts of blocks have their own here. From there they would fall onto one another,
+    and what opens as they swing forgets its shear.
     """
     from dembrick.simulation.statics.rest.dead_load import find_rest  # and its kernels
 
-    bodies = moving.state.bodies
-    drawn = bodies.position.copy()
+    bodies, drawn = moving.state.bodies, keep(moving)
+    place = bodies.position.copy()
     try:
         found = find_rest(moving.assembly, Session())
         if not found.rest.stands:
@@ -182,7 +184,13 @@ def start_at_rest(moving: Motion) -> float:
         _take(moving, found.state, None)
     except DembrickError:
         return 0.0
-    bodies.start[:], moving.upright[:] = drawn, moving.assembly.orientation
+    look_first(moving)
+    if moving.contact_detection.met:
+        put_back(moving, drawn)
+        moving.contact_detection.forget()
+        moving.upright[:] = moving.assembly.orientation
+        return 0.0
+    bodies.start[:], moving.upright[:] = place, moving.assembly.orientation
     return found.rest.force_error
 
 

@@ -54,7 +54,8 @@ class ContactDetection:
 
     ``retired`` (j,): joints that new contacts have taken over from; ``looked`` (n, 4, 3): centroids and body axes when
     pairs were looked for last; ``patience`` (m): how far blocks may move until they are looked for again; ``bearable``:
-    what contacts may do to a block in a step, on top of joints, before `examine` looks closer.
+    what contacts may do to a block in a step, on top of joints, before `examine` looks closer; ``met``: blocks that
+    had come to rest in each other, where they were not drawn so, before anyone looked.
     """
 
     assembly: object
@@ -75,6 +76,7 @@ class ContactDetection:
         self._free = np.where(self.assembly.fixed, 0.0, 1.0)
         self._bears = np.zeros(len(self._free))  # more than `bearable`, as far as `examine` has seen
         self.struck = np.zeros(len(self._joints), bool)  # joints whose blocks hit each other as the run begins
+        self.met: list[tuple[int, int]] = []
         self._quiet = 0.0  # m, that any block may move before `follow` need look at more than that,
         self._far_turned = np.zeros(0, np.int64)  # and the joints that have done their work once they are open
         self._partial = np.array([self._is_partial(joint) for joint in self._joints], bool)
@@ -97,6 +99,10 @@ class ContactDetection:
     def let_move(self, supports: np.ndarray) -> None:
         """Count fixed blocks (k,) that are moved among those that may come near others."""
         self._free[supports] = 1.0
+
+    def forget(self) -> None:
+        """Look again for the first time: blocks have been put elsewhere."""
+        self.touching, self.looked, self.met = None, None, []
 
     def steps_to_go(self, state: MovingState, gravity: float, dt: float, fastest: float = 0.0) -> float:
         """How many steps blocks can make at their speed, at least ``fastest`` (m/s), before pairs must be looked for,
@@ -292,6 +298,9 @@ class ContactDetection:
             apart = -depth > TOLERANCE * parts.table.diameter[pairs].min(axis=1)
             self.patience = min(self.patience, 0.49 * float(-depth[apart].max(initial=-np.inf)))
             # what is thrown at something may be there after a step
+            met = (depth > 0.0) & (joint < 0) & ~self._lie(parts.owner, pairs)
+            self.met = [(int(a), int(b)) for a, b in parts.owner[pairs[met]]]
+            struck = struck | met
             thrown = struck | (apart & bool(bodies.velocity.any()))
             if not thrown.any():
                 return
@@ -372,12 +381,16 @@ class ContactDetection:
         pairs = pairs[overlap_depths(start, pairs) > -TOLERANCE * start.table.diameter[pairs].min(axis=1)]
         return pairs[:, 0] * len(start.owner) + pairs[:, 1]
 
+    def _lie(self, owner: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Whether each pair of parts (p,) touches at the start."""
+        return np.isin(pairs[:, 0] * len(owner) + pairs[:, 1], self._lying)
+
     def _let_lie(self, touching: Touching) -> None:
         """Let parts without a joint whose edges lie along each other at the start press nothing until that counts."""
         assembly, owner = self.assembly, touching.parts.owner
-        code = touching.first * len(owner) + touching.second
-        near = np.flatnonzero(np.isin(code, self._lying) & (touching.joint < 0))
-        pairs = np.column_stack([touching.first, touching.second])[near]
+        pairs = np.column_stack([touching.first, touching.second])
+        near = np.flatnonzero(self._lie(owner, pairs) & (touching.joint < 0))
+        pairs = pairs[near]
         weight = np.where(assembly.fixed, np.inf, np.linalg.norm(assembly.gravity) * assembly.mass)[owner[pairs]]
         radius = touching.parts.inner[pairs].min(axis=1)
         touching.least[near] = NEGLIGIBLE * weight.min(axis=1)

@@ -63,7 +63,7 @@ def find_equilibrium(
     if motion.settled:
         joint_forces(motion, driving)
         return unbalanced(motion.state, driving, ~np.asarray(motion.assembly.fixed))[0]
-    drawn = [array.copy() for array in _arrays(motion)]
+    drawn = keep(motion)
     supported = _supported(motion.state)
     slack = (APART if sticking else SLID) * motion.polygons.size
     with _stuck(motion) if sticking else nullcontext(), _held_bonds(motion), swinging(motion):
@@ -78,7 +78,7 @@ def find_equilibrium(
                     break
                 if not sticking:
                     raise _fallen(motion, falls)
-                _put_back(motion, drawn)
+                put_back(motion, drawn)
                 motion.falling |= falls
                 motion.attempt[:] = motion.dead_load_steps, -1.0
         bodies = motion.state.bodies
@@ -186,7 +186,12 @@ def _arrays(motion: Motion) -> list[np.ndarray]:
     return [motion.travel, motion.polygons.shift, motion.polygons.whole, *motion.state.arrays]
 
 
-def _put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
+def keep(motion: Motion) -> list[np.ndarray]:
+    """Copies of all that a rest changes, for `put_back`."""
+    return [array.copy() for array in _arrays(motion)]
+
+
+def put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
     """Everything as it was drawn, but for the friction that holds for now, and the room that cutting has made."""
     friction = joint_families.friction(motion.state)
     for array, value in zip(_arrays(motion), drawn, strict=True):

@@ -307,6 +307,15 @@ def _trouble(motion: Motion, status: int) -> str:
     )
 
 
+def rest_in_each_other(motion: Motion) -> str:
+    """Message about blocks that dead loads have pressed into each other while nobody looked for contacts."""
+    first, second = (show(motion.assembly.names[i]) for i in motion.contact_detection.met[0])
+    return (
+        f"under the dead loads blocks {first} and {second}, which are drawn apart, come to rest in each other: let a "
+        'stage of kind = "statics" with large_displacements = true go before, which presses them against each other'
+    )
+
+
 def joint_forces(motion: Motion, driving: Driving) -> None:
     """Let the joints, and new contacts, answer to where the blocks are, and nothing move."""
     held = motion.state.bodies._replace(free=np.zeros(0, np.uint32))

@@ -21,7 +21,16 @@ from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import LOCAL_DAMPING, find_equilibrium, unsupported
 from dembrick.simulation.dynamics.energy import MotionEnergy
-from dembrick.simulation.dynamics.integrator import MOST_STEPS, NO_LIMIT, Motion, advance, joint_forces, motion
+from dembrick.simulation.dynamics.integrator import (
+    MOST_STEPS,
+    NO_LIMIT,
+    Motion,
+    advance,
+    joint_forces,
+    look_first,
+    motion,
+    rest_in_each_other,
+)
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import CARRIED, collapse_of, collapse_of_settlement, fallen, speed_at_the_end
 from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
@@ -260,6 +269,9 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     if len(driving.supports):
         past.extremes.noted.threshold[:] *= CARRIED
     start(moving, control, driving, past, session)
+    look_first(moving)
+    if moving.contact_detection.met:
+        raise NotConvergedError(rest_in_each_other(moving))
     goal = control.displacement if to_collapse else NO_LIMIT
     steps = past.longest = most_steps(moving, control, controller, driving)
     settled = math.inf if control.limit or controller else _arrival(driving, control) + AFTER[0] * _falling_time(moving)

@@ -41,6 +41,7 @@ from dembrick.simulation.dynamics.integrator import (
     advance,
     keep_of_rest,
     look_first,
+    rest_in_each_other,
 )
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
@@ -257,11 +258,14 @@ class EquilibriumPath(ABC):
         self.recorder.compile()
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         ratio: float | None = float(past.unbalanced[0])
-        if not moving.settled:
-            joint_families.hold_bonds(moving.state, self.bonded)
-            self.advance(self._at(0.0), CHUNK)
-        if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
+        joint_families.hold_bonds(moving.state, self.bonded)
+        look_first(moving)
+        if (
+            self.bonded or moving.settled or moving.contact_detection.met
+        ):  # bonds break now, and blocks move that others push than did before
             ratio = self._rest_again(0.0)
+        else:
+            self.advance(self._at(0.0), CHUNK)
         if ratio is not None:
             self._note(0.0, ratio)
 
@@ -310,6 +314,8 @@ class EquilibriumPath(ABC):
 
     def falls_at_once(self, stood: Bodies) -> None:
         """Refusal of blocks that fall under the dead loads (NotConvergedError) and ``stood`` before."""
+        if self.moving.contact_detection.met:
+            raise NotConvergedError(rest_in_each_other(self.moving))
         raise NotConvergedError(
             "no equilibrium under the dead loads: blocks come down before anything grows, as bonds break or loads are "
             "not those of the stage before; check loads, supports and the strengths of the joints"
