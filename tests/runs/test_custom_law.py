@@ -17,7 +17,7 @@ from dembrick.scenario import toml
 from dembrick.simulation.statics import custom_limit
 from dembrick.views.motion.joints import JointMotion
 from tests.helpers.custom_laws import BILINEAR, COULOMB, FOLLOWING, coulomb
-from tests.helpers.scenario_text import block, header
+from tests.helpers.scenario_text import block, header, jack
 
 N, MU, AREA = 467.0, 0.64, 0.06  # of the laboratory's joint: N, friction, m2
 K_N, K_S = 1e10, 4e9  # Pa/m
@@ -95,6 +95,20 @@ def test_a_search_finds_the_peak_within_its_bar(tolerance):
         assert point.mechanism == ("sliding" if name == "shear" else "torsion-shear")
         assert point.V_2 == pytest.approx(point.V, rel=5e-3)
         assert result.energy.relative_residual < 1e-6 and result.theory is None and not result.others
+
+
+@pytest.mark.parametrize("mu, height, weight", [(0.6, 0.4, 1.0), (0.6, 0.3, 1.4), (0.4, 0.2, 1.01)])
+def test_of_two_blocks_the_weaker_one_is_the_limit(mu, height, weight):
+    """The least mu N over the weight of its jack; V swings over it as one begins to slide and the other waits."""
+    text = header("concave", mu, 1e10) + block("base", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
+    text += block("one", (0.0, 0.0, 0.1), (0.3, 0.3, 0.2)) + jack("one", (0.0, 0.0, 0.0))
+    text += block("two", (1.0, 0.0, 0.5 * height), (0.3, 0.3, height))
+    text += jack("two", (1.0, 0.0, 0.0), more=f"weight = {weight}").replace('"jack"', '"second"')
+    text += '[control]\nkind = "yield"\ntolerance = 1e-3\n'
+    point = dembrick.simulate(toml.loads(text), law=COULOMB).yield_point
+    V = mu * 2000.0 * 9.81 * 0.3**2 * min(0.2, height / weight)
+    assert point.V_lower <= V <= point.V_upper
+    assert point.half_width <= 1e-3 * V and point.V_after is None
 
 
 def test_a_load_that_nothing_limits_is_no_answer(monkeypatch):

@@ -2,8 +2,10 @@
 
 No theorem bounds what such a law carries, so nothing is certified: the blocks are pushed with artificial inertia, step
 by step, until the load is steady or has fallen to `FALLEN` of its peak, and again at half the pace, until the peak
-stays. Inertia, dashpots and what the law misses within a step are all of the order of the pace, so twice what the last
-halving changed is the bar.
+stays. Inertia, dashpots and what the law misses within a step are all of the order of the pace once the peak is
+`RESOLVED` steps away, so twice what the last halving changed is the bar. A block that begins to move lets the load
+swing over what it then carries, less and less at a slower pace; where the load settles within the tolerance below its
+peak, which of both is the limit nobody can tell, and the bar takes both in.
 """
 
 from __future__ import annotations
@@ -42,11 +44,12 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 FALLEN = 0.05  # of the peak: a load that fell so far has had it
-HALVINGS = 8  # of the pace, at most
+HALVINGS = 15  # of the pace, at most
+RESOLVED, FINEST = 50, 100_000  # steps to a peak: fewer tell nothing of the pace, and with more it is not halved again
 MOST_STEPS = 200_000  # of a push at the whole pace
 BAR = 2.0  # times what the last halving of the pace changed
 BEHIND = 4.0  # tolerances below a peak, a steady load is another one than that of the peak
-ROUNDED = 1e-9  # of V: no bar is narrower
+STEADY = 0.1  # of the tolerance: what a load that counts as steady may still gain, at most; no bar is narrower
 RECORDED = 4096  # steps of a chunk of the push that is recorded
 SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
 GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
@@ -74,26 +77,33 @@ def find_peak(assembly: Assembly, tolerance: float, step_factor: float, session:
     free blocks touch each other, are tied or guided; and what the dead loads raise.
     """
     session = Session.of(session)
-    pushes: list[_Push] = []
+    found: list[float] = []
     bars: list[float] = []
-    pace = 1.0
     for halvings in range(HALVINGS + 1):
         pace = 0.5**halvings
         push = _push(assembly, tolerance, step_factor, pace)
-        pushes.append(push)
         if not push.over:
             raise NotConvergedError(
                 f"no limit load: after {push.steps} steps V is {push.after:.6g} N, neither steady nor fallen to "
                 f'{FALLEN:g} of its peak of {push.V:.6g} N; follow it with kind = "displacement" and a rate'
             )
-        if halvings:
-            bars.append(max(BAR * abs(push.V - pushes[-2].V), ROUNDED * abs(push.V)))
-        bar = max(bars[-1], 0.5 * bars[-2]) if halvings > 1 else math.inf
+        if push.at < RESOLVED:
+            continue
+        if found:
+            bars.append(max(BAR * abs(push.V - found[-1]), STEADY * tolerance * abs(push.V)))
+        found.append(push.V)
+        if len(bars) < 2:
+            continue
+        bar = max(bars[-1], 0.5 * bars[-2])
+        if push.V - push.after <= tolerance * abs(push.V):
+            bar = max(bar, push.V - push.after + STEADY * tolerance * abs(push.V))
         if bar <= tolerance * abs(push.V):
             return _recorded(assembly, tolerance, step_factor, pace, session, push, bar)
+        if push.at > FINEST:
+            break
     raise NotConvergedError(
-        f"the limit load was not found within {tolerance:g}: after {HALVINGS} halvings of the pace its peak of "
-        f"{pushes[-1].V:.6g} N may still change by {bar:.3g} N. Allow a larger control.tolerance"
+        f"the limit load was not found within {tolerance:g}: after {halvings} halvings of the pace its peak of "
+        f"{push.V:.6g} N may still change by {bar:.3g} N. Allow a larger control.tolerance"
     )
 
 
