@@ -111,6 +111,18 @@ def test_of_two_blocks_the_weaker_one_is_the_limit(mu, height, weight):
     assert point.half_width <= 1e-3 * V and point.V_after is None
 
 
+@pytest.mark.parametrize("held, lift", [("z", 0.0), ("y", 200.0)])
+def test_a_block_off_its_joint_is_undecided_without_a_number(held, lift):
+    """Guided off its joint and pushed along it, or lifted: no joint force tells how much is out of balance."""
+    text = header("concave", 0.6, 1e10) + block("base", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
+    text += block("one", (0.0, 0.0, 0.05), more=f'held = ["{held}", "rx", "ry", "rz"]') + jack("one", (0.0, 0.0, 0.0))
+    text += f'[[loads]]\nblock = "one"\nforce = [{10.0 - 0.05 * lift}, 0.0, {lift}]\n'
+    text += '[control]\nkind = "displacement"\nrate = 2e-5\ntravel = 2e-4\n'
+    with pytest.raises(dembrick.UndecidedError, match="no joint presses") as error:
+        dembrick.simulate(toml.loads(text), law=COULOMB)
+    assert not re.search(r"\d (of the joint|N )|e[+]", str(error.value))
+
+
 def test_a_load_that_nothing_limits_is_no_answer(monkeypatch):
     def sticking(move, law, memory):
         normal = law.normal_stiffness * max(move.penetration, 0.0)

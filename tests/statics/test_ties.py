@@ -224,3 +224,16 @@ def test_ties_are_written_as_they_are_read():
     given = toml.loads(text)
     assert toml.loads(toml.dumps(given)).ties == given.ties
     assert given.ties[0].strength == 100.0 and not given.ties[0].tension_only
+
+
+@pytest.mark.parametrize("part", [1.0, 0.5])
+def test_a_tie_may_carry_the_whole_weight(part):
+    """A block whose weight the prestress bears stands, and its joint presses by what is left of the weight: nothing."""
+    weight = 0.3 * 0.2 * 0.1 * 1500.0 * 9.81
+    held = tie(("upper", (0.0, 0.0, 0.1)), ("beam", (0.0, 0.0, 0.5)), 1.0, prestress=part * weight)
+    beam = Block("beam", "tuff", (0.3, 0.2, 0.1), (0.0, 0.0, 0.55), fixed=True)
+    scenario = replace(bed(formulation="concave", control=StaticsControl()), loads=(), actuators=())
+    found = simulate(replace(scenario, blocks=(*scenario.blocks, beam), ties=(held,)))
+    assert found.run.rest.stands
+    pressing = np.linalg.norm(found.run.state.joints.resultant[0, :3])
+    assert pressing == pytest.approx((1.0 - part) * weight, abs=1e-6 * weight)

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
+PRESSES = 1e-9  # of the dead load of a block: no joint whose force is less presses
 DECIDES = (
     "dembrick limit decides it where no forces within the strengths balance the loads (it falls) or where nothing "
     "slides; softer or stiffer joints may decide it too"
@@ -108,6 +109,23 @@ def undecided(found: Rest) -> str:
     )
 
 
+def _own_law_undecided(state: State, steps: int, ratio: float) -> str:
+    """The sentence on joints of the user's own law that relaxation brings to no rest."""
+    blocks, pressing = state.blocks, float(np.abs(state.joints.resultant[:, :3]).max(initial=0.0))
+    if pressing > PRESSES * float(np.abs(blocks.dead_force[blocks.free]).max(initial=0.0)):
+        what, remedy = (
+            f"{ratio:.2g} of the joint forces is still out of balance",
+            "a run without it decides for friction alone",
+        )
+    else:
+        what = "no joint presses and something is still out of balance"
+        remedy = "let joints press, by guides that are free along their normals, or loads and ties that lift less"
+    return (
+        f"undecided under the dead loads: after {steps} steps of relaxation {what}, and Newton's method, which would "
+        f"decide it, knows no joint law of one's own; {remedy}"
+    )
+
+
 def rest(
     state: State,
     stiffness: np.ndarray,
@@ -150,11 +168,7 @@ def rest(
     if not stands and steps and not moving_blocks(state):
         stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
     if not stands and joint_families.is_custom(state):
-        raise UndecidedError(
-            f"undecided under the dead loads: after {steps} steps of relaxation {ratio:.2g} of the joint forces is "
-            "still out of balance, and Newton's method, which would decide it, knows no joint law of one's own; let "
-            "joints press: free guides along their normals"
-        )
+        raise UndecidedError(_own_law_undecided(state, steps, ratio))
     if not stands:
         relaxation.start_again()
         stands, ratio, more = relaxation.by_viscous_motion(session)

@@ -128,11 +128,16 @@ class Relaxation:
         return ratio
 
     def unbalanced(self) -> float:
-        """Greatest out-of-balance force, or moment at the longest lever of a joint, over the greatest joint force."""
-        trials = self._trials
+        """Greatest out-of-balance force, or moment at the longest lever of a joint, over the greatest joint force or
+        dead load of a block: guides and ties may carry a block whose joints do not press."""
+        trials, blocks = self._trials, self._state.blocks
         squares = (trials.trial.residual[trials.rows].reshape(-1, 2, 3) ** 2).sum(axis=2).max(axis=0)
-        largest = float((self._state.joints.resultant[:, :3] ** 2).sum(axis=1).max())
-        return 1.0 if largest == 0.0 else math.sqrt(float(np.maximum(*(squares * self._arms))) / largest)
+        forces = self._state.joints.resultant[:, :3], blocks.dead_force[blocks.free]
+        largest = max(float((force**2).sum(axis=1).max()) for force in forces)
+        worst = float(np.maximum(*(squares * self._arms)))
+        if largest == 0.0:
+            return float(worst > 0.0)
+        return math.sqrt(worst / largest)
 
     def by_increments(self, session: Session, memory: SimpleNamespace, stands: bool) -> tuple[int, float, int]:
         """Go from the start to the equilibrium again that was reached in one step, or was not (``stands``), by loads
