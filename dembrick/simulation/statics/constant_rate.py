@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -24,12 +26,16 @@ from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.guards import (
+    SLOW,
+    Course,
     came_down,
-    longer,
+    further,
+    in_the_way,
     new_guard,
     other_joints,
     refuse_divergence,
     refuse_unsound,
+    slower,
     steady,
     swings,
 )
@@ -122,14 +128,18 @@ def push_at_constant_rate(
         replay.yield_point = _of_cycles(replay.yield_point)
         replay.turns = tuple((until // rows_every).tolist())
         return replay
+    travel, ahead = float(protocol.turns.max()), partial(in_the_way, assembly, state)
+    calm = SLOW * setup.compliance / setup.weight / critical
     if replay.yield_point.V_upper is None:
-        point, travel = replay.yield_point, float(protocol.turns.max())
-        slip = float(joint_families.friction(state).max()) * setup.dead_strength() * setup.compliance / setup.weight
-        advice = longer(travel, max(2.0, ENOUGH * slip / travel))
+        point, load = replay.yield_point, float(joint_families.friction(state).max()) * setup.dead_strength()
+        factor = ENOUGH * load * setup.compliance / setup.weight / travel
+        if factor < 1.0 and rate > calm * load:
+            advice = slower(calm * load)
+        else:
+            advice = further(travel, max(2.0, factor), ahead)
         raise NotConvergedError(
             f"no limit load: the joint has not begun to slip over the travel of {travel:.3g} m, and the "
-            f"{point.V:.6g} N that the actuators carry at its end are no strength; {advice}, "
-            "or lower control.rate",
+            f"{point.V:.6g} N that the actuators carry at its end are no strength; {advice}",
             replace(point, V=None),
         )
     if setup.certificate.strict:
@@ -141,8 +151,8 @@ def push_at_constant_rate(
     elif state.ties is not None:  # they may stretch for ever: V is what is carried at the end of the travel
         replay.yield_point = at_the_end(replay.yield_point)
     else:
-        least, travel = 1e-3 * setup.dead_strength(), float(protocol.turns.max())
-        replay.yield_point = _steady(replay.yield_point, guard, (least, travel), assembly, state)
+        course = Course(travel, rate, calm, 1e-3 * setup.dead_strength())
+        replay.yield_point = _steady(replay.yield_point, guard, course, ahead, assembly, state)
     return replay
 
 
@@ -154,12 +164,16 @@ def _of_cycles(point: YieldPoint) -> YieldPoint:
 
 
 def _steady(
-    point: YieldPoint, guard: Guard, scales: tuple[float, float], assembly: Assembly, state: State
+    point: YieldPoint,
+    guard: Guard,
+    course: Course,
+    ahead: Callable[[float], str | None],
+    assembly: Assembly,
+    state: State,
 ) -> YieldPoint:
-    """`steady` with its ``scales``: a load that is none (N) and the travel (m); and where it refuses because blocks
-    have fallen, a word on that."""
+    """`steady`, and where it refuses because blocks have fallen, a word on that."""
     try:
-        return steady(point, guard, *scales)
+        return steady(point, guard, course, ahead)
     except NotConvergedError as error:
         fall = came_down(assembly, state)
         if fall is None:

@@ -14,8 +14,9 @@ the strip that presses shrinks meanwhile with the root of the tilt, and hides th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -142,6 +143,23 @@ def other_joints(assembly: Assembly, state: State, travel: float) -> str | None:
     )
 
 
+def in_the_way(assembly: Assembly, state: State, factor: float) -> str | None:
+    """A word on what a travel that is longer by ``factor`` leads to, if blocks go on as they went, and a test at a
+    constant rate knows nothing of: blocks that meet, or a joint that hangs over an edge; None if nothing."""
+    blocks, start = state.blocks, np.asarray(assembly.orientation)
+    for part in np.geomspace(1.0, factor, 1 + math.ceil(math.log2(factor))).tolist():
+        turned = start + part * (blocks.orientation - start)
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        ahead = state._replace(blocks=blocks._replace(displacement=part * blocks.displacement, orientation=turned))
+        _, pair = meeting(assembly, ahead)
+        if pair:
+            a, b = (assembly.names[i] for i in pair)
+            return f"blocks {a!r} and {b!r}, which have no joint, would meet"
+        if float(overhang(assembly, ahead).max(initial=0.0)) > OVERHANG:
+            return "a joint would hang over an edge"
+    return None
+
+
 def _farthest(assembly: Assembly, state: State) -> float:
     """How far any point of a block has moved from its start (m), at most."""
     blocks = state.blocks
@@ -237,8 +255,10 @@ DRIFT = 1.5  # times the drift from the start of the travel: what is in it besid
 SLOW = 0.1  # elastic slips per critical time step: a head that is no faster cannot make a load swing
 NEAR = 1e-2  # of the joint's reach: a block that has moved no further is where its limit load is defined
 WILD = 0.1  # of the load: a swing (rms), or a want of load, that no slow test of a sound integration has
+LESS_FAST = 0.1  # times the rate, at most, that is advised; times that slow one, a load that swings has no more to lose
 TWICE, MOST = 2.0, 100.0  # times the travel: the least and the most that is advised at once
 ROUNDING = 1e-9  # of the first digit
+BY_SEARCH = 'take control.kind = "yield", which finds the limit load in the geometry of the start'
 FEWEST = 8  # stretches of the travel that must have been summed
 
 
@@ -302,6 +322,22 @@ def swings(point: YieldPoint, guard: Guard) -> str | None:
     )
 
 
+class Course(NamedTuple):
+    """How a constant-rate test went: its ``travel`` (m) and ``rate`` (m/s), the slower one at which no head makes a
+    load swing, over that load (m/s/N), and a load that counts as none (N)."""
+
+    travel: float
+    rate: float
+    calm: float
+    least: float
+
+
+def slower(rate: float) -> str:
+    """The advice to lower the rate to this (m/s), to one digit, rounded down."""
+    digit = 10.0 ** math.floor(math.log10(rate) + ROUNDING)
+    return f"lower control.rate, say to {digit * math.floor(rate / digit + ROUNDING):.1g} m/s"
+
+
 def longer(travel: float, factor: float) -> str:
     """The advice to make a ``travel`` (m) longer by ``factor``, to one digit, rounded up."""
     wanted = factor * travel
@@ -309,14 +345,24 @@ def longer(travel: float, factor: float) -> str:
     return f"lengthen control.travel, say to {digit * math.ceil(wanted / digit - ROUNDING):.1g} m"
 
 
-def steady(point: YieldPoint, guard: Guard, least: float, travel: float) -> YieldPoint:
+def further(travel: float, factor: float, ahead: Callable[[float], str | None]) -> str:
+    """The advice to make a ``travel`` (m) longer by ``factor``, or to do without where something is in the way."""
+    way = ahead(factor)
+    return f"on a longer travel {way}: {BY_SEARCH}" if way else longer(travel, factor)
+
+
+def steady(
+    point: YieldPoint, guard: Guard, course: Course, ahead: Callable[[float], str | None] = lambda factor: None
+) -> YieldPoint:
     """``point`` with the mean load of the last quarter for its V; NotConvergedError if the load is not steady.
 
-    The bracket holds V, and what it would have been in the geometry of the start.
-    ``least`` (N) is a load that counts as none: what is let pass is not less than a part of it. What a load that still
-    rises lacks falls with the root of the ``travel`` (m), which tells how long it must be.
+    The bracket holds V, and what it would have been in the geometry of the start. What is let pass is not less than a
+    part of the least load of the ``course``. A head that is faster than `SLOW` makes a load swing, and a slower one
+    does not, whatever the travel. What a load that still rises lacks falls with the root of the travel, which tells how
+    long it must be, unless something is in the way that far ``ahead`` (a sentence, for a travel longer by a factor).
     """
     steps, mean, square = guard.load[guard.load[:, 0] > 0.0].T
+    travel = course.travel
     if len(steps) < FEWEST:
         raise NotConvergedError(
             f"{int(steps.sum())} steps are too few to tell whether the load is steady; {longer(travel, TWICE)}", point
@@ -331,15 +377,19 @@ def steady(point: YieldPoint, guard: Guard, least: float, travel: float) -> Yiel
         at_start.append(V + DRIFT * (_rocking_limit(guard) - V))
     above = None if point.V_upper is None else max(point.V_upper, V, *at_start)
     point = replace(point, V=V, V_lower=min(point.V_lower, V, max(0.0, min(at_start))), V_upper=above)
-    allowed = STEADY * max(abs(V), least)
-    if not (swing <= allowed and MISSING * growth <= allowed):
-        rises = swing <= allowed
-        what = "still rises" if rises else f"swings by {swing:.3g} N (rms)"
-        factor = (MISSING * max(growth, 0.0) / allowed) ** 2 if rises else 1.0
-        advice = longer(travel, min(max(TWICE, factor), MOST))
-        raise NotConvergedError(
-            f"no limit load: over the second half of the travel V {what} about {V:.6g} N, {growth:+.3g} N in its last "
-            f"quarter; {f'{advice}, or lower control.rate' if rises else f'lower control.rate, or {advice}'}",
-            point,
-        )
-    return point
+    load = max(abs(V), course.least)
+    allowed, calm = STEADY * load, course.calm * load
+    if swing <= allowed and MISSING * growth <= allowed:
+        return point
+    rises = MISSING * growth > allowed
+    fast = swing > allowed and course.rate > (calm if rises else LESS_FAST * calm)
+    what = "still rises" if rises and not fast else f"swings by {swing:.3g} N (rms)"
+    factor = min(max(TWICE, (MISSING * max(growth, 0.0) / allowed) ** 2), MOST)
+    advice = slower(min(calm, LESS_FAST * course.rate)) if fast else BY_SEARCH
+    if rises and not fast:
+        advice = further(travel, factor, ahead)
+    raise NotConvergedError(
+        f"no limit load: over the second half of the travel V {what} about {V:.6g} N, {growth:+.3g} N in its last "
+        f"quarter; {advice}",
+        point,
+    )
