@@ -33,14 +33,16 @@ def case(name, formulation, tolerance=1e-3, checkpoint=0.0, **output):
 
 
 def content(path):
-    """Every dataset of a history, and its results and settings without the wall times and what names the file."""
+    """Every dataset of a history, and its results and settings without what names the file and the wall times, those of
+    stages too."""
     found = {}
     with h5py.File(path) as file:
         file.visititems(lambda name, node: found.update({name: node[()]}) if isinstance(node, h5py.Dataset) else None)
         found["status"], found["settings"] = file.attrs["status"], json.loads(file.attrs["settings"])
         found["results"] = json.loads(file.attrs["results"])
-    for key in ("wall", "history"):
-        found["results"].pop(key, None)
+    for results in (found["results"], *found["results"].get("stages", ())):
+        for key in ("wall", "history"):
+            results.pop(key, None)
     return found
 
 
