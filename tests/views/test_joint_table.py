@@ -99,8 +99,8 @@ def test_signs_are_those_that_docs_symbols_draws(tmp_path):
         assert V > 100.0 and row["N"] == pytest.approx(467.0, rel=1e-6)
         assert (row["M_T"], row["M_1"]) == (pytest.approx(0.075 * V, rel=1e-3), pytest.approx(-0.05 * V, rel=1e-3))
         assert (row["e_1"], row["e_2"]) == (
-            pytest.approx(row["M_2"] / row["N"], abs=1e-12),
-            pytest.approx(-row["M_1"] / row["N"]),
+            pytest.approx(row["M_2"] / row["N"], abs=1e-10),  # a turn of 1e-7, by which the face leans
+            pytest.approx(-row["M_1"] / row["N"], rel=1e-5),
         )
 
 

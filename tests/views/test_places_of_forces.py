@@ -12,6 +12,7 @@ from dembrick.views import export
 from dembrick.views.motion.blocks import Poses
 from dembrick.views.motion.hinges import hinges
 from dembrick.views.motion.joints import JointMotion
+from dembrick.views.motion.table import joint_table
 from dembrick.views.render.force_arrows import DrawnForces
 from helpers import history_cases as cases
 from helpers.exported import vtk_steps
@@ -59,3 +60,5 @@ def test_the_force_of_a_block_that_rocks_is_at_its_toe(tmp_path, angle, across, 
         np.testing.assert_allclose(force, [[across * N, 0.0, N]], atol=1e-9)
         assert motion.at([1]).bending_utilisation[0, 0] == pytest.approx(1.0, rel=1e-12)
         assert hinges(run, motion, 1) == [0]
+        (row,) = joint_table(run, 1)
+        assert (row["e_1"], row["e_2"]) == (pytest.approx(math.copysign(TOE, angle), rel=1e-12), pytest.approx(0.0))

@@ -56,8 +56,9 @@ def joint_table(history: History, frame: int | str | None = None, time: float | 
     ``time`` (s): forces of the row and motion of the frame nearest to it.
 
     Resultants are the action of the second block on the first, in the axes t1 and t2 of the joint, about its centroid O
-    of the start, which rides on the block that its polygon rides on. ``e_1`` and ``e_2``: the centre of pressure from
-    O, (M_2, -M_1) / N; None if the joint carries nothing.
+    of the start, which rides on the block that its polygon rides on. ``e_1`` and ``e_2``: where the force meets the
+    face of that block, from O along its own t1 and t2: (M_2, -M_1) / N of joints that have not opened far, and the toe
+    of a block that rocks, however far; None if the joint carries nothing.
     ``open_share``: the part of its area over which it is open. ``utilisation``: the gauge of V_1, V_2 and M_T in the
     joint's yield domain at its N, or how far the centre of pressure is on its way to the edge, whichever is more; None
     where it is not known, as of a joint that was ``HANDED_OVER``: see `new_contact_table`.
@@ -71,7 +72,7 @@ def joint_table(history: History, frame: int | str | None = None, time: float | 
     if time is not None:  # the row has a frame of its own, from which contact forces and bonds are
         now = joints.at([int(nearest(history.frame_time, [at.time])[0])], [at.row])
     columns = dict(zip(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip"), now.about_start[0].T, strict=True))
-    columns["e_1"], columns["e_2"] = np.where(columns["N"] > 0.0, (now.shift + now.pressure_centre)[0].T, np.nan)
+    columns["e_1"], columns["e_2"] = np.where(columns["N"] > 0.0, (now.shift + now.pressed_arm)[0].T, np.nan)
     columns["open_share"], columns["utilisation"] = moved.relative.open_share[0], now.utilisation[0]
     names, state = history.block_names, [STATES[number] for number in moved.relative.state[0]]
     for j in _handed_over(history, moved, at.frame):
