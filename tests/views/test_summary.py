@@ -128,6 +128,10 @@ def test_of_many_supports_and_ties_some_have_a_line():
 
 @pytest.mark.parametrize("junk", [None, True, "x", [], [1], [{}], {"a": [1]}, {"a": "x"}, {"a": [math.nan] * 6}])
 def test_junk_beside_the_limit_is_left_out(junk):
+    ends = {"least": {"reaction": 2130.0, "displacement": 2e-3}, "greatest": {"reaction": 2500.0, "displacement": 0.0}}
+    settled = names({"settlement": ends})
+    assert settled["least reaction"].remark == "at 2 mm"
+    assert settled["greatest reaction"].remark == "before the supports moved", "at 0 µm is no place on the way"
     keys = ("path_range", "paths", "wanders", "blocks", "hinges", "settlement_range", "left_out", "associative")
     beside = dict.fromkeys(keys, junk)
     results = {"stages": junk, "ties": junk, "reactions": junk, "collapse": beside, "path": beside}
