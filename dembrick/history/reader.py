@@ -19,15 +19,7 @@ from dembrick.history.layout import FORMAT, WRITTEN
 from dembrick.history.rest_geometry import RestGeometry
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest
-from dembrick.scenario.regimes import (
-    COLLAPSE,
-    LIMIT_LOAD,
-    OF_ACTUATORS,
-    PATH_FOLLOWING,
-    REGIMES,
-    YIELD,
-    Curve,
-)
+from dembrick.scenario.regimes import COLLAPSE, LIMIT_LOAD, OF_ACTUATORS, PATH_FOLLOWING, REGIMES, YIELD, Curve
 from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NEW_CONTACTS, Channel, Sizes
 
 if TYPE_CHECKING:
@@ -315,14 +307,19 @@ class History(RestGeometry):
         return "history/new_contacts" in self._series
 
     @cached_property
+    def regime(self) -> str:
+        """How the run was carried out: the name of one of `scenario.regimes`."""
+        return guard.attribute(self._file, "regime")
+
+    @cached_property
     def searches_limit(self) -> bool:
         """Whether the run was a search for a limit load in the geometry of the start, and found it."""
-        return guard.attribute(self._file, "regime") in _SEARCHING and self.status in _FOUND
+        return self.regime in _SEARCHING and self.status in _FOUND
 
     @cached_property
     def counts_equilibria(self) -> bool:
         """Whether times are the numbers of equilibria, of a search that follows a path of them."""
-        return guard.attribute(self._file, "regime") in _COUNTING and "custom_law" not in self.settings
+        return self.regime in _COUNTING and "custom_law" not in self.settings
 
     @cached_property
     def curve(self) -> Curve:

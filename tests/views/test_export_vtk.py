@@ -163,8 +163,8 @@ def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
         arms = np.column_stack([assembly.joints[0].polygon, np.full(4, -0.05)])
         world = [0.0, 0.0, 0.05] + displacement[0, 1] + [rotated(orientation[0, 1], p) for p in arms]
         np.testing.assert_allclose(step["points"][:4], world, rtol=0, atol=1e-15)
-        # the convex joint's resultant: M_1 = -y N, M_2 = x N, from O on block 2, on which the polygon rides, in the
-        # plane of block 1 and along the first tangent of block 2 that is laid into it; shown on the face of block 2
+        # the convex joint's resultant along the normal of block 1 and the first tangent of block 2 laid into that;
+        # M_1 = -y N, M_2 = x N, from O on the face of block 2, on which the polygon rides, at a constant rate
         N, V_1, V_2, _, M_1, M_2, _ = 10.0 * k + 10.0 + 0.1 * np.arange(7)
 
         def turned(i, vector, now=orientation[0]):
@@ -173,8 +173,7 @@ def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
         normal, t1 = turned(1, [0.0, 0.0, 1.0]), turned(2, [1.0, 0.0, 0.0])
         t1 = (t1 - (t1 @ normal) * normal) / np.linalg.norm(t1 - (t1 @ normal) * normal)
         t2, host = np.cross(normal, t1), assembly.position[2]
-        force, arm = -V_1 * t1 - V_2 * t2 + N * normal, (M_2 * t1 - M_1 * t2) / N
-        arm -= force * (arm @ turned(2, [0.0, 0.0, 1.0])) / (force @ turned(2, [0.0, 0.0, 1.0]))
+        force, arm = -V_1 * t1 - V_2 * t2 + N * normal, turned(2, [M_2 / N, -M_1 / N, 0.0])
         at = host + displacement[0, 2] + turned(2, [0.0, 0.0, 0.1] - host) + arm
         np.testing.assert_allclose(step["points"][4], at, rtol=0, atol=1e-12)  # 1 km away
         np.testing.assert_allclose(step["at_points"]["force"][4], force, rtol=1e-5)

@@ -6,8 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dembrick import history
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
 from dembrick.views import export
 from dembrick.views.motion.blocks import Poses
 from dembrick.views.motion.hinges import hinges
@@ -16,6 +19,7 @@ from dembrick.views.motion.table import joint_table
 from dembrick.views.render.force_arrows import DrawnForces
 from helpers import history_cases as cases
 from helpers.exported import vtk_steps
+from helpers.scenario_text import block, header, jack
 
 TOE = 0.15  # m: half of the width of the joint
 N = 400.0
@@ -33,7 +37,7 @@ def rocked(path, angle, across, host):
     displacement[1, 1] = centroid - [0.0, 0.0, 0.05]
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (2, 2, 1))
     orientation[1, 1] = [math.cos(angle / 2), 0.0, math.sin(angle / 2), 0.0]
-    rows = cases.record(0, 2)
+    rows = cases.moving_record(0, 2)
     # t1 of the block that the polygon rides on, laid into the face of the other one, of which the normal is
     t1, normal = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     force, origin = np.array([across * N, 0.0, N]), np.array([side * (1.0 - c), 0.0, side * s])
@@ -43,14 +47,15 @@ def rocked(path, angle, across, host):
     moment = np.cross(toe - origin, force) @ np.cross(normal, t1)  # on b; the record has those of b on a
     rows["joint"][1] = [[force @ normal, -force @ t1, 0.0, 0.0, 0.0, -moment, 0.0]]
     poses = rows["time"], displacement, orientation
-    return cases.written(path, rows, poses, blocks, control=cases.CONSTANT_RATE), toe
+    moving = {"joint_shift": np.zeros((2, 1, 2)), "contact_arm": np.zeros((2, 0, 2)), "contact_area": np.zeros((2, 0))}
+    return cases.written(path, rows, poses, blocks, control=cases.MOTION, moving=moving), toe
 
 
 @pytest.mark.parametrize("host", [1, 0])
 @pytest.mark.parametrize("angle, across", [(0.05, 0.0), (0.4, 0.0), (0.4, 0.3), (-0.4, 0.3)])
 def test_the_force_of_a_block_that_rocks_is_at_its_toe(tmp_path, angle, across, host):
-    history, toe = rocked(tmp_path / "run.h5", angle, across, host)
-    with history as run:
+    found, toe = rocked(tmp_path / "run.h5", angle, across, host)
+    with found as run:
         motion = JointMotion(run)
         _, steps = vtk_steps(export.to_vtkhdf(run, tmp_path / "out.vtkhdf", only=["contacts"])[0])
         np.testing.assert_allclose(steps[1]["points"], [toe], atol=1e-12)
@@ -62,3 +67,15 @@ def test_the_force_of_a_block_that_rocks_is_at_its_toe(tmp_path, angle, across, 
         assert hinges(run, motion, 1) == [0]
         (row,) = joint_table(run, 1)
         assert (row["e_1"], row["e_2"]) == (pytest.approx(math.copysign(TOE, angle), rel=1e-12), pytest.approx(0.0))
+
+
+def test_the_toe_of_a_test_at_a_constant_rate(tmp_path):
+    """A block rocks by .02 rad on contact points: b / 2 from O, where its joint takes slopes for small."""
+    text = header("concave", 0.6, 1e8) + block("base", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
+    text += block("b", (0.0, 0.0, 0.25), (2.0 * TOE, 0.2, 0.5)) + jack("b", (-TOE, 0.0, 0.45))
+    text += '[control]\nkind = "displacement"\nrate = 1e-2\ntravel = 1e-2\n'
+    simulate(toml.loads(text), tmp_path / "run.h5")
+    with history.read(tmp_path / "run.h5") as run:
+        (row,) = joint_table(run)
+        assert JointMotion(run).at([-1]).bending_utilisation[0, 0] == pytest.approx(1.0, rel=1e-9)
+    assert row["e_1"] == pytest.approx(TOE, rel=1e-9) and row["V_1"] > 0.3 * row["N"]

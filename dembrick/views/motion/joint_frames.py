@@ -168,10 +168,11 @@ class JointFrames:
     @cached_property
     def pressed_arm(self) -> np.ndarray:
         """(f, j, 2) m: where the line of action of each joint's force meets the face that the polygon rides on, from O
-        along that face's own t1 and t2: the toe of a block that rocks, however far. In the geometry of the start, and
-        where the force runs along the face, the `pressure_centre`."""
+        along that face's own t1 and t2: the toe of a block that rocks, however far. In the geometry of the start, in
+        tests at a constant rate, whose joints take slopes for small, and where the force runs along the face, the
+        `pressure_centre`."""
         found = self.pressure_centre.copy()
-        if self.joints.small:
+        if self.joints.small_slopes:
             return found
         N, V_1, V_2 = np.moveaxis(self.resultants[..., :3], -1, 0)
         force = np.stack([-V_1, -V_2, N], axis=-1)

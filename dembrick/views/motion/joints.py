@@ -20,6 +20,7 @@ import numpy as np
 from dembrick.geometry.friction_integrals import far_moments
 from dembrick.geometry.polygons import area, distance_outside, pieces
 from dembrick.kernels.joint.utilisation import Outlines
+from dembrick.scenario.regimes import CONSTANT_RATE
 from dembrick.views.motion.bending import edges
 from dembrick.views.motion.bonds import Bonds
 from dembrick.views.motion.frames import nearest
@@ -73,6 +74,7 @@ class JointMotion:
         self.arm_host = np.where((self.host == self.block_a)[:, None], self.arm_a, self.arm_b)
         self.custom = "custom_law" in getattr(history, "settings", {})
         self.small = bool(getattr(history, "small_displacements", False))
+        self.small_slopes = self.small or getattr(history, "regime", None) == CONSTANT_RATE.name
         self.back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
 
     def at(self, frames, rows: Sequence[int] | None = None) -> JointFrames:
