@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dembrick import history
+from dembrick.errors import NotConvergedError
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DisplacementControl, DynamicControl, SettlementControl, StaticsControl
@@ -159,6 +160,43 @@ def test_a_tied_block_slides_at_constant_rate():
     assert result.yield_point.V == pytest.approx(523.2081, rel=1e-3)
     assert result.reactions["lower"][2] == pytest.approx(467.0, rel=1e-3)  # of joint and tie together
     assert abs(result.energy.relative_residual) < 1e-5
+
+
+def pushed_with_a_spring(height, **control):
+    """A stone with mu N = 1.6 W on a joint that gives k_s A = 7.2e6 N/m, tied to a roof by a spring of 1e5 N/m."""
+    blocks = (
+        Block("lower", "stone", (0.3, 0.2, 0.15), (0.0, 0.0, -0.075), fixed=True),
+        Block("upper", "stone", (0.3, 0.2, 0.15), (0.0, 0.0, 0.075)),
+        Block("roof", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.5), fixed=True),
+    )
+    return of_stone(
+        law("convex", 1.6, 3e8),
+        DisplacementControl(rate=1e-3, **control),
+        blocks,
+        actuators=(Actuator("jack", "upper", (0.0, 0.0, height), (1.0, 0.0, 0.0)),),
+        ties=(tie(("upper", (0.0, 0.0, 0.15)), ("roof", (0.0, 0.0, 0.45)), tension_only=False),),
+        output=Output(("joints",)),
+    )
+
+
+def test_no_limit_load_is_said_of_a_tied_block_that_has_not_slipped():
+    """It was called sliding at a fraction of mu N, since an elastic tie may stretch for ever."""
+    with pytest.raises(NotConvergedError, match="the joint has not begun to slip") as refused:
+        simulate(pushed_with_a_spring(0.0, travel=2e-5))
+    point = refused.value.yield_point
+    assert point.actuator_load < 0.5 * 1.6 * point.N and point.mechanism == "none" and point.V is None
+    cycles = simulate(pushed_with_a_spring(0.0, protocol=(2e-5, -2e-5, 2e-5)))
+    assert cycles.yield_point.mechanism == "none" and not cycles.rows["joint"][:, 0, 6].any()
+
+
+def test_a_tied_block_moves_by_a_mechanism_only_where_its_joint_lets_it_go():
+    """It slides at mu N. Pushed at its top it rocks at N b / 2 h = N at the least, and moves by no mechanism before."""
+    slides = simulate(pushed_with_a_spring(0.0, travel=2e-3)).yield_point
+    assert slides.mechanism == "sliding" and slides.V == pytest.approx(1.6 * slides.N, rel=1e-3)
+    opens = simulate(pushed_with_a_spring(0.075, travel=5e-5)).yield_point
+    assert opens.V < opens.N and opens.mechanism == "none"
+    rocks = simulate(pushed_with_a_spring(0.075, travel=1e-4)).yield_point
+    assert rocks.V > rocks.N and rocks.mechanism == "rocking"
 
 
 def test_ties_are_kept_shown_and_restarted(tmp_path):

@@ -49,7 +49,7 @@ from dembrick.simulation.statics.load_system import (
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
 from dembrick.simulation.statics.stepper import Loop, Stepper
-from dembrick.simulation.statics.yield_point import YieldPoint, at_the_end
+from dembrick.simulation.statics.yield_point import YieldPoint, at_the_end, without_mechanism
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -68,14 +68,14 @@ def push_at_constant_rate(
 
     The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
     V is the mean load of the last quarter of the travel; with ties, the load at its end. Raises DivergedError, and
-    NotConvergedError if the dead loads alone bring the blocks down, if the load of an uncertified test without
-    ties still rises or swings at the end, or where that of a slow certified one swings wildly or stays far below its
-    bracket.
+    NotConvergedError if the dead loads alone bring the blocks down, if no joint has given way at the end of a way
+    without a turn, if the load of an uncertified test without ties still rises or swings there, or where that of a
+    slow certified one swings wildly or stays far below its bracket.
     """
     session = Session.of(session)
     setup = Setup(assembly, tolerance=0.0, session=session)
     state = setup.state
-    bonds = SimpleNamespace(**joint_families.memory(state))
+    before, opening = SimpleNamespace(**joint_families.memory(state)), state.joints.opening.copy()
     if joint_families.follows_bending(state):
         # inertia above the joint moves the pressure, and the friction with it
         setup.certificate = setup.certificate._replace(strict=False)
@@ -123,14 +123,19 @@ def push_at_constant_rate(
     chosen = {"rate": rate, "inertia": "physical"}
     replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)
     if any(law.weakens for law in assembly.joints.law):
-        replay.broke = bool(joint_families.broke(state, bonds))
+        replay.broke = bool(joint_families.broke(state, before))
+    elastic = replay.yield_point.bracket != "certified" and not (
+        joint_families.gave_way(state, before) or joint_families.opened(state, opening)
+    )
+    if elastic:
+        replay.yield_point = without_mechanism(replay.yield_point)
     if protocol.cycles:
         replay.yield_point = _of_cycles(replay.yield_point)
         replay.turns = tuple((until // rows_every).tolist())
         return replay
     travel, ahead = float(protocol.turns.max()), partial(in_the_way, assembly, state)
     calm = SLOW * setup.compliance / setup.weight / critical
-    if replay.yield_point.V_upper is None:
+    if replay.yield_point.V_upper is None or (elastic and state.ties is not None):  # without ties, V still rises
         point, load = replay.yield_point, float(joint_families.friction(state).max()) * setup.dead_strength()
         factor = ENOUGH * load * setup.compliance / setup.weight / travel
         if factor < 1.0 and rate > calm * load:
@@ -149,7 +154,7 @@ def push_at_constant_rate(
         if (said := swings(replay.yield_point, guard)) and session.report:
             session.report(said)
     elif state.ties is not None:  # they may stretch for ever: V is what is carried at the end of the travel
-        replay.yield_point = at_the_end(replay.yield_point)
+        replay.yield_point = at_the_end(replay.yield_point, setup.certificate)
     else:
         course = Course(travel, rate, calm, 1e-3 * setup.dead_strength())
         replay.yield_point = _steady(replay.yield_point, guard, course, ahead, assembly, state)

@@ -269,6 +269,21 @@ def broke(state, before) -> bool:
     return any((now.bonded < then.bonded).any() for now, then in zip(_bonds(state), _bonds(before), strict=True))
 
 
+def opened(state, before: np.ndarray) -> bool:
+    """Whether any contact point or corner without a bond has opened further since the openings ``before`` (j, 3)."""
+    for module, joints in present(state):
+        counts = np.diff(joints.start)
+        j, free = np.repeat(joints.joint, counts), True
+        if joints.strengths is not None:
+            free = module.tensile_strength(joints) * joints.bonds.bonded == 0.0
+            free = free if len(free) == len(j) else np.repeat(free, counts)
+        x, y = module.corners(joints)
+        gap, then = (seen[j, 0] + seen[j, 1] * y - seen[j, 2] * x for seen in (state.joints.opening, before))
+        if (free & (gap > np.maximum(then, 0.0))).any():
+            return True
+    return False
+
+
 def friction_work(state, before) -> float:
     """Work that friction took since the `memory` in the fields of ``before``, by the forces of now (J)."""
     normal = state.joints.resultant[:, 0]

@@ -35,8 +35,8 @@ class YieldPoint:
     equilibrium, as far as the bracket knows it, at ``displacement_at_peak``; at a constant rate the largest V of the
     record, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint at the limit,
     ``torsion_centre`` is measured from its O (None in pure shear). ``limit_at``: when the record was there (s, or the
-    number of the equilibrium), None of a test that goes on past its peak. ``mechanism`` in a word, ``joint``: the
-    blocks of the joint that moves most.
+    number of the equilibrium), None of a test that goes on past its peak. ``mechanism`` in a word, "none" where the
+    blocks move elastically; ``joint``: the blocks of the joint that moves most.
     """
 
     V: float | None
@@ -129,11 +129,20 @@ def in_equilibrium(point: YieldPoint, certificate: Certificate) -> YieldPoint:
     return replace(point, V_1=V_1, V_2=V_2, M_T=M_T)
 
 
-def at_the_end(point: YieldPoint) -> YieldPoint:
-    """``point`` with what the actuators carried when the replay ended for its V, in a bracket that holds it."""
+def at_the_end(point: YieldPoint, certificate: Certificate) -> YieldPoint:
+    """``point`` with what the actuators carried when the replay ended for its V, in a bracket that holds it. Where the
+    strengths of the joints would take far more than V along the last motion, joints and ties give elastically, at
+    least in part, and it is no mechanism."""
     V = point.actuator_load
     above = None if point.V_upper is None else max(point.V_upper, V)
-    return replace(point, V=V, V_lower=min(point.V_lower, V), V_upper=above)
+    point = replace(point, V=V, V_lower=min(point.V_lower, V), V_upper=above)
+    taken = float(np.median(present(certificate.window)[:, 1]))
+    return without_mechanism(point) if taken - V > OPEN * abs(V) else point
+
+
+def without_mechanism(point: YieldPoint) -> YieldPoint:
+    """``point`` of a test at the end of which no mechanism moves."""
+    return replace(point, mechanism="none", torsion_centre=None)
 
 
 def at_peak(point: YieldPoint, peak: tuple[float, float], within: float) -> YieldPoint:
