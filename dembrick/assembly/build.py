@@ -34,6 +34,7 @@ from dembrick.assembly.validation import (
     check_overrides,
     check_pieces,
     check_rim,
+    check_stages,
     check_stiffness,
     check_strengths,
     refuse,
@@ -112,8 +113,9 @@ class Assembly:
 def assemble(scenario: Scenario) -> Assembly:
     """Geometry, joints and dead loads of a scenario, of its last stage if it has stages; ScenarioError if it cannot
     describe a test."""
-    scenario = at_stage(scenario, len(scenario.stages) + 1)
-    return loaded(scenario, at_rest(scenario))
+    last = at_stage(scenario, len(scenario.stages) + 1)
+    made = loaded(last, at_rest(last))
+    return replace(made, warnings=made.warnings + check_stages(scenario)) if scenario.stages else made
 
 
 def at_rest(scenario: Scenario) -> Assembly:

@@ -22,17 +22,18 @@ from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.cad_models import NEAR
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import BaseMotionControl
+from dembrick.scenario.controls import BaseMotionControl, Control
 from dembrick.scenario.model import Scenario, Solver
 from dembrick.scenario.regimes import (
+    ASK_FOR_REST,
     DEAD_LOAD,
-    DEFORMED_REST,
     DRIVEN_PATH,
     LIMIT_LOAD,
     NOTHING,
     PATH_FOLLOWING,
     REAL_TIME,
 )
+from dembrick.scenario.stages import acting_in, controls_of, driven_entries
 from dembrick.scenario.units import unit_slips
 
 if TYPE_CHECKING:
@@ -230,37 +231,43 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
 def check_control(scenario: Scenario) -> tuple[str, ...]:
     """Warn about what does nothing under the control, and of supports that begin with a jump of their velocity."""
     control = scenario.control
-    if control.regime in (DEAD_LOAD, DEFORMED_REST):
-        driven = ["[[actuators]]"] if scenario.actuators else []
-        driven += ["[[pressures]] with actuator = true"] if any(p.actuator for p in scenario.pressures) else []
-        if driven:
-            return (
-                f"{' and '.join(driven)} carry nothing in a run of kind {show(control.kind)}, which asks for dead "
-                "loads alone: give forces as [[loads]], pressures without actuator = true",
-            )
+    if said := _carries_nothing(scenario):
+        return said
     idle = tuple(f"{what} does nothing {why}" for what, why in _idle(scenario))
     return idle + (_check_base_motion(control) if isinstance(control, BaseMotionControl) else ())
 
 
+def check_stages(scenario: Scenario) -> tuple[str, ...]:
+    """Warn about what does nothing in any stage, or in one before the last."""
+    idle = ((n, *one) for n, control in enumerate(scenario.stages, 1) for one in _idle_keys(control))
+    return _carries_nothing(scenario) + tuple(f"{what} of stage {n} does nothing {why}" for n, what, why in idle)
+
+
+def _carries_nothing(scenario: Scenario) -> tuple[str, ...]:
+    """A remark on actuators, and pressures that are some, that act in runs under the dead loads alone."""
+    controls = controls_of(scenario)
+    idle = [
+        entry
+        for entry in driven_entries(scenario)
+        if all(control.regime in ASK_FOR_REST for control in acting_in(entry, controls))
+    ]
+    if not idle:
+        return ()
+    driven = ["[[actuators]]"] if any(entry in scenario.actuators for entry in idle) else []
+    driven += ["[[pressures]] with actuator = true"] if any(entry in scenario.pressures for entry in idle) else []
+    kind = show(acting_in(idle[0], controls)[0].kind)
+    return (
+        f"{' and '.join(driven)} carry nothing in a run of kind {kind}, which asks for dead loads alone: give forces "
+        "as [[loads]], pressures without actuator = true",
+    )
+
+
 def _idle(scenario: Scenario) -> Iterator[tuple[str, str]]:
     """Keys with a value of their own that this run does not ask for, and why."""
-    control, defaults = scenario.control, {one.name: one.default for one in fields(scenario.control)}  # type: ignore[arg-type]
-
-    def given(key: str, why: str) -> Iterator[tuple[str, str]]:
-        value = getattr(control, key)
-        if key in defaults and value != defaults[key]:
-            yield f"control.{key} = {str(value).lower() if isinstance(value, bool) else f'{value:g}'}", why
-
-    if control.regime is PATH_FOLLOWING:
-        no_time = "where control.quasi_static = true: the limit is searched through equilibria, without time"
-        yield from given("rate", no_time)
-        yield from given("damping", no_time)
-    if control.regime is DRIVEN_PATH:
-        yield from given("rate", "with large_displacements = true: equilibria in the deformed geometry know no rate")
-    if control.regime is REAL_TIME:
-        yield from given("tolerance", "in real time, which searches for no limit: --refine gives an error bar")
-        yield from given("large_displacements", "in real time, where the geometry is always the deformed one")
-    if control.regime in (PATH_FOLLOWING, DEAD_LOAD) and scenario.solver.step_factor != Solver().step_factor:
+    control, stages = scenario.control, scenario.among or (scenario.control,)
+    yield from ((f"control.{what}", why) for what, why in _idle_keys(control))
+    searches = all(one.regime in (PATH_FOLLOWING, DEAD_LOAD) for one in stages)
+    if searches and scenario.solver.step_factor != Solver().step_factor:
         yield f"solver.step_factor = {scenario.solver.step_factor:g}", "in a search, which takes no time steps"
     thrown = [show(block.name) for block in scenario.blocks if any((*block.velocity, *block.angular_velocity))]
     if thrown and (control.drives != NOTHING or control.regime is not REAL_TIME):
@@ -268,6 +275,26 @@ def _idle(scenario: Scenario) -> Iterator[tuple[str, str]]:
             f"the velocity of {', '.join(thrown[:_NAMED])}{' and others' if len(thrown) > _NAMED else ''}",
             f"under control.kind = {show(control.kind)}, which begins at rest; a run of kind dynamic begins with it",
         )
+
+
+def _idle_keys(control: Control) -> Iterator[tuple[str, str]]:
+    """Keys of a control with a value of their own that it does not ask for, and why."""
+    defaults = {one.name: one.default for one in fields(control)}  # type: ignore[arg-type]
+
+    def given(key: str, why: str) -> Iterator[tuple[str, str]]:
+        value = getattr(control, key, None)
+        if key in defaults and value != defaults[key]:
+            yield f"{key} = {str(value).lower() if isinstance(value, bool) else f'{value:g}'}", why
+
+    if control.regime is PATH_FOLLOWING:
+        no_time = "where quasi_static = true: the limit is searched through equilibria, without time"
+        yield from given("rate", no_time)
+        yield from given("damping", no_time)
+    if control.regime is DRIVEN_PATH:
+        yield from given("rate", "with large_displacements = true: equilibria in the deformed geometry know no rate")
+    if control.regime is REAL_TIME:
+        yield from given("tolerance", "in real time, which searches for no limit: --refine gives an error bar")
+        yield from given("large_displacements", "in real time, where the geometry is always the deformed one")
 
 
 def _check_base_motion(control: BaseMotionControl) -> tuple[str, ...]:

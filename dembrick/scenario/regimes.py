@@ -47,6 +47,7 @@ DEAD_LOAD = Regime("dead load", small_displacements=True)
 LOAD_PATH = Regime("load path", real_time=True, counts_equilibria=True, balances_energy=False, stands_or_falls=False)
 DRIVEN_PATH = LOAD_PATH._replace(name="driven path")
 DEFORMED_REST = Regime("rest in the deformed geometry", real_time=True, counts_equilibria=True, balances_energy=False)
+ASK_FOR_REST = (DEAD_LOAD, DEFORMED_REST)  # under the dead loads alone
 SETTLEMENT = Regime("settlement", real_time=True, counts_equilibria=True, balances_energy=False)
 REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
 REGIMES = (

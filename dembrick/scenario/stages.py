@@ -14,6 +14,7 @@ from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import require, require_type, show
 from dembrick.scenario.controls import ACTUATORS, Control
 from dembrick.scenario.declared import Key, declare
+from dembrick.scenario.regimes import ASK_FOR_REST
 
 if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
@@ -85,6 +86,34 @@ def check_stages(scenario: Scenario) -> None:
                 f"a load that varies with time acts in stage {number} of kind {show(control.kind)}, which knows none; "
                 "give it the stages in which it acts"
             )
+    _check_driven(scenario, controls)
+
+
+def _check_driven(scenario: Scenario, controls: tuple[Control, ...]) -> None:
+    """ScenarioError for an actuator, or a pressure that is one, that no stage drives; in those of kind statics it is
+    only said to carry nothing."""
+    for entry in driven_entries(scenario):
+        acting = acting_in(entry, controls)
+        if any(one.drives == ACTUATORS for one in acting) or all(one.regime in ASK_FOR_REST for one in acting):
+            continue
+        numbers = [number for number in range(1, len(controls) + 1) if number in (entry.stages or (number,))]
+        said = f"stage{'s' if len(acting) > 1 else ''} {' and '.join(map(str, numbers))} of kind "
+        said += " and ".join(dict.fromkeys(show(control.kind) for control in acting))
+        idle = f"{'have' if len(acting) > 1 else 'has'} no use for [[actuators]]; remove that on {show(entry.block)}"
+        if entry in scenario.pressures:
+            drive = "drive" if len(acting) > 1 else "drives"
+            idle = f"{drive} no pressure: remove actuator = true of that on {show(entry.block)}"
+        raise ScenarioError(f"{said} {idle}, or let it act in a stage of kind 'yield'")
+
+
+def driven_entries(scenario: Scenario) -> tuple[Any, ...]:
+    """The actuators of a scenario, and the pressures that are some."""
+    return (*scenario.actuators, *(pressure for pressure in scenario.pressures if pressure.actuator))
+
+
+def acting_in(entry: Any, controls: tuple[Control, ...]) -> tuple[Control, ...]:
+    """The controls of the stages in which an entry of a list takes part."""
+    return tuple(control for number, control in enumerate(controls, 1) if number in (entry.stages or (number,)))
 
 
 def _of_stage(entries: tuple, number: int) -> tuple:

@@ -42,6 +42,18 @@ def test_what_does_nothing_is_said(control, stone, solver, said):
     assert all("does nothing" in warning or "nothing shakes" in warning for warning in warnings)
 
 
+def test_what_does_nothing_in_a_stage_is_said():
+    """It was said of the last stage alone; and a search before which a step counts has use for it."""
+    idle = f"{TILT}rate = 1.0\nquasi_static = true\ndamping = 0.2\n"
+    moves = 'kind = "displacement"\nrate = 1e-4\ntravel = 1e-5\n'
+    text = header() + "[solver]\nstep_factor = 0.5\n" + FLOOR + block("stone", (0.0, 0.0, 0.05))
+    text += jack("stone", (0.0, 0.0, 0.05))
+    stages = f"[[stages]]\n{moves}[[stages]]\n{idle}[control]\n{PUSH}damping = 0.1\n"
+    said = assemble(toml.loads(text + stages)).warnings
+    wanted = ["control.damping = 0.1 does nothing", "rate = 1 of stage 2 does", "damping = 0.2 of stage 2 does"]
+    assert [one.startswith(begins) for one, begins in zip(said, wanted, strict=True)] == [True] * 3
+
+
 def test_velocities_do_not_count_where_blocks_begin_at_rest():
     """On a shaken base, a block with nothing under it beside: both begin at rest."""
     text = (

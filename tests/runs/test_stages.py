@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dembrick import cli
+from dembrick.assembly import build
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.history import read
 from dembrick.runs.simulate import restart, simulate
@@ -245,6 +246,31 @@ def test_a_stage_after_one_that_fell_and_one_that_fails_are_one_sentence(tmp_pat
 def test_stages_that_cannot_be_are_refused(text, words):
     jack = JACK + "stages = [2]\n" if '"yield"' in text else JACK
     refused(JOINT + jack + text + "[control]\n" + YIELD, *words)
+
+
+PRESSURE = '[[pressures]]\nblock = "upper"\ndirection = [0.0, -1.0, 0.0]\nvalue = 500.0\nactuator = true\n'
+
+
+@pytest.mark.parametrize("stages", ["", "stages = [1, 2]\n", "stages = [2]\n"])
+@pytest.mark.parametrize(
+    "last", ['kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n', 'kind = "dynamic"\nduration = 1.0\n']
+)
+def test_actuators_and_pressures_that_no_stage_drives_are_refused(last, stages):
+    """They were dropped, and are refused without stages."""
+    control = f"[[stages]]\n{STATICS}[control]\n{last}"
+    where = "stage 2 of kind" if stages == "stages = [2]\n" else "stages 1 and 2 of kind 'statics' and"
+    refused(JOINT + JACK + stages + control, where, "no use for [[actuators]]; remove that on 'upper'")
+    refused(JOINT + PRESSURE + stages + control, where, "no pressure: remove actuator = true of that on 'upper'")
+    toml.loads(JOINT + JACK + stages.replace("[2]", "[1]") + control.replace(STATICS, YIELD))
+
+
+def test_actuators_that_act_only_where_blocks_are_to_rest_are_said_to_carry_nothing():
+    """As without stages; off in some of their stages they carry something in another."""
+    (said,) = build.assemble(scenario(STATICS, STATICS)).warnings
+    assert said.startswith("[[actuators]] carry nothing in a run of kind 'statics'")
+    (said,) = build.assemble(scenario(STATICS, YIELD, loads=PRESSURE + "stages = [1]\n")).warnings
+    assert said.startswith("[[pressures]] with actuator = true carry nothing in a run of kind 'statics'")
+    assert not build.assemble(scenario(YIELD, STATICS)).warnings
 
 
 @pytest.mark.parametrize("key", ["cohesion = 2000.0", "residual_friction = 0.32"])
