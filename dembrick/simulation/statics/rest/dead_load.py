@@ -165,7 +165,7 @@ def rest(
     session = relaxation.session_of(session or Session())
     ratio, steps = relaxation.run(session)
     stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
-    if not stands and steps and not moving_blocks(state):
+    if not stands and not relaxation.over and not moving_blocks(state):
         stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
     if not stands and joint_families.is_custom(state):
         raise UndecidedError(_own_law_undecided(state, steps, ratio))

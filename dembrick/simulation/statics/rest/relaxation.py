@@ -233,15 +233,18 @@ class Relaxation:
 
     def start_again(self) -> None:
         """Put everything as it was at the start; the relaxation is over, and a checkpoint of now begins there."""
-        self._round, self._step = len(self._rounds), 0
+        self._round = len(self._rounds)
         put_back(self._start)
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended without rest (`start_again`), after the steps of its last round."""
+        return self._round == len(self._rounds)
 
     @property
     def _kept(self) -> tuple[int, int]:
         """Round and step at which a checkpoint of now begins; one of increments begins at the start."""
-        if self._from_start:
-            return 0, 0
-        return self._round, 0 if self._round == len(self._rounds) else self._step
+        return (0, 0) if self._from_start else (self._round, self._step)
 
     @property
     def where(self) -> str:
@@ -253,7 +256,7 @@ class Relaxation:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         state = flattened({"state": self._state})
-        if self._from_start or self._round == len(self._rounds):
+        if self._from_start or self.over:
             starts = {id(array): start for array, start in self._start}
             state = {name: starts.get(id(array), array) for name, array in state.items()}
         return {SNAPSHOT: np.array(self._kept, float), **state}
@@ -261,7 +264,8 @@ class Relaxation:
     def _restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError if it is of another."""
         at, step = snapshot.array(SNAPSHOT, np.zeros(2)).tolist()
-        steps = [most for most, _ in self._rounds] + [1]
+        steps = [most for most, _ in self._rounds]
+        steps.append(steps[-1] + 1)
         if not (at in range(len(steps)) and step in range(steps[int(at)])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self._round, self._step = int(at), int(step)
