@@ -297,3 +297,27 @@ def test_what_still_balances_itself_is_no_fall():
 
 def with_friction(scenario: Scenario, friction: float) -> Scenario:
     return replace(scenario, joint=replace(scenario.joint, friction=friction))
+
+
+@pytest.mark.parametrize("over, falls", [(0.98, False), (1.15, True)])
+def test_what_only_a_squeeze_would_hold_up_falls_on_its_path_and_no_more_is_said(over, falls):
+    """The corner stone of a wall weighs ``over`` times what its bed bears, f_c A. Limit analysis knows forces that hold
+    it, by friction 2 on its side; a squeeze makes them, and "never balanced" was more than is known."""
+    w = 0.125 * 0.1 * 0.4 * 2000.0 * G
+    blocks = [Block("floor", "stone", (3.0, 0.1, 0.2), (0.0, 0.0, -0.1), fixed=True)]
+    places = {"one": (0.25, -0.125), "two": (0.25, 0.125), "left": (0.125, -0.1875), "middle": (0.25, 0.0)}
+    for name, (wide, x) in (places | {"corner": (0.125, 0.1875)}).items():
+        blocks.append(Block(name, "stone", (wide, 0.1, 0.4), (x, 0.0, 0.2 if name in ("one", "two") else 0.6)))
+    joint = law("convex", 2.0, compressive_strength=9.0 * w / over / (0.125 * 0.1))
+    pressed, jack = (
+        Load("corner", (0.0, 0.0, -8.0 * w), (0.17, 0.0, 0.8)),
+        Actuator("jack", "corner", (0.25, 0.0, 0.6), (-1.0, 0.0, 0.0)),
+    )
+    wall = of_stone(joint, YieldControl(), blocks, loads=(pressed,), actuators=(jack,))
+    assert limit(replace(wall, control=StaticsControl(), actuators=())).status == "stands"
+    if not falls:
+        assert simulate(wall, record=False).yield_point.V > 0.0
+        return
+    with pytest.raises(NotConvergedError, match="is on this path: .* unless a squeeze balances it") as refused:
+        simulate(wall, record=False)
+    assert "never" not in str(refused.value)

@@ -86,9 +86,9 @@ def dead_load_equilibrium(
         raise UndecidedError(f"{undecided(found)}; no actuator has moved yet. {DECIDES}")
     if not found.stands:
         raise NotConvergedError(
-            f"{does_not_stand(found, assembly.names)} before any actuator moves; no equilibrium under the dead loads: "
-            f"along this mechanism {found.unbalanced:.2g} of the joint forces is never balanced. Check loads, friction "
-            "and supports"
+            f"{does_not_stand(found, assembly.names)} before any actuator moves; no equilibrium under the dead loads "
+            f"is on this path: along this mechanism {found.unbalanced:.2g} of the joint forces stays out of balance, "
+            "unless a squeeze balances it which only pre-stress gives. Check loads, friction and supports"
         )
     return found
 
