@@ -189,6 +189,13 @@ def test_no_limit_load_is_said_of_a_tied_block_that_has_not_slipped():
     assert cycles.yield_point.mechanism == "none" and not cycles.rows["joint"][:, 0, 6].any()
 
 
+@pytest.mark.parametrize("height, travel, how", [(0.0, 2e-5, "none"), (0.0, 1e-4, "sliding"), (0.075, 2e-4, "rocking")])
+def test_what_moves_elastically_in_the_deformed_geometry_moves_by_no_mechanism(height, travel, how):
+    """The joint slips by its way less mu N / k_s A = 3.9e-5 m; pushed at its top the block rocks before."""
+    point = simulate(pushed_with_a_spring(height, travel=travel, large_displacements=True)).yield_point
+    assert point.mechanism == how and (how != "none" or point.V < 0.6 * 1.6 * point.N)
+
+
 def test_a_tied_block_moves_by_a_mechanism_only_where_its_joint_lets_it_go():
     """It slides at mu N. Pushed at its top it rocks at N b / 2 h = N at the least, and moves by no mechanism before."""
     slides = simulate(pushed_with_a_spring(0.0, travel=2e-3)).yield_point

@@ -272,6 +272,19 @@ def _moves(moving: Motion, at_rest: np.ndarray) -> np.ndarray:
     return np.column_stack([slid, rocked, twisted, links.sense * (now - at_rest)[:, 2]])
 
 
+def opened(moving: Motion) -> bool:
+    """Whether any corner of a joint without tensile strength is open."""
+    links, laws = moving.state.links, moving.assembly.joints.law
+    now, holds = seen(moving.state.bodies, links), np.array([law.tensile_strength > 0.0 for law in laws], bool)
+    for joints, outlines in moving.polygons.outlines():
+        drawn = outlines - moving.polygons.shift[joints, None]  # from O of now
+        rise = np.einsum("jk,jmk->jm", _axes(now[joints])[:, 2, :2], drawn)
+        gap = links.sense[joints, None] * (now[joints, None, 2] + rise - links.offset[joints, None])
+        if (gap[~holds[joints]] > 0.0).any():
+            return True
+    return False
+
+
 def _axes(found: np.ndarray) -> np.ndarray:
     """Axes of the host's face in those of the plane (j, 3, 3), columns, of `seen` (j, 9)."""
     first, second = found[:, 3:6], found[:, 6:9]

@@ -20,10 +20,11 @@ from dembrick.scenario.checks import present
 from dembrick.scenario.controls import Control, DisplacementControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.protocols import Protocol
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.dead_load import FIRM_STEP, STEP, of_rounding
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import mechanism, moved_most
+from dembrick.simulation.dynamics.outcome import mechanism, moved_most, opened
 from dembrick.simulation.dynamics.paths.driven_loads import Head
 from dembrick.simulation.dynamics.paths.equilibria import BALANCED, FEWEST, EquilibriumPath
 from dembrick.simulation.dynamics.paths.load_path import (
@@ -34,6 +35,7 @@ from dembrick.simulation.dynamics.paths.load_path import (
     plan_of,
     run_of,
 )
+from dembrick.simulation.dynamics.paths.stage_loads import slip_path
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session, Snapshot
 
@@ -47,14 +49,15 @@ HELD = 1e-6  # of the way: points that are further from where they are to be do 
 BENDS = 4.0  # times as far as could be expected: there the curve bends, and is followed in shorter steps,
 FLAT = 0.01  # of the greatest V: if V is off the straight line by more,
 NOISE = 100.0  # and by so much more than what is out of balance where blocks rest, or a displacement than its rounding
-PROTOCOL = "driven_path.protocol"  # what a checkpoint has of it
+PROTOCOL, WHOLE = "driven_path.protocol", "driven_path.whole"  # what a checkpoint has of it
 
 
 class DrivenPath(EquilibriumPath):
     """Ways of actuators from equilibrium to equilibrium; the parameter is the way that their head has gone (m).
 
     ``way_number``: of the ways of the ``protocol``, and ``turned``: where it began, as the parameter and the
-    displacement of the head (m); ``turns``: the equilibria at which ways ended, and ``V`` now.
+    displacement of the head (m); ``turns``: the equilibria at which ways ended, and ``V`` now; ``whole``: the slip path
+    of all joints (m) and how many bonds held, before.
     """
 
     greatest = math.inf
@@ -67,7 +70,7 @@ class DrivenPath(EquilibriumPath):
         assert driving.driven is not None and isinstance(control, DisplacementControl)
         self.loads, self.refine, self.protocol = driving.driven, refine, present(protocol)
         self.V, self.way_number, self.turned = 0.0, 0, (0.0, 0.0)
-        self.turns = np.zeros(len(self.protocol.ways))
+        self.turns, self.whole = np.zeros(len(self.protocol.ways)), np.zeros(2)
         ways = np.abs(self.protocol.ways)
         self.ranges = np.maximum(ways[0], 0.5 * ways)  # m: there and back is twice as far as out
         free = ~np.asarray(moving.assembly.fixed)
@@ -135,6 +138,10 @@ class DrivenPath(EquilibriumPath):
         off = NOISE * BALANCED * max(forces) + of_rounding(state)
         return float(off / np.abs(assembly.actuators.weight).max())
 
+    def _whole(self) -> np.ndarray:
+        """``whole`` now."""
+        return np.array([slip_path(self.moving), float(joint_families.bonded(self.moving.state).sum())])
+
     @property
     def _goes_on(self) -> bool:
         """Whether the last equilibrium is not the first of its way."""
@@ -177,6 +184,8 @@ class DrivenPath(EquilibriumPath):
 
     def _note(self, parameter: float, ratio: float) -> None:
         """Points that are not where they are to be cannot go there (NotConvergedError)."""
+        if not self.path:
+            self.whole = self._whole()
         super()._note(parameter, ratio)
         u, V, _ = self.path[-1]
         if not self.arrived(parameter):
@@ -196,11 +205,13 @@ class DrivenPath(EquilibriumPath):
         self.V = self.path[-1][1]
 
     def _own(self) -> dict[str, np.ndarray]:
-        return super()._own() | {PROTOCOL: np.array([self.way_number, *self.turned, *self.turns])}
+        protocol = np.array([self.way_number, *self.turned, *self.turns])
+        return super()._own() | {PROTOCOL: protocol, WHOLE: self.whole}
 
     def _restore(self, snapshot: Snapshot) -> None:
         super()._restore(snapshot)
         kept = snapshot.array(PROTOCOL, np.zeros(3 + len(self.turns)))
+        self.whole = snapshot.array(WHOLE, self.whole).copy()
         (number, *turned), self.turns = kept[:3].tolist(), kept[3:].copy()
         if not (number.is_integer() and 0 <= number < len(self.protocol.ways)):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
@@ -209,7 +220,9 @@ class DrivenPath(EquilibriumPath):
 
     def finished(self) -> LoadPathRun:
         moving, start = self.moving, self.past.at_rest
-        found = run_of(super().finished(), moved_most(moving, start), mechanism(moving, start))
+        gave_way = self.collapse is not None or (self._whole() != self.whole).any() or opened(moving)
+        how = mechanism(moving, start) if gave_way else "none"
+        found = run_of(super().finished(), moved_most(moving, start), how)
         ended = [*self.turns[: self.way_number].astype(int).tolist()]
         if found.collapse is None:
             ended.append(self.equilibria - 1)

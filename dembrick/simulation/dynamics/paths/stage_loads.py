@@ -77,10 +77,10 @@ def rest_by_increments(
     if not to_come.on_others:
         path.path_error = math.inf  # blocks that fall onto one another swing open
         return rest()
-    slip, bonds, ratio = _slip(moving), joint_families.bonded(moving.state), 1.0  # type: float, np.ndarray, float | None
+    slip, bonds, ratio = slip_path(moving), joint_families.bonded(moving.state), 1.0  # type: float, np.ndarray, float | None
 
     def gave_way() -> bool:
-        return _slip(moving) != slip or bool((joint_families.bonded(moving.state) < bonds).any())
+        return slip_path(moving) != slip or bool((joint_families.bonded(moving.state) < bonds).any())
 
     if to_come.part <= LITTLE:
         ratio = rest()
@@ -108,7 +108,7 @@ def rest_by_increments(
     return ratio
 
 
-def _slip(moving: Motion) -> float:
+def slip_path(moving: Motion) -> float:
     """Sum of the slip paths of all joints and new contacts (m)."""
     corners, faces, touching = moving.state.corners, moving.state.faces, moving.contact_detection.touching
     paths = [] if corners is None else [corners.slipped["length"]]
