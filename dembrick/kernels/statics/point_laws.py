@@ -56,10 +56,12 @@ def answer_custom(custom, i, here, viscous, energy):
 
 @jit
 def answer(strengths, bonds, custom, points, p, i, here, viscous, energy):
-    """`answer_bonded` by the law that the points have."""
+    """`answer_bonded` by the law that the points have; one of ``strengths`` and ``custom`` is None."""
     if custom is not None:
-        return answer_custom(custom, i, here, viscous, energy)
-    return answer_bonded(strengths, bonds, points, p, i, here, viscous, energy)
+        answered = answer_custom(custom, i, here, viscous, energy)
+    if strengths is not None:
+        answered = answer_bonded(strengths, bonds, points, p, i, here, viscous, energy)
+    return answered
 
 
 @jit
