@@ -10,19 +10,28 @@ from dembrick.runs import mechanism_history
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import TiltControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.ties import Tie, TieEnd
-from helpers.quasi_static import scene, tilt
+from helpers.quasi_static import scene
 
 MU, WEIGHT, SIDES = 0.5, 2000.0 * 9.81 * 0.3 * 0.2 * 0.2, (0.3, 0.2, 0.2)
 STIFFNESS, AREA = 1e9, 0.3 * 0.2
 EVERYTHING = Output(frames=500, channels=("joints", "energy", "frames", "contacts"))
 
 
-def block_on_table(formulation="concave", **parts):
+def block_on_table(formulation="concave", large=False, **parts):
     floor = Block("floor", "stone", (2.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", SIDES, (0.0, 0.0, 0.1))
-    return scene(tilt((0.0, 1.0, 0.0)), formulation, MU, STIFFNESS, blocks=(floor, block), output=EVERYTHING, **parts)
+    return scene(
+        TiltControl((0.0, 1.0, 0.0), large_displacements=large),
+        formulation,
+        MU,
+        STIFFNESS,
+        blocks=(floor, block),
+        output=EVERYTHING,
+        **parts,
+    )
 
 
 @pytest.fixture(params=["concave", "convex"])
@@ -79,6 +88,13 @@ def test_an_elastic_tie_and_friction_hold_a_block_on_a_table():
     together = np.abs(ended.rows["joint"][:, 0, 1]) + ended.rows["tension"][:, 0]
     np.testing.assert_allclose(together, WEIGHT * np.sin(psi), rtol=1e-6, atol=1e-9 * WEIGHT)
     assert ended.run.ties[0][0] == pytest.approx(ended.rows["tension"].max(), rel=1e-2)
+
+
+def test_in_the_deformed_geometry_the_load_is_that_of_the_table_too():
+    rows = simulate(block_on_table(large=True)).rows
+    down_the_slope = WEIGHT * np.sin(angle_of(rows))
+    np.testing.assert_allclose(np.abs(rows["actuator_force"][:, 0]), down_the_slope, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.abs(rows["joint"][:, 0, 1]), down_the_slope, rtol=1e-4, atol=1e-4 * WEIGHT)
 
 
 def test_the_mechanism_of_limit_analysis_carries_what_the_table_does(tmp_path):
