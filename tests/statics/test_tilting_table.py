@@ -9,11 +9,13 @@ from dembrick import history
 from dembrick.runs import mechanism_history
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import TiltControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.ties import Tie, TieEnd
 from helpers.quasi_static import scene
+from helpers.scenario_text import block, header, jack
 
 MU, WEIGHT, SIDES = 0.5, 2000.0 * 9.81 * 0.3 * 0.2 * 0.2, (0.3, 0.2, 0.2)
 STIFFNESS, AREA = 1e9, 0.3 * 0.2
@@ -95,6 +97,23 @@ def test_in_the_deformed_geometry_the_load_is_that_of_the_table_too():
     down_the_slope = WEIGHT * np.sin(angle_of(rows))
     np.testing.assert_allclose(np.abs(rows["actuator_force"][:, 0]), down_the_slope, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(np.abs(rows["joint"][:, 0, 1]), down_the_slope, rtol=1e-4, atol=1e-4 * WEIGHT)
+
+
+def test_what_a_stage_before_has_moved_stays_as_the_table_tilts():
+    """A jack pushes the block sideways by 5 mm: it slides, and the table that tilts does not take it back."""
+    text = header("concave", MU, STIFFNESS) + block("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
+    text += block("stone", (0.0, 0.0, 0.1), SIDES) + jack("stone", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    text += '[[control_points]]\nname = "c"\nblock = "stone"\npoint = [0.0, 0.0, 0.1]\n'
+    text += '[[stages]]\nkind = "displacement"\nrate = 1e-2\ntravel = 5e-3\n[[stages]]\nkind = "statics"\n'
+    ended = simulate(toml.loads(text + '[control]\nkind = "tilt"\naxis = [0.0, 1.0, 0.0]\n'))
+    rows, slid = ended.rows, 5e-3 - MU * WEIGHT / (0.4 * STIFFNESS * AREA)
+    assert (np.diff(rows["joint"][:, 0, 6]) >= 0.0).all()
+    np.testing.assert_allclose(rows["joint"][0, 0, 6], slid, rtol=1e-2)
+    np.testing.assert_allclose(rows["control_point"][:, 0, 1], slid, rtol=1e-2)
+    np.testing.assert_allclose(ended.frames["displacement"][:, 1, 1], slid, rtol=1e-2)
+    assert ended.control_points["c"][1] == pytest.approx(slid, rel=1e-2)
+    assert ended.collapse["displacement"] < 1e-4
+    np.testing.assert_allclose(rows["joint"][:, 0, 0], WEIGHT * np.cos(angle_of(rows)), rtol=2e-6)
 
 
 def test_the_mechanism_of_limit_analysis_carries_what_the_table_does(tmp_path):

@@ -16,7 +16,7 @@ from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.state import State, for_kernels
-from dembrick.simulation.statics.tilting_table import frames_on_table, rows_on_table
+from dembrick.simulation.statics.tilting_table import Before, frames_on_table, rows_on_table
 
 ENERGIES = energies(real_time=False)
 BUFFER_BYTES = 4 << 20  # memory that the rows of a chunk may take, and again its frames; a chunk ends before more
@@ -81,7 +81,7 @@ class Recorder:
             frames = _capacity(chunk // every, of_frames)
             self.longest_chunk = min(self.longest_chunk, (frames - 2) * every)
         self._observe, self._weight, self._channels = session.observe, state.actuators.weight, channels
-        self._tilts, self._start = session.tilts, state.blocks.orientation.copy()
+        self._before = Before.of(state, watched, session.start is not None) if session.tilts else None
         self._load_factors: dict[float, float] = {}  # of the equilibria that may have a frame, by their time
         self.record = Record(
             every=np.array([rows_every, rows_every * frames_every], np.int64),
@@ -138,17 +138,17 @@ class Recorder:
         rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))
         rows |= self._written(self._rows, n)
         frames = self._written(self._frames, f) if "frames" in self._channels else {}
-        if self._tilts:
-            rows, frames = self._on_table(rows, frames)
+        if self._before is not None:
+            rows, frames = self._on_table(rows, frames, self._before)
         self._observe(rows, frames)
 
-    def _on_table(self, rows: dict, frames: dict) -> tuple[dict, dict]:
+    def _on_table(self, rows: dict, frames: dict, before: Before) -> tuple[dict, dict]:
         """Rows and frames of a table that tilts."""
         self._load_factors |= zip(rows["time"].tolist(), rows["load"].tolist(), strict=True)
         if frames:
             load_factors = np.array([self._load_factors[time] for time in frames["time"].tolist()])
-            frames = frames_on_table(frames, load_factors, self._start)
-        return rows_on_table(rows), frames
+            frames = frames_on_table(frames, load_factors, before)
+        return rows_on_table(rows, before), frames
 
     def _written(self, channels: Mapping[str, str], count: int) -> dict[str, np.ndarray]:
         """Copies of the first ``count`` entries of fields of the record, by their ``channels``."""

@@ -1,27 +1,47 @@
 """Table that tilts, in the geometry of the start: from the blocks that its search knows to those on the table.
 
 The search pushes the blocks by V = tan(psi) times their weight and leaves gravity as it is (`assembly.load_system`). So
-all forces, and what springs give by them, are those of the table at psi over cos(psi) = 1 / sqrt(1 + V^2). Energies,
-work along the path, are no multiple of the table's.
+all forces, and what springs give by them, are those of the table at psi over cos(psi) = 1 / sqrt(1 + V^2). What a stage
+before has moved stays where it is. Slip paths stay too, as no path gets shorter. Energies, work along the path, are no
+multiple of the table's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector, turned_by
 
 if TYPE_CHECKING:
+    from dembrick.assembly.actuators import ControlPoints
+    from dembrick.kernels.state import Blocks
     from dembrick.simulation.statics.load_system import Replay
     from dembrick.simulation.statics.state import State
 
-FORCES = ("actuator_force", "reaction", "tension", "joint")
-MOTIONS = ("displacement", "actuator_displacement", "control_point")
-OF_FRAMES = ("displacement", "contact_force")
+FORCES = ("actuator_force", "reaction", "tension")
+DRIVEN = ("displacement", "actuator_displacement")
+
+
+class Before(NamedTuple):
+    """Where blocks and control points were as the table began to tilt, from where they are drawn."""
+
+    displacement: np.ndarray  # (n, 3) m
+    rotation: np.ndarray  # (n, 3) rad
+    orientation: np.ndarray  # (n, 4) as they are drawn
+    control_point: np.ndarray  # (w, 3) m
+
+    @classmethod
+    def of(cls, state: State, watched: ControlPoints, goes_on: bool) -> Before:
+        """That of a ``state`` that another run has left, if this one ``goes_on``; else as they are drawn."""
+        blocks = state.blocks
+        displacement, rotation = goes_on * blocks.displacement, goes_on * blocks.rotation
+        turned = rotation_matrix(turned_by(rotation, blocks.orientation))
+        points = watched.displacement(displacement, turned)
+        return cls(displacement, rotation, blocks.orientation.copy(), points)
 
 
 def cosine(load_factor) -> np.ndarray:
@@ -31,54 +51,67 @@ def cosine(load_factor) -> np.ndarray:
 
 def forces_on_table(rows: Mapping) -> dict:
     """Rows of a search, with the forces of the table."""
-    return {**rows, **_shared(rows, FORCES, cosine(rows["load"]))}
+    found, share = dict(rows), cosine(rows["load"])
+    found |= {name: _times(share, rows[name]) for name in FORCES if name in rows}
+    if "joint" in rows:
+        found["joint"] = rows["joint"].copy()
+        found["joint"][..., :6] = _times(share, rows["joint"][..., :6])
+    return found
 
 
-def rows_on_table(rows: Mapping) -> dict:
+def rows_on_table(rows: Mapping, before: Before) -> dict:
     """Rows of a search, as the table has them."""
-    return {**forces_on_table(rows), "energy": {}, **_shared(rows, MOTIONS, cosine(rows["load"]))}
+    found, share = forces_on_table(rows) | {"energy": {}}, cosine(rows["load"])
+    found |= {name: _times(share, rows[name]) for name in DRIVEN}
+    if "control_point" in rows:
+        found["control_point"] = _since(before.control_point, share, rows["control_point"])
+    return found
 
 
-def frames_on_table(frames: Mapping, load_factor: np.ndarray, start: np.ndarray) -> dict:
-    """Frames of a search at these load factors (F,), as the table has them; ``start`` (n, 4): orientations of the
-    blocks as they are drawn."""
-    share = cosine(load_factor)
-    turn = rotation_vector(quaternion_product(frames["orientation"], start * (1.0, -1.0, -1.0, -1.0)))
-    turned = turned_by(share[:, None, None] * turn, np.broadcast_to(start, turn.shape[:-1] + (4,)))
-    return {**frames, "orientation": turned, **_shared(frames, OF_FRAMES, share)}
+def frames_on_table(frames: Mapping, load_factor: np.ndarray, before: Before) -> dict:
+    """Frames of a search at these load factors (F,), as the table has them."""
+    found, share = dict(frames), cosine(load_factor)
+    found["displacement"] = _since(before.displacement, share, frames["displacement"])
+    turn = rotation_vector(quaternion_product(frames["orientation"], before.orientation * (1.0, -1.0, -1.0, -1.0)))
+    found["orientation"] = turned_by(_since(before.rotation, share, turn), before.orientation)
+    if "contact_force" in frames:
+        found["contact_force"] = _times(share, frames["contact_force"])
+    return found
 
 
-def _shared(record: Mapping, names: tuple[str, ...], share: np.ndarray) -> dict:
-    return {name: share.reshape(-1, *[1] * (record[name].ndim - 1)) * record[name] for name in names if name in record}
+def _times(share: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """An entry of ``values`` times each ``share``."""
+    return share.reshape(-1, *[1] * (values.ndim - 1)) * values
 
 
-def on_table(replay: Replay) -> Replay:
+def _since(before: np.ndarray, share: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The same of what has come on top of ``before``."""
+    return before + _times(share, values - before)
+
+
+def on_table(replay: Replay, before: Blocks) -> Replay:
     """A search that has ended, with what joints, supports and ties of the table carry at its limit, and how far the
-    blocks went up to there."""
-    point, state = replay.yield_point, replay.state
-    share = float(cosine(_load_factor(state)))
+    blocks went up to there; ``before``: the blocks as it began."""
+    point, state, moved = replay.yield_point, replay.state, replay.moved
+    share = float(cosine(float(state.actuators.driven[0].load)))
     carried = {name: share * getattr(point, name) for name in ("N", "V_1", "V_2", "M_T", "displacement")}
     peak = float(cosine(point.V_peak)) * point.displacement_at_peak
     point = replace(point, **carried, displacement_at_peak=peak)
-    moved = replay.moved
+    found = _state_on_table(state, share, before)
     if moved is not None:  # since the dead loads alone, which the level table carries
-        moved = moved - (1.0 - share) * state.blocks.displacement
-    return replace(replay, yield_point=point, state=_state_on_table(state, share), moved=moved)
+        moved = moved + (found.blocks.displacement - state.blocks.displacement)
+    return replace(replay, yield_point=point, state=found, moved=moved)
 
 
-def _load_factor(state: State) -> float:
-    return float(state.actuators.driven[0].load)
-
-
-def _state_on_table(state: State, share: float) -> State:
+def _state_on_table(state: State, share: float, before: Blocks) -> State:
     """A ``state`` with the forces and the motion of the table; what its points remember is the search's."""
-    blocks = state.blocks._replace(
-        displacement=share * state.blocks.displacement,
-        rotation=share * state.blocks.rotation,
-        guide=share * state.blocks.guide,
+    now, joints, ties = state.blocks, state.joints, state.ties
+    blocks = now._replace(
+        displacement=before.displacement + share * (now.displacement - before.displacement),
+        rotation=before.rotation + share * (now.rotation - before.rotation),
+        guide=share * now.guide,
     )
-    joints = state.joints._replace(resultant=share * state.joints.resultant)
-    ties = state.ties
+    joints = joints._replace(resultant=joints.resultant * (*[share] * 6, 1.0))
     if ties is not None:
         ties = ties._replace(tension=share * ties.tension)
     return state._replace(blocks=blocks, joints=joints, ties=ties)
