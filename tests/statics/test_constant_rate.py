@@ -23,6 +23,7 @@ from dembrick.scenario.model import (
     Output,
     Solver,
 )
+from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.simulation.statics import guards
 from dembrick.simulation.statics.handover import starting_state
 from helpers.key_lines import key_lines
@@ -335,3 +336,23 @@ def test_what_is_left_of_broken_bonds_is_said_to_be_of_this_path(left, of_this_p
     found = simulate(of_stone(laws, DisplacementControl(1e-3, 3e-4), blocks, actuators=jack), record=False)
     assert found.as_dict().get("path_dependent", False) == of_this_path
     assert ("of this path" in key_lines(found)["limit load V"]) == of_this_path
+
+
+@pytest.mark.parametrize("stiffness, beside", [(3.6e4, 0.02), (3.6e3, 0.05)])
+def test_a_jack_starts_on_a_block_that_has_turned(stiffness, beside):
+    """A load beside its centroid slides a block on to a tie and turns it, by .001 or .027 rad: the jack touches it
+    where its point is then, and the tie is as tight as the block makes it, so that the energy balance closes."""
+    floor = Block("floor", "stone", (6.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    stone = Block("stone", "stone", (0.3, 0.3, 0.2), (0.0, 0.0, 0.1))
+    load = Load("stone", (0.0, 100.0, 0.0), (beside, 0.0, 0.0))
+    jack = Actuator("jack", "stone", (-0.1, 0.1, 0.0), (-1.0, 0.0, 0.0))
+    tie = Tie((TieEnd("floor", (0.0, -0.7, 0.0)), TieEnd("stone", (0.0, 0.0, 0.0))), stiffness)
+    scene = of_stone(
+        law("concave", 0.2, 3e9), DisplacementControl(1e-4, 4e-3), (floor, stone),
+        loads=(load,), actuators=(jack,), ties=(tie,),
+    )  # fmt: skip
+    ended = simulate(scene)
+    weight = 2000.0 * 9.81 * 0.3 * 0.3 * 0.2
+    assert 0.0 <= ended.rows["load"][0] < 0.02 * 0.2 * weight
+    assert ended.rows["load"].max() < 0.2 * weight
+    assert ended.energy.relative_residual < 1e-6

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.geometry.rotations import turned_by, unit_quaternion
+from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
 from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.loop import TURNING, Guard
 from dembrick.scenario.model import Output
@@ -235,7 +235,12 @@ def physical_inertia(assembly: Assembly) -> Inertia:
 
 
 def to_finite_motion(state: State) -> None:
-    """Turn the infinitesimal rotations of the dead-load equilibrium into orientations."""
-    blocks = state.blocks
+    """Turn the infinitesimal rotations of the dead-load equilibrium, and of runs before, into orientations; actuators
+    go on from where their points are by these."""
+    blocks, actuators = state.blocks, state.actuators
     blocks.orientation[:] = unit_quaternion(turned_by(blocks.rotation, blocks.orientation))
     blocks.rotation[:] = 0.0
+    own = actuators.block
+    arm = np.einsum("kij,kj->ki", rotation_matrix(blocks.orientation[own]), actuators.lever)
+    since_start = ((blocks.displacement[own] + arm - actuators.start) * actuators.direction).sum(axis=1)
+    actuators.zero[:] = since_start - actuators.displacement

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.joint.ties import Ties as MovingTies
 from dembrick.simulation.channels import energies
 from dembrick.simulation.moving_ties import at_ends, moving_ties
@@ -18,6 +19,7 @@ from dembrick.simulation.statics.stiffness import to_joint
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.state import Blocks
     from dembrick.kernels.statics.record import Record
     from dembrick.scenario.stages import TiesBefore
     from dembrick.simulation.statics.state import State
@@ -204,11 +206,22 @@ def start_moving(state: State, assembly: Assembly) -> MovingTies:
     moving = moving_ties(assembly.ties, assembly.position, assembly.rotation)
     if state.ties is not None:
         now, ties = moving.now, state.ties
-        now["length"], now["tension"], now["yielded"] = moving.length + ties.elongation, ties.tension, ties.yielded
-        moving.before[:] = moving.now
+        now["yielded"] = ties.yielded
         moving.length[:] += ties.rest
+        _stretch(moving, state.blocks)
+        moving.before[:] = moving.now
         state.blocks.dead_force[:], state.blocks.dead_torque[:] = ties.dead[:, :3], ties.dead[:, 3:]
     return moving
+
+
+def _stretch(moving: MovingTies, blocks: Blocks) -> None:
+    """Let ties be as long, and as tight, as blocks that have turned further than searches know make them."""
+    now, moved = moving.now, blocks.displacement[moving.block]
+    arm = np.einsum("tsij,tsj->tsi", rotation_matrix(blocks.orientation[moving.block]), moving.lever)
+    line = moving.offset + moved[:, 1] - moved[:, 0] + arm[:, 1] - arm[:, 0]
+    now["length"] = np.linalg.norm(line, axis=1)
+    tension = moving.prestress + moving.stiffness * (now["length"] - moving.length - now["yielded"])
+    now["tension"] = np.clip(tension, moving.least, moving.strength)
 
 
 def stop_moving(state: State, moving: MovingTies) -> None:
