@@ -19,6 +19,7 @@ def run(options, console) -> int:
     from dembrick.errors import OverlapError
     from dembrick.runs.drivers import driver_of
     from dembrick.runs.reading import load
+    from dembrick.runs.stages import warnings_before
     from dembrick.scenario.units import unit_slips
 
     scenario = load(options.scenario, options.set)
@@ -28,7 +29,8 @@ def run(options, console) -> int:
         if options.picture:
             _draw_overlap(scenario, error.blocks, options, console)
         raise
-    warnings = [*unit_slips(scenario, assembly.shapes), *assembly.warnings]
+    before = [warning for warning in warnings_before(scenario) if warning.partition(": ")[2] not in assembly.warnings]
+    warnings = [*unit_slips(scenario, assembly.shapes), *before, *assembly.warnings]
     for warning in warnings:
         console.remark(f"warning: {warning}")
     plan = driver_of(scenario.control).plan(scenario, assembly)

@@ -8,7 +8,8 @@ but for numbers that would need a new joint.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,32 @@ if TYPE_CHECKING:
 _NUMBER, _RESULTS, _AUDIT, _LEFT = "stages.number", "stages.results", "stages.audit", "stages.left."
 _BETWEEN = "stages.between"  # what a checkpoint between two stages has, and no other
 _LONGEST = 1 << 24  # bytes of the results of all stages
+
+
+@contextmanager
+def _named(number: int, scenario: Scenario) -> Iterator[None]:
+    """Context in which what is raised names the stage."""
+    try:
+        yield
+    except DembrickError as error:
+        error.args = (f"stage {number} ({scenario.control.kind}): {error}", *error.args[1:])
+        raise
+
+
+def warnings_before(scenario: Scenario) -> list[str]:
+    """Warnings on the stages before the last. Whatever their assembly or plan refuses is raised, and names its stage;
+    so is a law that any stage cannot go on with."""
+    found = []
+    for number, control in enumerate(scenario.stages, 1):
+        own = at_stage(scenario, number)
+        with _named(number, own):
+            assembly = assemblies.assemble(own)
+            check_laws(scenario, number, number > 1 and scenario.stages[number - 2].regime.real_time)
+            driver_of(control).plan(own, assembly)
+        found += [f"stage {number} ({control.kind}): {warning}" for warning in assembly.warnings]
+    if scenario.stages:
+        check_laws(scenario, len(scenario.stages) + 1, scenario.stages[-1].regime.real_time)
+    return found
 
 
 @dataclass
@@ -89,14 +116,11 @@ class Stages:
             force_error=left_by(self.results),
             hands_on=True,
         )
-        try:
+        with _named(number, scenario):
             assembly = assemblies.assemble(scenario)
             check_laws(self.scenario, number, isinstance(self.left, Kept))
             run = driver_of(scenario.control).run(scenario, assembly, own)
             audit = None if run.energy is None else self.auditor.result(run.energy)
-        except DembrickError as error:
-            error.args = (f"stage {number} ({scenario.control.kind}): {error}", *error.args[1:])
-            raise
         seconds = {"compile": run.compile_seconds, "loop": run.loop_seconds}
         result = driver_of(scenario.control).result(
             scenario=scenario, assembly=assembly, run=run, rows={}, frames={}, wall=seconds, energy=audit

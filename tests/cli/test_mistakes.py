@@ -122,6 +122,17 @@ def test_check_opens_the_files_that_a_scenario_names(tmp_path, capsys):
     assert "none.csv: there is no such file" in capsys.readouterr().err
 
 
+def test_check_looks_at_every_stage(tmp_path, capsys):
+    """The table of the last stage has no use for the jack of the one before, which lies beside its block."""
+    text = SET4A.replace("point     = [0.0", "point     = [9.0").partition("[control]")[0]
+    text += '[[stages]]\nkind = "displacement"\nrate = 1e-2\ntravel = 1e-4\n'
+    text += '[control]\nkind = "tilt"\naxis = [0.0, 1.0, 0.0]\n'
+    (tmp_path / "staged.toml").write_text(text)
+    assert main(["check", str(tmp_path / "staged.toml")]) == 2
+    said = capsys.readouterr().err
+    assert "stage 1 (displacement)" in said and "outside block" in said
+
+
 PLY = (
     "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 4\n"
     "property list uchar int vertex_indices\nend_header\n0 0 0\n300 0 0\n0 100 0\n0 0 100\n3 0 2 1\n3 0 1 3\n3 1 2 3\n"
