@@ -81,12 +81,13 @@ def find_limit_load(
         replay = _by_equilibria(Setup(assembly, tolerance, session, by_equilibria=True), session, goal or 0.0, steps)
     if not replay.converged:
         point = replay.yield_point
-        name, unit, remedies = "V", " N", ["Allow a larger control.tolerance"]
+        name, unit = ("V", " N") if goal is None else ("the load factor", "")
+        remedies = ["Allow a larger control.tolerance", "follow the blocks with control.large_displacements = true"]
         if goal is not None:
-            name, unit = "the load factor", ""
             remedies.append("live through the collapse with control.quasi_static = false")
             remedies.append("take the upper bound of dembrick limit")
-        found = f"{name} is at least {point.V_lower:.6g}{unit}, {_above(point, assembly, unit)}"
+        least = point.V_peak if point.bracket == "open" else point.V_lower  # an equilibrium, where nothing is proven
+        found = f"{name} is at least {least:.6g}{unit}, {_above(point, assembly, unit)}"
         raise NotConvergedError(
             f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {found}. "
             f"{', or '.join(remedies)}",
