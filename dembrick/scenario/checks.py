@@ -7,7 +7,7 @@ Types, lengths and bounds; the messages name the key and the value as TOML write
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from numbers import Real
 from typing import TypeVar
@@ -66,8 +66,9 @@ def show(value: object) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown ``word``: what was probably meant, else all that is known."""
+def nearest(word: str, known: Iterable[str], elsewhere: Sequence[str] = ()) -> str:
+    """The end of a message about an unknown ``word``: what was probably meant, else the places ``elsewhere`` that have
+    it, else all that is known."""
     from difflib import get_close_matches
 
     names = {name.lower(): name for name in known}
@@ -75,6 +76,8 @@ def nearest(word: str, known: Iterable[str]) -> str:
         return "there is none"
     if likely := get_close_matches(word.lower(), names, 1):
         return f"did you mean {show(names[likely[0]])}?"
+    if elsewhere:
+        return f"it is a key of {', '.join(elsewhere[:4])}{', ...' if len(elsewhere) > 4 else ''}"
     nearest = sorted(get_close_matches(word.lower(), names, 20, cutoff=0.0))
     return f"known: {', '.join(show(names[name]) for name in nearest)}{', ...' if len(names) > 20 else ''}"
 

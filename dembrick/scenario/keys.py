@@ -54,6 +54,12 @@ def tables() -> dict[str, type]:
     return found | {"[solver]": Solver, "[output]": Output}
 
 
+def tables_with(key: str) -> list[str]:
+    """The headings of the tables that have a key of this name, without the kinds of control."""
+    having = (heading for heading, table in tables().items() if heading and key in keys_of(table))
+    return list(dict.fromkeys(heading.partition(" kind")[0] for heading in having))
+
+
 def default_of(field) -> Any:
     """Default of a dataclass field; MISSING if it has none."""
     if field.default is not MISSING:

@@ -23,6 +23,7 @@ from dembrick.scenario.checks import Faults, nearest, show
 from dembrick.scenario.checks import assign as keep
 from dembrick.scenario.controls import ACTUATORS, CONTROLS
 from dembrick.scenario.generators import GENERATORS
+from dembrick.scenario.keys import default_of, tables_with, written_fields
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario
 from dembrick.scenario.overrides import apply_overrides, assign
 from dembrick.scenario.references import ScenarioErrors
@@ -31,8 +32,8 @@ from dembrick.scenario.text_files import hint_of, line_of, read_text
 
 
 def _keys_of(kind: type) -> dict[str, bool]:
-    """The keys of a table and whether each is required: the fields of its class, and whether they lack a default."""
-    return {f.name: f.default is MISSING and f.default_factory is MISSING for f in fields(kind) if f.init}
+    """The keys of a table and whether each is required: what a file may write of its class, and has no default."""
+    return {field.name: default_of(field) is MISSING for field in written_fields(kind)}
 
 
 @cache
@@ -205,10 +206,7 @@ def _decode(
             f"{place.file}: this is a study, which has many runs: dembrick sweep {name}; its scenario is "
             f"base = {show(document['base'])}"
         )
-    keys = _keys_of(Scenario)
-    for key in ("path", "text", "files"):
-        del keys[key]
-    keys["control"] = True
+    keys = _keys_of(Scenario) | {"control": True}
     keys["blocks"] = not any(key in document for key in (*GENERATORS, "models"))
     faults = Faults()
     values, inner = _known(document, keys, place, faults), _inner(Scenario)
@@ -336,7 +334,7 @@ def _known(
     for key in data:
         if key not in known:
             above = f"{key} stands above the first table of the file" if place.table and key in TOP else ""
-            meant += (likely := above or nearest(key, [*known, *more]))
+            meant += (likely := above or nearest(key, [*known, *more], tables_with(key)))
             faults.add(f"unknown key {show(key)} in {place.of(key)}; {likely}")
     for key, required in known.items():
         if required and key not in data and f"did you mean {show(key)}" not in meant:

@@ -49,6 +49,11 @@ def test_joints_for_joint():
     assert "you wrote [joints], and the default law is [joint]" in refused(SET4A.replace("[joint]", "[joints]"))
 
 
+def test_a_heading_that_is_left_out_is_told_with_its_keys():
+    said = refused(SET4A.replace("[joint]\n", ""))
+    assert re.search(r"unknown key 'friction' in mine.toml:\d+; it is a key of \[joint\]\n", said)
+
+
 def test_a_kind_of_control_that_is_none_gets_the_list_of_them():
     said = refused(SET4A.replace('"yield"', '"support-displacement"'))
     assert "the kinds are 'yield', 'displacement', " in said and "did you mean" not in said

@@ -23,6 +23,13 @@ BAD = {
     "unknown key of a load": ("force =", "forces =", "[[loads]] number 1", "did you mean 'force'?"),
     "unknown key of an actuator": ("direction =", "directon =", "[[actuators]] number 1", "did you mean 'direction'?"),
     "unknown key of the control": ("tolerance =", "tolerence =", "in [control]", "did you mean 'tolerance'?"),
+    "key of another table": (
+        "tolerance =",
+        "friction = 0.5\ntolerance =",
+        "[control] of test.toml",
+        "is a key of [joint]",
+    ),
+    "among is no key": ("title ", "among = 3\ntitle ", "unknown key 'among'", "known: 'actuators', 'arches'"),
     "path is no key": ("title ", "path = 'x'\ntitle ", "unknown key 'path'"),
     "no title": ('title   = "One force at 0.25 a"', "", "missing key 'title' in test.toml"),
     "no gravity": ("gravity = [0.0, 0.0, -9.81]", "", "missing key 'gravity'"),
