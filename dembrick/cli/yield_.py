@@ -16,12 +16,19 @@ def run(options, console) -> int:
     from dembrick import history
     from dembrick.errors import HistoryError
     from dembrick.runs.lab import write_csv
-    from dembrick.views.summary import limit_text, mechanism, on_one_path, part, plain, yield_point
+    from dembrick.scenario.regimes import REGIMES
+    from dembrick.views.summary import limit_text, listed, mechanism, on_one_path, part, plain, yield_point
 
+    loading = {regime.name for regime in REGIMES if not regime.stands_or_falls}
+    read = {path: history.read(path) for path in options.histories}
+    files = {path: file for path, file in read.items() if file.regime in loading}
+    if not files:
+        raise HistoryError(f"{listed([*read])}: no limit load was asked for; 'dembrick info' says what a history holds")
+    if without := [path for path in read if path not in files]:
+        console.remark(f"left out, as no limit load was asked for: {listed(without)}")
     said = []
-    files = [history.read(path) for path in options.histories]
     rows = []
-    for path, file in zip(options.histories, files, strict=True):
+    for path, file in files.items():
         point = (file.results or {}).get("yield_point")
         if not point:
             raise HistoryError(f"{path}: this history has no yield point (status {file.status}); run it to the end")
@@ -48,15 +55,16 @@ def run(options, console) -> int:
             | {"path_dependent": (file.results or {}).get("path_dependent")}
             | {"digits_open": on_one_path(beside)}
         )
-    texts = [file.scenario_text for file in files]
-    with history.product("yield domain", texts, [path for file in files for path in file.sources], options.force):
+    texts = [file.scenario_text for file in files.values()]
+    inputs = [path for file in files.values() for path in file.sources]
+    with history.product("yield domain", texts, inputs, options.force):
         if options.csv:
             require_ending(options.csv, [".csv"], "a table")
             write_csv(rows, options.csv)
         if options.plot:
             from dembrick.views import plot
 
-            plot.save(plot.domains(files), options.plot)
+            plot.save(plot.domains([*files.values()]), options.plot)
     console.result({"rows": rows}, _text(rows, said))
     return 0
 

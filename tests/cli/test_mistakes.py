@@ -245,3 +245,16 @@ def test_a_run_without_a_limit_has_no_yield_point(tmp_path, capsys):
     capsys.readouterr()
     assert main(["yield", path]) == 2
     assert "found no yield point: no limit load: the joint has not begun to slip" in capsys.readouterr().err
+
+
+def test_histories_that_ask_for_no_limit_load_are_left_out_of_the_table(tmp_path, capsys):
+    """One of them in results/*.h5 kept all others from the table, with the advice to run it to its end."""
+    limit, rest = (str(tmp_path / name) for name in ("limit.h5", "rest.h5"))
+    assert main(["run", "set4a", "--out", limit]) == 0
+    assert main(["run", "set4a", "--set", 'control={kind="statics"}', "--out", rest]) == 0
+    capsys.readouterr()
+    assert main(["yield", limit, rest]) == 0
+    out, err = capsys.readouterr()
+    assert "216.0549" in out and rest not in out and err == f"left out, as no limit load was asked for: {rest}\n"
+    assert main(["yield", rest]) == 2
+    assert f"{rest}: no limit load was asked for" in capsys.readouterr().err
