@@ -11,6 +11,7 @@ from dembrick.errors import ScenarioError
 from dembrick.kernels.state import Energy
 from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import Drive
+from dembrick.scenario.checks import show
 from dembrick.scenario.controls import Control
 from dembrick.scenario.model import Output
 from dembrick.simulation.channels import Sizes, bytes_of, recorded
@@ -103,10 +104,14 @@ class LoadSystem:
         load = self.load[loaded]
         self.compliance = float((load * np.linalg.solve(self.stiffness[loaded], load[..., None])[..., 0]).sum())
         if not self.compliance > 0.0:
-            against = " against its guide" if len(blocks.guided) else ""
-            raise ScenarioError(
-                f"the actuators cancel out: together they push and twist no block{against}; check directions"
-            )
+            pushed = load_vectors(self.state, guides=False)[loaded].any(axis=1)
+            if pushed.any():
+                block = show(assembly.names[loaded[int(pushed.argmax())]])
+                raise ScenarioError(
+                    f"the actuators push block {block} against its guide alone, so nothing limits them: turn one, or "
+                    "free what is held"
+                )
+            raise ScenarioError("the actuators cancel out: together they push and twist no block; check directions")
         self.actuator_stiffness = ACTUATOR_STIFFNESS * self.weight / self.compliance
         # the actuator as a bound on the stiffness of each loaded block
         self.actuator = np.zeros_like(self.stiffness)

@@ -126,13 +126,14 @@ def _joints(assembly: Assembly) -> Joints:
     )
 
 
-def load_vectors(state: State) -> np.ndarray:
-    """Force and moment about the centroid (n, 6) on every block for V = 1, less what guides bear of it."""
+def load_vectors(state: State, guides: bool = True) -> np.ndarray:
+    """Force and moment about the centroid (n, 6) on every block for V = 1, less what ``guides`` bear of it."""
     actuators = state.actuators
     load = np.zeros((len(state.blocks.displacement), 6))
     force = actuators.direction * actuators.weight[:, None]
     np.add.at(load, actuators.block, np.concatenate([force, np.cross(actuators.arm, force)], axis=1))
-    load[state.blocks.guided] *= ~state.blocks.held  # what pushes against a guide pushes nothing else
+    if guides:
+        load[state.blocks.guided] *= ~state.blocks.held  # what pushes against a guide pushes nothing else
     return load
 
 
