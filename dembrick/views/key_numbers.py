@@ -15,7 +15,6 @@ from dembrick.views.number_lines import KeyNumber, Told, no_bar, refuses_refinin
 from dembrick.views.summary import (
     ROUNDING,
     angle_text,
-    barred,
     known,
     length,
     limit_text,
@@ -155,7 +154,7 @@ def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
         columns = [part({"": cycle}, "").get(name) for name in ("peak", "V_lower", "V_upper")]
         if not all(isinstance(column, list) and [number(V) for V in column] == column for column in columns):
             continue
-        peaks = [" ± ".join(barred(V, max(b - V, V - a))) for V, a, b in zip(*columns, strict=False)]
+        peaks = [with_error(V, max(b - V, V - a), "").rstrip() for V, a, b in zip(*columns, strict=False)]
         work, damping, residual = (number(cycle.get(name)) for name in ("dissipated", "damping", "residual"))
         remark = "its loop does not close" if work is None else f"dissipated {work:.5g} J"
         remark += "" if damping is None else f", damping {100.0 * damping:.3g} %"

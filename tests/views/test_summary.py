@@ -50,6 +50,13 @@ def names(results):
 POINT = {"V": 216.0, "V_lower": 215.0, "V_upper": 217.0, "bracket": "certified", "N": 467.0, "M_T": 16.2}
 
 
+def test_the_peaks_of_a_cycle_have_no_more_digits_than_a_limit():
+    """They had fifteen where nothing but rounding lay between their bounds."""
+    cycle = {"peak": [-5652.28124814606, 6124.7], "V_lower": [-5652.28124814644, 6123.7], "dissipated": 1.9}
+    cycle["V_upper"] = [-5652.28124814606, 6125.7]
+    assert names({"yield_point": POINT, "cycles": [cycle]})["cycle 1"].value == "peaks -5652.281 and 6124.7 ± 1.0 N"
+
+
 def test_brackets_are_named_for_what_they_are():
     assert names({"yield_point": POINT})["limit load V"].remark == "certified: bounds 215 and 217 N"
     indicator = names({"yield_point": POINT | {"bracket": "indicator"}})["limit load V"]
