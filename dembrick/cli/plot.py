@@ -136,13 +136,7 @@ def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
                 continue
             found.append({"history": history.path, "measured": curve.name, **one.numbers()})
             whose = f" of {label} against {curve.name}" if len(histories) * len(measured) > 1 else ""
-            part = " (of the way to the first turning point)" if misfit.goes_on(ours, curve) else ""
-            if one.compared[1] < curve.displacement.max():
-                where = "the run turns" if misfit.goes_on(ours, curve) else "the run ends"
-                part = (
-                    f" (compared up to {1e3 * one.compared[1]:.4g} mm: {where} at {1e3 * ours.displacement.max():.4g})"
-                )
-            lines.append(f"misfit{whose}: {misfit.text(one)}{part}")
+            lines.append(f"misfit{whose}: {misfit.text(one)}{misfit.extent(one, ours, curve)}")
     answer = {"misfit": {name: found[0][name] for name in misfit.NUMBERS}} if found else {}
     return answer | ({"misfits": found} if len(found) > 1 else {}), lines
 

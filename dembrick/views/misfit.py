@@ -61,6 +61,15 @@ def text(misfit: Misfit) -> str:
     return ", ".join(parts)
 
 
+def extent(misfit: Misfit, simulated: Curve, measured: Curve) -> str:
+    """How far a measured curve was compared, in brackets, where it goes on; nothing where all of it was."""
+    last, most = misfit.compared[1], float(simulated.displacement.max())
+    if last >= measured.displacement.max():
+        return " (of the way to the first turning point)" if goes_on(simulated, measured) else ""
+    end = f"the run {'turns' if turns(simulated.displacement) else 'ends'} at {1e3 * most:.4g}"
+    return f" (compared up to {1e3 * last:.4g} mm: {end}{', and keeps its last force' if last > most else ''})"
+
+
 def between(simulated: Curve, measured: Curve, name: str = "the measured curve") -> Misfit:
     """The misfit; ScenarioError, with the reason, if the two cannot be compared."""
     require_comparable(simulated, measured, name)

@@ -75,6 +75,16 @@ def test_loops_are_compared_at_the_points_of_both(sign):
     assert misfit.between(coarse, plot.MeasuredCurve("lab", fine[0], 0.8 * fine[1])).energy == pytest.approx(0.25)
 
 
+def test_a_run_that_turns_before_the_measured_curve_keeps_its_last_force():
+    """It was said to have been compared up to 5.2 mm, as it ended at 5."""
+    ours = plot.MeasuredCurve("ours", 1e-3 * np.array([0.0, 5.0, -5.0, 5.0]), np.array([0.0, 10.0, -10.0, 10.0]))
+    further = 1e-3 * np.array([0.0, 5.2, 6.0, -6.0, 6.0])
+    lab = plot.MeasuredCurve("lab", further, np.array([0.0, 10.0, 10.0, -10.0, 10.0]))
+    said = misfit.extent(misfit.between(ours, lab), ours, lab)
+    assert said == " (compared up to 5.2 mm: the run turns at 5, and keeps its last force)"
+    assert misfit.extent(misfit.between(ours, ours), ours, ours) == ""
+
+
 def test_the_initial_stiffness_is_of_what_both_curves_have():
     """A measured curve that goes on beyond the run, and rises there: its third is that of the part compared."""
     ours = plot.MeasuredCurve("ours", np.array([0.0, 1e-3, 2e-3]), np.array([0.0, 10.0, 10.0]))
