@@ -99,7 +99,7 @@ def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly
         if key not in may and getattr(before, key) != getattr(now, key):
             what = f"what may is {', '.join(may)}" if may else "loads, ties and joint laws may"
             raise ScenarioError(f"{file}: control.{key} of kind {show(before.kind)} cannot change on the way; {what}")
-    check_change(new, one, other, f"restart of {file}", deformed=True)
+    check_change(new, one, other, f"on the way of {file}", deformed=True)
     ties = _ties(at_stage(old, len(old.stages) + 1), at_stage(new, len(new.stages) + 1))
     if ties is not None and old.stages:
         raise ScenarioError(f"{file}: the ties of a run with [[stages]] stay as they are; give them stages instead")

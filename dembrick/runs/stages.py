@@ -207,7 +207,7 @@ def check_laws(scenario: Scenario, number: int, deformed: bool) -> None:
     if number == 1 or not laws_change(scenario):
         return
     one, other = (assemblies.assemble(at_stage(scenario, n)) for n in (number - 1, number))
-    check_change(scenario, one, other, f"stage {number}", deformed)
+    check_change(scenario, one, other, f"in stage {number}", deformed)
 
 
 def check_change(scenario: Scenario, one: Assembly, other: Assembly, when: str, deformed: bool) -> None:
@@ -215,25 +215,27 @@ def check_change(scenario: Scenario, one: Assembly, other: Assembly, when: str, 
     ``when`` they change, for a message; ``deformed``: in a deformed geometry."""
     before, now = one.joints.law, other.joints.law
     if len(before) != len(now):
-        refuse(scenario, f"{when} changes the formulation of joints, which stays as it is")
+        refuse(scenario, f"the formulation of joints stays as it is {when}")
     checked: set[tuple[int, int]] = set()
     for j, (had, has) in enumerate(zip(before, now, strict=True)):
         if (id(had), id(has)) in checked:
             continue
         checked.add((id(had), id(has)))
         a, b = (other.names[i] for i in (other.joints.block_a[j], other.joints.block_b[j]))
-        joint = f"{when} of the joint between {show(a)} and {show(b)}"
+        joint = f"of the joint between {show(a)} and {show(b)}"
         for key in (entry.name for entry in fields(has)):
             if key not in MAY and getattr(had, key) != getattr(has, key):
-                refuse(scenario, f"{joint}: {key} stays as it is; what may change is {_LISTED}")
+                refuse(scenario, f"{key} {joint} stays as it is {when}; what may change is {_LISTED}")
         if had.bonded != has.bonded:
-            how = "form: give it a weak one from the start" if has.bonded else "vanish: leave it a weak one"
-            refuse(scenario, f"{joint}: bonds break by what they bear, and do not {how}")
+            how, remedy = (
+                ("form", "give it a weak one from the start") if has.bonded else ("vanish", "leave it a weak one")
+            )
+            refuse(scenario, f"bonds {joint} break by what they bear, and do not {how} {when}: {remedy}")
     points = [j for j, law in enumerate(now) if law.formulation != "convex"]
     if deformed and _sorted([before[j] for j in points]) != _sorted([now[j] for j in points]):
         refuse(
             scenario,
-            f"{when} tells laws of joints apart that were one before, or puts them in another order, which "
+            f"laws of joints that were one before are told apart {when}, or come in another order, which "
             'joints with contact points cannot take in a deformed geometry: take formulation = "convex", or change all '
             "of them alike",
         )

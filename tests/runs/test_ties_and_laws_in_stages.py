@@ -214,7 +214,7 @@ def test_laws_that_part_in_a_deformed_geometry_are_refused_for_joints_with_point
     """Those of a convex joint have no place among others; that of the other block keeps its friction."""
     more = block_text("other", (0.6, 0.0, 0.05), (0.4, 0.2, 0.1))
     wet = '[[joints]]\nbetween = ["floor", "block"]\nfriction = 0.1\nstages = [2]\n'
-    with pytest.raises(ScenarioError, match="stage 2 tells laws of joints apart that were one before"):
+    with pytest.raises(ScenarioError, match="laws of joints that were one before are told apart in stage 2"):
         simulate(settled(TIME, parts=more + wet, degrees=10.0))
     slide = 'kind = "dynamic"\nduration = 0.1\n'
     result = simulate(settled(slide, parts=more + wet, degrees=10.0, formulation="convex"))
@@ -226,11 +226,11 @@ def test_laws_that_part_in_a_deformed_geometry_are_refused_for_joints_with_point
 
 
 CHANGES = [
-    (law([2], shear_stiffness=1e9), "shear_stiffness stays as it is; what may change is friction"),
-    (law([2], formulation="corrected"), "formulation stays as it is"),
-    (law([2], dilation=0.1), "dilation stays as it is"),
-    (law([2], cohesion=1e3), "do not form: give it a weak one from the start"),
-    (law([1], cohesion=1e3), "do not vanish: leave it a weak one"),
+    (law([2], shear_stiffness=1e9), "shear_stiffness .* stays as it is in stage 2; what may change is friction"),
+    (law([2], formulation="corrected"), "formulation .* stays as it is"),
+    (law([2], dilation=0.1), "dilation .* stays as it is"),
+    (law([2], cohesion=1e3), "do not form in stage 2: give it a weak one from the start"),
+    (law([1], cohesion=1e3), "do not vanish in stage 2: leave it a weak one"),
 ]
 
 
@@ -238,7 +238,7 @@ CHANGES = [
 def test_a_law_that_its_joint_cannot_go_on_with_is_one_sentence(parts, words):
     with pytest.raises(ScenarioError, match=words) as refusal:
         simulate(scenario(STATICS, YIELD, parts=parts), record=False)
-    assert "stage 2 of the joint between 'lower' and 'upper'" in str(refusal.value)
+    assert " of the joint between 'lower' and 'upper' " in str(refusal.value)
 
 
 @pytest.mark.parametrize("part", [tie([3]), law([3], friction=0.3)])
