@@ -28,7 +28,7 @@ def run(options, console) -> int:
         if options.name is not None:
             console.result({"name": options.name, "text": path.read_text(encoding="utf-8")}, path.read_text("utf-8"))
         else:
-            lines = [f"{name:24} {text}" for name, text in told.items()]
+            lines = [f"{name:24} {one['kind']:17} {one['title']}" for name, one in told.items()]
             lines.append("\n'dembrick examples NAME' prints one, 'dembrick run NAME' runs it, --copy DIR copies them")
             console.result({"examples": told}, "\n".join(lines))
         return 0

@@ -55,12 +55,12 @@ def table(path: str | os.PathLike) -> Path:
     return inside if named and inside.suffix == ".csv" and inside.is_file() else Path(path)
 
 
-def kind_and_title(path: Path) -> str:
-    """Line that says of a shipped scenario or study which kind of run it is and what it shows."""
+def kind_and_title(path: Path) -> dict[str, str]:
+    """Of a shipped scenario or study which ``kind`` of run it is, and its ``title``, which says what it shows."""
     data = tomllib.loads(path.read_text(encoding="utf-8"))
     control = data.get("control", {"kind": "study"})
     kind = f"{control['kind']}, search" if control.get("quasi_static") else control["kind"]
-    return f"{kind:17} {data['title']}"
+    return {"kind": kind, "title": data["title"]}
 
 
 def description(path: Path) -> str:

@@ -156,9 +156,9 @@ def test_examples_are_listed_printed_and_copied(folder, capsys):
     assert cli.main(["examples", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["examples"]
     assert "set4a" in told and "studies/friction_scatter" in told
-    assert len(set(told.values())) == len(told)  # each says of itself what no other is
-    assert told["set4a"].split()[0] == "yield" and told["oppenheim"].startswith("tilt, search ")
-    assert told["studies/friction_scatter"].split()[0] == "study"
+    assert len({one["title"] for one in told.values()}) == len(told)  # each says of itself what no other is
+    kinds = [told[name]["kind"] for name in ("set4a", "oppenheim", "studies/friction_scatter")]
+    assert kinds == ["yield", "tilt, search", "study"], "and no blanks that align a text"
     assert cli.main(["examples", "arch"]) == 0
     assert capsys.readouterr().out.splitlines()[1].startswith("# A semicircular arch")
     assert cli.main(["examples", "--copy", "mine"]) == 0
