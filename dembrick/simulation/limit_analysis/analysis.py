@@ -228,8 +228,9 @@ def falls(assembly: Assembly, found: Standing) -> NotConvergedError:
     names = [assembly.names[i] for i in found.mechanism.blocks]
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     error = NotConvergedError(
-        f"it does not stand under its dead loads: by {found.mechanism.kind} of {shown}, {found.unbalanced:.3g} of the "
-        "dead loads is not balanced by any forces that the joints can carry; check loads, friction and supports"
+        f"it does not stand under its dead loads: by {found.mechanism.kind} of {shown}, "
+        f"{100.0 * found.unbalanced:.3g} % of the dead loads are not balanced by any forces that the joints can carry; "
+        "check loads, friction and supports"
     )
     error.answer = {
         "status": "falls",

@@ -86,9 +86,9 @@ def dead_load_equilibrium(
         raise UndecidedError(f"{undecided(found)}; no actuator has moved yet. {DECIDES}")
     if not found.stands:
         raise NotConvergedError(
-            f"{does_not_stand(found, assembly.names)} before any actuator moves; no equilibrium under the dead loads "
-            f"is on this path: along this mechanism {found.unbalanced:.2g} of the joint forces stays out of balance, "
-            "unless a squeeze balances it which only pre-stress gives. Check loads, friction and supports"
+            f"{does_not_stand(found, assembly.names)} under the dead loads, before the test begins: on this path "
+            f"{100.0 * found.unbalanced:.2g} % of the joint forces stay out of balance, and only a squeeze that is "
+            "built in, as by pre-stress, could balance them. Check loads, friction and supports"
         )
     return found
 
@@ -105,7 +105,7 @@ def undecided(found: Rest) -> str:
     """The sentence that says that it is not known whether the blocks stand."""
     return (
         f"undecided under the dead loads: neither an equilibrium nor a mechanism of a fall was found in {found.steps} "
-        f"steps; {found.unbalanced:.2g} of the joint forces is still out of balance"
+        f"steps; {100.0 * found.unbalanced:.2g} % of the joint forces are still out of balance"
     )
 
 
