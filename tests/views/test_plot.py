@@ -233,6 +233,11 @@ def test_a_path_ends_on_the_own_limit_surface(pushed):
 def test_figures_of_joints_say_what_they_show(pushed):
     kind, run, result = pushed
     figure = plot.joint_stages(run)
+    assert figure.get_suptitle().endswith("joint lower/upper")
+    narrow = plot.joint_stages(run, stages=1)
+    narrow.draw_without_rendering()
+    (legend,) = narrow.legends
+    assert narrow.bbox.containsx(legend.get_window_extent().x0) and narrow.bbox.containsx(legend.get_window_extent().x1)
     titles = [ax.get_title() for ax in figure.axes]
     assert titles[0].startswith("V = 1") and "utilisation 1\n" in titles[-1]
     assert "torsion centre" in texts(figure) and "friction (longest: at its limit)" in texts(figure)

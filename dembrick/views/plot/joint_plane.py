@@ -195,7 +195,15 @@ def joint_stages(
     above = heading(histories, labels)
     histories, labels = labelled(histories, labels)
     rows = [joint_plane(history, joint, stages, frames) for history in histories]
-    polygons = [history.joints[subject.chosen_joint(history, joint)]["polygon"] for history in histories]
+    numbers = [subject.chosen_joint(history, joint) for history in histories]
+    polygons = [history.joints[number]["polygon"] for history, number in zip(histories, numbers, strict=True)]
+    names = [
+        style.plain(subject.joint_names(history)[number]) for history, number in zip(histories, numbers, strict=True)
+    ]
+    if len(set(names)) == 1:
+        above = "; ".join(filter(None, (above, f"joint {names[0]}")))
+    else:
+        labels = [f"{label}; joint {name}" for label, name in zip(labels, names, strict=True)]
     corners = np.concatenate([_extent(polygon, row) for polygon, row in zip(polygons, rows, strict=True)])
     extent = np.stack([corners.min(axis=0), corners.max(axis=0)])
     columns = max(map(len, rows))
@@ -204,8 +212,8 @@ def joint_stages(
             shape = np.ptp(extent, axis=0)
             width = max(1.9, min(2.3, 1.7 * shape[0] / shape[1]))
             high = width * shape[1] / shape[0] + 0.75
-            figure = style.new_figure((max(3.4, width * columns + 0.3), high * len(rows) + 0.45))
-            figure.get_layout_engine().set(h_pad=0.07)  # inches: between the titles and the row above
+            figure = style.new_figure((max(4.5, width * columns + 0.3), high * len(rows) + 0.45))
+            figure.get_layout_engine().set(h_pad=0.1)  # inches: between the titles and what stands above
             grid = figure.subplots(len(rows), columns, squeeze=False)
             axes = [own for row, line in zip(rows, grid, strict=True) for own in line[: len(row)]]
             for row, line, label in zip(rows, grid, labels, strict=True):
@@ -225,7 +233,7 @@ def joint_stages(
             named |= {label: handle for handle, label in zip(*own.get_legend_handles_labels(), strict=True)}
         if ax is None:
             if above:
-                figure.suptitle(style.wrapped(above, 30 * columns), fontsize=9)
+                figure.suptitle(style.wrapped(above, 26 * columns), fontsize=9)
             figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4 if columns > 2 else 2)
     return figure
 
