@@ -34,6 +34,20 @@ def check_names(paths: Sequence[str]) -> None:
             raise OutputError(f"{path}: this file is named twice after --to; leave one out")
 
 
+def check_free(paths: Sequence[str], text: str, inputs: Iterable[str], force: bool) -> None:
+    """OutputError for a file that is there and not for this command to replace, before the scenario ``text`` runs."""
+    from dembrick import history
+
+    for path in paths:
+        with history.product(_kind(path, LAYERS), [text], inputs, force):
+            history.refuse_foreign(path, os.path.realpath(path))
+
+
+def _kind(path: str, layers: Sequence[str]) -> str:
+    what, writer = BY_ENDING[os.path.splitext(path)[1].lower()]
+    return "export " + " ".join(layers) if writer is _export else what
+
+
 def write(
     paths: Iterable[str], file, console, layers: Sequence[str] = LAYERS, force: bool = False
 ) -> Iterator[list[str]]:
@@ -41,9 +55,8 @@ def write(
     from dembrick import history
 
     for path in paths:
-        what, writer = BY_ENDING[os.path.splitext(path)[1].lower()]
-        kind = "export " + " ".join(layers) if writer is _export else what
-        with history.product(kind, [file.scenario_text], file.sources, force):
+        _, writer = BY_ENDING[os.path.splitext(path)[1].lower()]
+        with history.product(_kind(path, layers), [file.scenario_text], file.sources, force):
             if writer in (_picture, _page):
                 console.meter.busy("drawing")
             written = writer(file, path, console, layers)

@@ -45,6 +45,7 @@ def run(options, console) -> int:
     from dembrick import history
     from dembrick.runs.reading import load
     from dembrick.runs.simulate import simulate
+    from dembrick.scenario import toml as scenarios
     from dembrick.scenario.files import inputs_of
 
     export.check_names(options.to)
@@ -58,6 +59,8 @@ def run(options, console) -> int:
         path, force = options.out, options.force
     else:
         path, force = _default_path(scenario, console), options.force or history.OWN
+    given = [options.scenario, *inputs_of(scenario)]
+    export.check_free(options.to, scenarios.text_of(scenario), given, options.force)
     shown = {"report": console.remark, "progress": console.meter.run}
     asked = {"refine": options.refine, "bound": options.bound}
     return answer(

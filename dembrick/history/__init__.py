@@ -12,7 +12,7 @@ from dembrick.history.claims import claimed
 from dembrick.history.files import check_output, part_name, reason, replacing, write_whole
 from dembrick.history.hdf5_files import rewritten
 from dembrick.history.inputs import inputs_of
-from dembrick.history.products import is_ours, product, refuse_inputs
+from dembrick.history.products import is_ours, product, refuse_foreign, refuse_inputs
 from dembrick.history.reader import History, is_of, read
 from dembrick.history.writer import OWN, HistoryWriter
 
@@ -35,6 +35,7 @@ __all__ = [
     "read_history",
     "reason",
     "recorded",
+    "refuse_foreign",
     "refuse_inputs",
     "replacing",
     "rewritten",

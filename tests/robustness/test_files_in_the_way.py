@@ -177,6 +177,15 @@ def test_a_table_of_a_domain_replaces_nothing(folder, capsys):
     assert main([*domain, "--csv", "table.csv"]) == main([*domain, "--csv", "table.csv"]) == 0
 
 
+def test_a_run_looks_at_the_files_in_its_way_before_it_runs(folder, capsys):
+    (folder / "wall.png").write_text("mine\n")
+    said = refused(capsys, "run", "mine.toml", "--to", "page.html", "wall.png")
+    assert "wall.png" in said and "was not written by this command" in said
+    assert not (folder / "results" / "mine.h5").exists() and not (folder / "page.html").exists()
+    assert main(["run", "mine.toml", "--to", "page.html", "wall.png", "--force"]) == 0
+    assert main(["run", "mine.toml", "--to", "page.html", "wall.png"]) == 0
+
+
 MAKERS = {
     "figure.png": ["plot"],
     "figure.svg": ["plot"],
