@@ -128,10 +128,11 @@ def test_convex_joints_lose_the_strip_that_they_press():
         result = simulate(leaf("convex", stiffness=stiffness))
         assert result.yield_point.V == pytest.approx(0.2, rel=1e-3)
         # the mean displacement of a wall that turns about its toe: theta H / 2
-        short = np.interp(0.01, result.displacement, 0.2 - result.load)
+        assert result.displacement[-1] > 0.005
+        short = np.interp(0.005, result.displacement, 0.2 - result.load)
         lost.append(short)
-        theta, pressed = 0.02, 2000.0 * 3.0 * 0.2 * 1.0 * 9.81
+        theta, pressed = 0.01, 2000.0 * 3.0 * 0.2 * 1.0 * 9.81
         width = math.sqrt(2.0 * pressed / (stiffness * 3.0 * theta))
         assert short == pytest.approx(2.0 * width / 3.0, rel=0.15)
-    assert lost[1] < 0.03 * 0.2
+    assert lost[1] < 0.04 * 0.2
     assert np.array(lost[:-1]) / np.array(lost[1:]) == pytest.approx(2.0, rel=0.1)
