@@ -45,7 +45,7 @@ from dembrick.simulation.expected_cost import LONG, WITHIN, longest_search, newt
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import constant_rate, custom_limit, limit_load
-from dembrick.simulation.statics.handover import starting_state
+from dembrick.simulation.statics.handover import moved_before
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.rest import dead_load
 from dembrick.simulation.statics.state import State
@@ -208,8 +208,8 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     goal = control.displacement or 0.0
     if control.pushes_as_tilted:
         session = replace(session or Session(), tilts=True)
-        before = starting_state(assembly, cast("State | None", session.start), session.ties_before).blocks
-        return on_table(limit_load.find_limit_load(assembly, control.tolerance, session, goal, steps), before)
+        found = limit_load.find_limit_load(assembly, control.tolerance, session, goal, steps)
+        return on_table(found, *moved_before(assembly, cast("State | None", session.start)))
     return limit_load.find_limit_load(assembly, control.tolerance, session, goal, steps)
 
 

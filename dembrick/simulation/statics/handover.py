@@ -34,8 +34,7 @@ def starting_state(assembly: Assembly, left: State | None, before: TiesBefore | 
     if left is None:
         return state
     blocks = state.blocks
-    blocks.displacement[:] = left.blocks.displacement
-    blocks.rotation[:] = left.blocks.rotation + turned_since_the_start(assembly, left)
+    blocks.displacement[:], blocks.rotation[:] = moved_before(assembly, left)
     _remember(state, left)
     ties.go_on(state, left.ties, before)
     joints = state.joints
@@ -43,6 +42,15 @@ def starting_state(assembly: Assembly, left: State | None, before: TiesBefore | 
     joints.relative[:] = np.einsum("jik,jk->ji", to_joint(joints.axes, joints.arm_b), motion[joints.block_b])
     joints.relative[:] -= np.einsum("jik,jk->ji", to_joint(joints.axes, joints.arm_a), motion[joints.block_a])
     return state
+
+
+def moved_before(assembly: Assembly, left: State | None) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements (n, 3; m) and rotation vectors (n, 3) that a run of the same blocks has ``left``; zeros if none
+    has."""
+    if left is None:
+        none = np.zeros((len(assembly.names), 3))
+        return none, none
+    return left.blocks.displacement, left.blocks.rotation + turned_since_the_start(assembly, left)
 
 
 def turned_since_the_start(assembly: Assembly, left: State) -> np.ndarray:

@@ -18,7 +18,6 @@ from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rot
 
 if TYPE_CHECKING:
     from dembrick.assembly.actuators import ControlPoints
-    from dembrick.kernels.state import Blocks
     from dembrick.simulation.statics.load_system import Replay
     from dembrick.simulation.statics.state import State
 
@@ -89,26 +88,26 @@ def _since(before: np.ndarray, share: np.ndarray, values: np.ndarray) -> np.ndar
     return before + _times(share, values - before)
 
 
-def on_table(replay: Replay, before: Blocks) -> Replay:
+def on_table(replay: Replay, displacement: np.ndarray, rotation: np.ndarray) -> Replay:
     """A search that has ended, with what joints, supports and ties of the table carry at its limit, and how far the
-    blocks went up to there; ``before``: the blocks as it began."""
+    blocks went up to there; ``displacement`` and ``rotation`` (n, 3): as the table began to tilt, see `Before`."""
     point, state, moved = replay.yield_point, replay.state, replay.moved
     share = float(cosine(float(state.actuators.driven[0].load)))
     carried = {name: share * getattr(point, name) for name in ("N", "V_1", "V_2", "M_T", "displacement")}
     peak = float(cosine(point.V_peak)) * point.displacement_at_peak
     point = replace(point, **carried, displacement_at_peak=peak)
-    found = _state_on_table(state, share, before)
+    found = _state_on_table(state, share, displacement, rotation)
     if moved is not None:  # since the dead loads alone, which the level table carries
         moved = moved + (found.blocks.displacement - state.blocks.displacement)
     return replace(replay, yield_point=point, state=found, moved=moved)
 
 
-def _state_on_table(state: State, share: float, before: Blocks) -> State:
+def _state_on_table(state: State, share: float, displacement: np.ndarray, rotation: np.ndarray) -> State:
     """A ``state`` with the forces and the motion of the table; what its points remember is the search's."""
     now, joints, ties = state.blocks, state.joints, state.ties
     blocks = now._replace(
-        displacement=before.displacement + share * (now.displacement - before.displacement),
-        rotation=before.rotation + share * (now.rotation - before.rotation),
+        displacement=displacement + share * (now.displacement - displacement),
+        rotation=rotation + share * (now.rotation - rotation),
         guide=share * now.guide,
     )
     joints = joints._replace(resultant=joints.resultant * (*[share] * 6, 1.0))
