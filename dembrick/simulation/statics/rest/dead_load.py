@@ -114,7 +114,7 @@ def _own_law_undecided(state: State, steps: int, ratio: float) -> str:
     blocks, pressing = state.blocks, float(np.abs(state.joints.resultant[:, :3]).max(initial=0.0))
     if pressing > PRESSES * float(np.abs(blocks.dead_force[blocks.free]).max(initial=0.0)):
         what, remedy = (
-            f"{ratio:.2g} of the joint forces is still out of balance",
+            f"{100.0 * ratio:.2g} % of the joint forces are still out of balance",
             "a run without it decides for friction alone",
         )
     else:
