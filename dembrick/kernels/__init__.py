@@ -1,6 +1,7 @@
 """Compiled kernels: the arrays of a state and all laws that work on them, in numba.
 
-``math`` (vectors, multifrontal factors) and ``joint`` (laws of a joint) serve both engines, which do not import
-each other: ``statics`` (equilibria in the geometry of the start) and ``dynamics`` (true mass, large turns, contacts).
-In and out go NamedTuples of arrays; a kernel allocates nothing. Of the package only ``_jit`` is imported.
+``math`` (vectors, multifrontal factors) and ``joint`` (laws of a joint) serve both engines, which do not import each
+other: ``statics`` (equilibria in the geometry of the start) and ``dynamics`` (true mass, large rotations, contacts).
+Arguments and results are NamedTuples of arrays; a kernel allocates nothing. From the rest of the package only ``_jit``
+is imported.
 """

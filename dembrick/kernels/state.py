@@ -1,7 +1,7 @@
 """The arrays the kernels work on: contiguous float64 / int64, one line a field with shape, unit and sign.
 
-Counts: n blocks, f free blocks, j joints, p point joints, c contact points, a area joints, v polygon vertices,
-k actuators, l loads, r recorded rows. "start" is the scenario's geometry. These are the only mutable things of a run.
+Counts: n blocks, f free blocks, j joints, p point joints, c contact points, a area joints, v polygon vertices, k
+actuators, l loads, r recorded rows. "start" is the scenario's geometry. Nothing else of a run is mutable.
 """
 
 from typing import NamedTuple
@@ -27,13 +27,13 @@ class Blocks(NamedTuple):
     torque: ndarray  # (n, 3) N m about the centroid, out of balance
     dead_force: ndarray  # (n, 3) N, gravity and dead loads
     dead_torque: ndarray  # (n, 3) N m about the centroid, of the dead loads at the start
-    guided: ndarray  # (g,) int64, free blocks that are held in some directions
-    held: ndarray  # (g, 6) bool, which: along x, y, z, about x, y, z of the world
-    guide: ndarray  # (g, 6) N, N m: what their guides exert on them, zero where they are free
+    guided: ndarray  # (g,) int64, free blocks with guides, which fix them in some directions
+    held: ndarray  # (g, 6) bool, the fixed directions: along x, y, z, about x, y, z of the world
+    guide: ndarray  # (g, 6) N, N m: force and moment of the guides on them, zero in free directions
 
 
 class ScaledInertia(NamedTuple):
-    """Artificial inertia of small motion: a full 6 x 6 matrix a block, proportional to its contact stiffness."""
+    """Artificial inertia of small motion: a full 6 x 6 matrix per block, proportional to its contact stiffness."""
 
     inverse: ndarray  # (n, 6, 6) per block, from (force, torque) to (acceleration, angular acceleration)
     matrix: ndarray  # (n, 6, 6) its inverse, for the energy terms
@@ -56,11 +56,11 @@ class Inertia(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """Where the joints are and what they carry. What is "now" stays as at the start in small motion."""
+    """Geometry and forces of the joints. In small motion, fields marked "now" keep their values of the start."""
 
     block_a: ndarray  # (j,) int64
     block_b: ndarray  # (j,) int64
-    host: ndarray  # (j,) +1 the polygon rides on b, -1 on a
+    host: ndarray  # (j,) +1 if the polygon moves with b, -1 if with a
     axes: ndarray  # (j, 3, 3) rows t1, t2, n now, world
     arm_a: ndarray  # (j, 3) m, from the centroid of a to O now, world
     arm_b: ndarray  # (j, 3) m, likewise of b
@@ -71,19 +71,19 @@ class Joints(NamedTuple):
     offset: ndarray  # (j, 3) m, centroid of b seen from that of a at the start, world
     gap: ndarray  # (j,) m, distance of the faces at the start, positive open
     relative: ndarray  # (j, 6) m, rad: motion of b against a at O in the joint's axes (d1, d2, dn, r1, r2, rn)
-    damping: ndarray  # (j,) dashpots of the joint over those that the drive asks for
+    damping: ndarray  # (j,) factor of the joint on the dashpot ratios of the drive
     opening: ndarray  # (j, 3) m, rad: opening at O and tilts now
     step: ndarray  # (j, 3) m, m, rad: slip twist of the last step
     tilt: ndarray  # (j, 2) rad: tilts of the last step
     resultant: ndarray  # (j, 7) N, V_1, V_2, M_T, M_1, M_2 (action on b about O), slip (m)
 
 
-# How far the actuators have come
+# State of the actuators
 DRIVEN = np.dtype(
     (
         np.record,
         [
-            ("head", float),  # m, way of the head
+            ("head", float),  # m, travel of the head
             ("displacement", float),  # m, work-conjugate displacement of the loaded points
             ("load", float),  # N, V
             ("greatest", float),  # N, V so far
@@ -103,27 +103,27 @@ class Actuators(NamedTuple):
     start: ndarray  # (k, 3) m, the arm at the start, world
     direction: ndarray  # (k, 3) unit vector, world
     weight: ndarray  # (k,)
-    zero: ndarray  # (k,) m, displacements of the loaded points along their directions before any V
-    displacement: ndarray  # (k,) m, the same now, counted from there
+    zero: ndarray  # (k,) m, displacements of the loaded points along their directions at V = 0
+    displacement: ndarray  # (k,) m, the same now, counted from ``zero``
     driven: ndarray  # (1,) record `DRIVEN`
 
 
-# What a run took and lost, J
+# Work done in a run and energy lost, J
 WORK = np.dtype(
     (
         np.record,
         [
-            ("head", float),  # work of the actuators' head
-            ("torques", float),  # and of the dead torques
+            ("head", float),  # work of the head of the actuators
+            ("torques", float),  # work of the dead torques
             ("sliding", float),  # lost in friction
             ("damping", float),  # in dashpots of contacts and in the damping of fluctuations
             ("actuator_damping", float),  # in the dashpot of the head
             ("by_law", float),  # mu N |slip|
             ("least", float),  # the smallest friction work of an increment
-            ("elastic_at_start", float),  # in the dead-load equilibrium: elastic energy of the joints,
-            ("dead_loads", float),  # work of the dead forces
+            ("elastic_at_start", float),  # elastic energy of joints and ties at the start of the run
+            ("dead_loads", float),  # work of the dead forces up to the start of the run
             ("crushing", float),  # lost by crushing
-            ("fracture", float),  # by bonds that broke
+            ("fracture", float),  # by breaking bonds
             ("yielding", float),  # by ties that yield
         ],
     )
@@ -131,7 +131,7 @@ WORK = np.dtype(
 
 
 class Energy(NamedTuple):
-    """The energy terms of a run: work summed step by step, and what the last step left behind for the next."""
+    """The energy terms of a run: work summed step by step, and the quantities of the last step that the next needs."""
 
     work: ndarray  # (1,) record `WORK`
     turned: ndarray  # (t,) int64, free blocks with a dead torque

@@ -9,8 +9,8 @@ from dembrick._jit import jit
 def median_distance(x, y, weights, first, last):
     """Least weighted mean distance of points from any centre: M_T0 / V_0 of a joint that acts at points.
 
-    The geometric median by Weiszfeld's iteration, kept off the points as Vardi and Zhang do it; the value returned
-    belongs to a centre, so it is never below the minimum, and above it by rounding only.
+    The geometric median by Weiszfeld's iteration, safeguarded at the points as by Vardi and Zhang. The value returned
+    belongs to an actual centre: it is never below the minimum, and above it by rounding only.
     """
     total = c1 = c2 = 0.0
     for i in range(first, last):

@@ -6,10 +6,10 @@ matrix: p pivot rows, and the b boundary rows of blocks that come later and are 
     [ F11  F12 ]      F11 = P^T L11 U11,   U12 = L11^-1 P F12,   L21 = F21 U11^-1,
     [ F21  F22 ]      update = F22 - L21 U12 (Schur complement), which is added to the parent's front.
 
-[F11 F12] (p, p + b) and F21 (b, p) stand in ``entries`` and are replaced by their factors; the update stands in
-``room`` until the parent has taken it. Rows are exchanged among the pivot rows of a front only (static pivoting): the
-pattern never changes, so that one symbolic analysis serves all matrices of an assembly. Duff and Reid, ACM TOMS 9
-(1983) 302. Every number is computed in an order that the tree fixes, whichever thread does it.
+[F11 F12] (p, p + b) and F21 (b, p) stand in ``entries`` and are replaced by their factors; the update stays in ``room``
+until it is added to the parent's front. Rows are exchanged among the pivot rows of a front only (static pivoting): the
+pattern never changes, so one symbolic analysis serves all matrices of an assembly. Duff and Reid, ACM TOMS 9 (1983)
+302. The tree fixes the order of all operations, so the result does not depend on the number of threads.
 """
 
 from typing import NamedTuple
@@ -19,11 +19,11 @@ from numpy import ndarray
 from dembrick._jit import entry, jit
 
 SIX = 6  # rows of a block
-AT_ONCE = 192  # columns of a product that stay in the fastest cache
+AT_ONCE = 192  # columns of a product that fit the fastest cache
 
 
 class Fronts(NamedTuple):
-    """Elimination tree and factors of n blocks in s fronts, which come after all their children."""
+    """Elimination tree and factors of n blocks in s fronts; each front comes after all its children."""
 
     first: ndarray  # (s + 1,) int64, first pivot block of each front, in the order of elimination
     edge: ndarray  # (s + 1,) int64, where its boundary blocks start in ``boundary``
@@ -33,11 +33,11 @@ class Fronts(NamedTuple):
     update: ndarray  # (s,) int64, where its update starts in ``room``
     child: ndarray  # (s + 1,) int64, where its children start in ``children``
     children: ndarray  # (c,) int64
-    part: ndarray  # (s + 1,) int64, where what enters it starts in the three columns below
+    part: ndarray  # (s + 1,) int64, where its contributions start in the four arrays below
     element: ndarray  # (m,) int64, an element (joint) ...
-    sides: ndarray  # (m,) int64, ... its block of rows a (0) or b (2), of columns a (0) or b (1) added
+    sides: ndarray  # (m,) int64, ... its rows of block a (0) or b (2), plus its columns of a (0) or b (1)
     target: ndarray  # (m,) int64, first entry it is added to
-    stride: ndarray  # (m,) int64, entries from row to row there
+    stride: ndarray  # (m,) int64, entries from one row to the next there
     entries: ndarray  # (f,) the matrix, then its factors
     room: ndarray  # (r,) updates
     exchange: ndarray  # (6 n,) int64, the row that each pivot row was exchanged with
@@ -45,11 +45,12 @@ class Fronts(NamedTuple):
 
 
 class Rounded(NamedTuple):
-    """Factors A = L D L^T of a symmetric matrix in single precision, for what needs no more, as an artificial inertia.
+    """Factors A = L D L^T of a symmetric matrix in single precision, where that is enough, as for an artificial
+    inertia.
 
-    Half of the entries, each in half of the bytes: a substitution waits for the memory. The matrix that they stand for
-    is symmetric and positive as long as D is, and the energy of a motion differs from that of A by 1e-7 of the root of
-    the condition number at the most, since (L^T x) . D (L^T x) has the rounding of L in it to first order.
+    Half of the entries, each in half of the bytes: the speed of a substitution is that of the memory. The matrix that
+    they represent is symmetric, and positive as long as D is. The energy of a motion differs from that of A by at most
+    1e-7 times the root of the condition number, since (L^T x) . D (L^T x) contains the rounding of L to first order.
     """
 
     first: ndarray  # as in `Fronts`
@@ -63,7 +64,7 @@ class Rounded(NamedTuple):
 
 @jit
 def subtract_three(c, multiples, b):
-    """Subtract from three rows c six ``multiples`` each of the rows b."""
+    """Subtract from each of three rows c its six ``multiples`` of the six rows b."""
     c0, c1, c2 = c
     m0, m1, m2 = multiples
     b0, b1, b2, b3, b4, b5 = b
@@ -86,13 +87,13 @@ class Panel(NamedTuple):
     """A dense matrix by rows in a flat array."""
 
     values: ndarray
-    first: int  # place of its first entry
-    wide: int  # entries from row to row
+    first: int  # index of the first entry
+    wide: int  # entries from one row to the next
 
 
 @jit
 def row_of(panel, i, column, size):
-    """Where the entries of row ``i`` of a `Panel` from a ``column`` on are."""
+    """Slice of ``size`` entries of row ``i`` of a `Panel` from a ``column`` on."""
     start = panel.first + i * panel.wide + column
     return slice(start, start + size)
 
@@ -130,8 +131,8 @@ def subtract_product(c, a, b, rows, depth, columns):
 def factorise_six(a, start, wide, pivots, k0, exchange, row, threshold, least):
     """LU factors of six columns from ``k0`` on of the pivot rows of a front; rows are exchanged as a whole.
 
-    A diagonal entry above ``threshold`` of the greatest below it stays the pivot. Returns -1, or the first column whose
-    pivot is at most ``least`` or not a number.
+    A diagonal entry above ``threshold`` times the greatest below it stays the pivot. Returns -1, or the first column
+    whose pivot is at most ``least`` or not a number.
     """
     end = k0 + SIX
     for k in range(k0, end):
@@ -158,7 +159,7 @@ def factorise_six(a, start, wide, pivots, k0, exchange, row, threshold, least):
             if m != 0.0:
                 for c in range(k + 1, end):
                     a[at + c] -= m * a[here + c]
-    # what these rows have to the right
+    # the entries of these rows to the right
     for k in range(k0 + 1, end):
         at = start + k * wide
         for j in range(k0, k):
@@ -172,7 +173,7 @@ def factorise_six(a, start, wide, pivots, k0, exchange, row, threshold, least):
 
 @jit
 def divide_six(a, start, wide, lower, pivots, rows, k0):
-    """The six columns from ``k0`` on of L21: boundary rows over the six pivots."""
+    """The six columns from ``k0`` on of L21: boundary rows divided by the triangle of the six pivots."""
     u0 = start + k0 * wide + k0
     u1 = u0 + wide
     u2 = u1 + wide
@@ -207,7 +208,7 @@ def divide_six(a, start, wide, lower, pivots, rows, k0):
 
 @jit
 def add_elements(fronts, s, left_a, left_b, middle):
-    """Add what the elements bring to front ``s``: +- left^T middle right, blocks of 6 x 6."""
+    """Add the contributions of the elements to front ``s``: +- left^T middle right, blocks of 6 x 6."""
     for q in range(fronts.part[s], fronts.part[s + 1]):
         j = fronts.element[q]
         side = fronts.sides[q]
@@ -228,7 +229,7 @@ def add_elements(fronts, s, left_a, left_b, middle):
 
 @jit
 def add_update(fronts, s, child, pivots, boundary):
-    """Add the update of a child to front ``s`` of so many pivot and boundary rows (extend-add)."""
+    """Add the update of a child to front ``s``, which has ``pivots`` and ``boundary`` rows (extend-add)."""
     first = fronts.edge[child]
     count = fronts.edge[child + 1] - first
     wide = pivots + boundary
@@ -257,11 +258,12 @@ def add_update(fronts, s, child, pivots, boundary):
 
 @entry
 def eliminate(fronts, left_a, left_b, middle, first, stop, threshold, least):
-    """Factorise the fronts ``first`` to ``stop`` of the matrix that elements (joints) make.
+    """Factorise the fronts ``first`` to ``stop`` - 1 of the matrix assembled from elements (joints).
 
-    Element j couples the blocks a and b by ``middle[j]`` (6, 6) of its own motion, ``left_b[j]`` times that of b less
-    ``left_a[j]`` times that of a. A pivot above ``threshold`` of its column in the front stays where it is. Returns -1,
-    or the first row of the block where the matrix is singular: a pivot is at most ``least`` (6 n,).
+    Element j couples the blocks a and b: ``middle[j]`` (6, 6) acts on its own motion, ``left_b[j]`` times that of b
+    minus ``left_a[j]`` times that of a. A pivot above ``threshold`` times the greatest entry of its column in the front
+    stays where it is. Returns -1, or the first row of the block where the matrix is singular: a pivot is at most
+    ``least`` (6 n,).
     """
     entries = fronts.entries
     room = fronts.room
@@ -301,7 +303,7 @@ def eliminate(fronts, left_a, left_b, middle, first, stop, threshold, least):
 
 @jit
 def dot(a, i, b, k, n):
-    """Sum of a[i + m] b[k + m] over m < n, in eight independent parts: a single one waits for itself."""
+    """Sum of a[i + m] b[k + m] over m < n, in eight independent parts: additions to one sum wait for each other."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
     m = 0
     while m + 8 <= n:
@@ -366,7 +368,7 @@ def substitute_back(fronts, x):
 
 @entry
 def energy_norm(fronts, x):
-    """x . A^-1 x of a symmetric A whose rows stayed where they are, A = L D L^T; ``x`` (1, 6 n) is lost."""
+    """x . A^-1 x of a symmetric A = L D L^T factorised without row exchanges; ``x`` (1, 6 n) is overwritten."""
     substitute_forward(fronts, x)
     total = 0.0
     for s in range(fronts.start.size):
@@ -380,7 +382,7 @@ def energy_norm(fronts, x):
 
 @entry
 def round_factors(fronts, rounded):
-    """Fill ``rounded`` with the factors of a symmetric A whose rows stayed where they are."""
+    """Fill ``rounded`` with the factors of a symmetric A that was factorised without row exchanges."""
     a = fronts.entries
     for s in range(fronts.start.size):
         row = SIX * fronts.first[s]
@@ -398,7 +400,7 @@ def round_factors(fronts, rounded):
 
 @jit
 def subtract_multiple(y, values, factor):
-    """y -= factor values; slices, so that no index may be negative and several are done at once."""
+    """y -= factor values; takes slices, whose indices cannot be negative, so that the loop is vectorised."""
     for k in range(y.size):
         y[k] -= values[k] * factor
 

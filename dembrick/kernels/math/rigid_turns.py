@@ -1,21 +1,22 @@
-"""Turn of a rigid block through a step, at constant angular momentum L; and what guides add to L.
+"""Rotation of a rigid block through a step at constant angular momentum L, and the change of L by guides.
 
-The spin of a step is that of its middle: in body axes L turns back by half the step's turn, w = I^-1 exp(-dt w / 2) L,
-and the block turns by the exact exponential of dt w. So |L| is kept to the bit, and the energy of a free top does not
-drift. Orientations ``q`` (n, 4) are unit quaternions (w, x, y, z) of n blocks, body to world; ``inverse`` (3, 3) is the
-inverse of the inertia about the centroid in body axes.
+The spin of a step is that at its middle: L turns back in body axes by half the step's rotation, w = I^-1 exp(-dt w / 2)
+L, and the block rotates by the exact exponential of dt w. So |L| is kept to the last bit, and the energy of a free top
+does not drift. Orientations ``q`` (n, 4) are unit quaternions (w, x, y, z) of n blocks, body to world; ``inverse``
+(3, 3) is the inverse of the inertia about the centroid in body axes.
 
-A guide holds some turns of its block. With I the inertia in world axes, the spin is w = I^-1 L. That it is zero about
-the held axes asks for a change l of the momentum along them, (I^-1 l)_h = -w_h; it does no work, as nothing turns
-there. An inertia that is not diagonal in the world couples the turns: the moment about a held axis follows the spin.
+A guide prevents rotation of its block about some axes h. With I the inertia in world axes, the spin is w = I^-1 L. For
+the spin about these axes to vanish, the momentum along them must change by l with (I^-1 l)_h = -w_h. This does no work,
+as nothing rotates about them. An inertia that is not diagonal in world axes couples the axes: the moment about a guided
+axis then depends on the spin about the free ones.
 """
 
 from dembrick._jit import jit
 from dembrick.kernels.math.vectors import half_turn, product, rotate, rotate_back, rows_times, turned_back
 
-SLOW = 1e-4  # rad a step: up to here one correction of the spin leaves SLOW^2 / 4 of it at most, and a series will do
-MOST_CORRECTIONS = 6  # of the momentum in a step
-STILL = 1e-15  # of the spin: a part of it that is rounding
+SLOW = 1e-4  # rad per step: below it one correction of the spin leaves a relative error of at most SLOW^2 / 4
+MOST_CORRECTIONS = 6  # of the momentum per step
+STILL = 1e-15  # part of the spin that counts as rounding
 
 
 @jit
@@ -42,16 +43,16 @@ def spin_of_step(q, b, inverse, momentum, dt):
 
 @jit
 def turn(q, b, inverse, momentum, dt):
-    """Turn block ``b`` through a step under its angular ``momentum`` (3); returns its spin (3), world axes, in the
-    step, and the square of the angle."""
+    """Rotate block ``b`` through a step under its angular ``momentum`` (3); return its spin (3) in the step, world
+    axes, and the square of the angle."""
     w1, w2, w3 = spin_of_step(q, b, inverse, momentum, dt)
     angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
     c, s = half_turn(angle2)
     s *= dt
-    # a turn leaves its own axis alone, so this is the spin in the world before and after it
+    # a rotation does not change its own axis, so the world spin is the same before and after it
     spin = rotate(q, b, w1, w2, w3)
     a0, a1, a2, a3 = product(q[b, 0], q[b, 1], q[b, 2], q[b, 3], c, s * w1, s * w2, s * w3)
-    # one Newton step to length 1, from next to it
+    # normalise by one Newton step: the length is already close to 1
     n = 1.5 - 0.5 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3)
     q[b, 0] = n * a0
     q[b, 1] = n * a1
@@ -62,15 +63,16 @@ def turn(q, b, inverse, momentum, dt):
 
 @jit
 def answer_to(q, b, inverse, l1, l2, l3):
-    """I^-1 l of block ``b``, world axes."""
+    """I^-1 l of block ``b``, world axes: its spin under the angular momentum l."""
     return rotate(q, b, *rows_times(inverse, *rotate_back(q, b, l1, l2, l3)))
 
 
 @jit
 def held_momentum(e1, e2, e3, h1, h2, h3, w1, w2, w3):
-    """The change (3) of the angular momentum along the held axes ``h`` that takes the spin ``w`` away there.
+    """The change (3) of the angular momentum along the guided axes ``h`` that makes the spin ``w`` vanish about them.
 
-    ``e1``, ``e2``, ``e3``: columns of I^-1 in world axes. The rows of free axes say that nothing changes along them.
+    ``e1``, ``e2``, ``e3``: columns of I^-1 in world axes. The rows of free axes state that their momentum does not
+    change.
     """
     a11 = e1[0] if h1 else 1.0
     a12 = e2[0] if h1 and h2 else 0.0
@@ -97,15 +99,15 @@ def held_momentum(e1, e2, e3, h1, h2, h3, w1, w2, w3):
 
 @jit
 def turns_freely(held, w1, w2, w3):
-    """Whether the spin ``w`` has no part about the ``held`` axes (3,), but for rounding."""
+    """Whether the spin ``w`` has no part about the ``held`` axes (3,), except for rounding."""
     most = STILL * max(abs(w1), abs(w2), abs(w3))
     return (not held[0] or abs(w1) <= most) and (not held[1] or abs(w2) <= most) and (not held[2] or abs(w3) <= most)
 
 
 @jit
 def guided_momentum(q, b, inverse, held, momentum, dt):
-    """The change (3) of the angular ``momentum`` (3) of block ``b`` under which it does not turn about the ``held``
-    axes (3,) in a step; zero where none is held."""
+    """The change (3) of the angular ``momentum`` (3) of block ``b`` that prevents its rotation about the ``held`` axes
+    (3,) in a step; zero if there are none."""
     m1 = m2 = m3 = 0.0
     if held[0] or held[1] or held[2]:
         l1, l2, l3 = momentum

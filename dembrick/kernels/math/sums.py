@@ -4,9 +4,9 @@ from numpy import empty, ndarray
 
 from dembrick._jit import jit_rounded
 
-LEAF = 128  # terms that are added up without being halved
+LEAF = 128  # most terms that are summed without halving
 LANES = 8
-DEEPEST = 64  # of halves: more than any array has
+DEEPEST = 64  # deepest level of halving: more than any array needs
 
 
 def room_for_halves() -> ndarray:
@@ -16,7 +16,7 @@ def room_for_halves() -> ndarray:
 
 @jit_rounded
 def sum_of_leaf(values, first, count):
-    """Sum of ``count`` values, at the most `LEAF`, from the ``first`` on."""
+    """Sum of ``count`` values, at most `LEAF`, from index ``first`` on."""
     total = 0.0
     whole = 0
     if count >= LANES:
@@ -40,9 +40,8 @@ def sum_of_leaf(values, first, count):
 
 @jit_rounded
 def sum_in_pairs(values, halves):
-    """Sum of ``values`` (n,): that of the first half, found likewise, plus that of the second. ``halves``: see
-    `room_for_halves`; the sums of first halves, and how many terms their second halves have, which turns to zero while
-    these are added up."""
+    """Sum of ``values`` (n,) by repeated halving. ``halves`` is scratch, see `room_for_halves`: the sums of first
+    halves, and the numbers of terms of their second halves, set to zero while these are summed."""
     first = depth = 0
     count = values.size
     while True:

@@ -2,7 +2,7 @@
 
 Quaternions (w, x, y, z) and rotation vectors as bare floats: all rotations of the kernels.
 
-A unit quaternion turns body axes into world axes. `geometry.rotations` has the same for numpy arrays.
+A unit quaternion rotates body axes into world axes. `geometry.rotations` has the same for numpy arrays.
 """
 
 from math import cos, sin, sqrt
@@ -40,7 +40,7 @@ def columns_times(m, a1, a2, a3):
 
 @jit
 def tangent(e1, e2, e3):
-    """A unit vector orthogonal to the unit vector e, which follows it smoothly while it stays about where it is."""
+    """A unit vector orthogonal to the unit vector e; it varies smoothly with e, except where |e1| passes 0.8."""
     if abs(e1) < 0.8:
         t1, t2, t3 = cross(e1, e2, e3, 1.0, 0.0, 0.0)
     else:
@@ -75,13 +75,13 @@ def add_wrench(wrench, sense, f, m, r):
     wrench[5] += sense * (m[2] + c3)
 
 
-SMALL = 1e-8  # rad2: up to here the series of half a turn are exact to rounding
-SERIES = 1e-4  # rad2: up to here those of a turn are
+SMALL = 1e-8  # rad2: below it the series of `half_turn` are exact to rounding
+SERIES = 1e-4  # rad2: below it those of `turned_back` are
 
 
 @jit
 def product(a, b, c, d, w, x, y, z):
-    """The quaternion of the turn (w, x, y, z) followed by the turn (a, b, c, d)."""
+    """The quaternion of the rotation (w, x, y, z) followed by the rotation (a, b, c, d)."""
     return (
         a * w - b * x - c * y - d * z,
         a * x + b * w + c * z - d * y,
