@@ -1,22 +1,22 @@
 """The law of a convex joint: the no-tension integral over its polygon, and the exact torsion-shear limit surface.
 
-Both engines call `area_pressure` and `area_friction` once a joint and step; new contacts call `area_friction`. Shear
+Both engines call `area_pressure` and `area_friction` once per joint and step; new contacts call `area_friction`. Shear
 quantities are (V_1, V_2, M_T) about O in the axes of the polygon, in the sense of the action on block b (in dynamics
 the host), which is also the direction in which it slips.
 
 - Normal: k_n times the integral of <g + viscous d'>+, zero if g is nowhere positive; d' follows the rule of
   `dashpots.dashpot_growth` if no part of the joint was in contact a step ago.
 - Shear and torsion: springs k_s A and k_s J with dashpots in parallel, behind a slider whose strength is the limit
-  surface times mu N; beyond it the trial force returns by the proximal map.
+  surface times mu N; a trial force beyond it is returned by the proximal map.
 - Memory: the elastic (V_1, V_2, M_T). An open joint carries nothing and remembers nothing, as in `point_law`.
-- `slip` is the irreversible part of the shear displacement, as a path length averaged over what presses: the plastic
-  work t.q over the strength, that is D(q) of the plastic twist q. For points it is the same mean of theirs.
+- `slip` is the irreversible part of the shear displacement, as a path length averaged over the pressure: the plastic
+  work t.q over the strength, that is D(q) of the plastic twist q. For points it is the same mean over their forces.
 
-With strengths (those of `point_law`) one bond holds the whole polygon, by springs on both sides, until the tension at
-a corner passes f_t or (V_1, V_2, M_T) leaves the limit surface, which is scaled by c A + mu N; from then on the
-no-tension integral holds, and a surface scaled by c_r A + mu_r N. Crushing caps the pressure at f_c, without memory: it
-holds where loads only grow. Dilation lifts the block by tan psi times the slip, along the normal; slip and lift of a
-step are one solution, so that a joint has not opened that came apart by less than its slip lifts it.
+With strengths (those of `point_law`) one bond holds the whole polygon, with springs that also pull, until the tension
+at a corner passes f_t or (V_1, V_2, M_T) leaves the limit surface, which is scaled by c A + mu N; after that the
+no-tension integral applies, and a surface scaled by c_r A + mu_r N. Crushing caps the pressure at f_c, without memory:
+this is valid where loads only grow. Dilation lifts the block by tan psi times the slip, along the normal; slip and lift
+of a step are solved together, so that a joint stays closed if it has separated by less than its slip lifts it.
 """
 
 from math import sqrt
@@ -28,8 +28,8 @@ from dembrick.kernels.joint.no_tension import extremes, no_tension, no_tension_o
 from dembrick.kernels.joint.point_law import breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import follow_pressure
 
-LIFTS = 30  # of the search for the slip that lifts by what makes it
-LIFTED = 1e-12  # of the slip: its error at the end
+LIFTS = 30  # most iterations for the slip and the lift of a step
+LIFTED = 1e-12  # relative error of the lift at the end
 
 
 @jit
@@ -50,15 +50,15 @@ def spring_pressure(polygon, g0, gx, gy):
 
 @jit
 def either_wholly(reach, g0, gx, gy):
-    """Whether g0 + gx x + gy y has one sign on the circle of that radius around a polygon: it is wholly closed, or
-    wholly open."""
+    """Whether g0 + gx x + gy y has one sign on the circle of radius ``reach`` around a polygon, which is then closed or
+    open everywhere."""
     return g0 * g0 >= reach * reach * (gx * gx + gy * gy)
 
 
 @jit
 def wholly_closed(reach, g0, d0, h0, hx, hy):
     """Whether h (see `area_pressure`) and g are positive on the circle around a polygon, and there was contact at O a
-    step ago: then no corner needs to be looked at."""
+    step ago: then no corner needs to be checked."""
     return either_wholly(reach, h0, hx, hy) & (h0 > 0.0) & (g0 > 0.0) & (g0 > d0)
 
 
@@ -66,8 +66,8 @@ def wholly_closed(reach, g0, d0, h0, hx, hy):
 def area_pressure(polygon, viscous, depth, growth):
     """Integrals (3) over the polygon of <h>+, x <h>+ and y <h>+, and h = h0 + hx x + hy y itself (3).
 
-    h is the penetration ``depth``, g = g0 + gx x + gy y, plus ``viscous`` times what it grew by in the step,
-    ``growth``, d = d0 + dx x + dy y. All integrals are zero if g is nowhere positive.
+    h is the penetration ``depth``, g = g0 + gx x + gy y, plus ``viscous`` times its ``growth`` in the step, d = d0 + dx
+    x + dy y. All integrals are zero if g is nowhere positive.
     """
     g0, gx, gy = depth
     d0, dx, dy = growth
@@ -140,8 +140,8 @@ def pressure_of_four(x, y, area, second, touching, g0, gx, gy):
 
 @jit
 def area_pressure_of_four(x, y, area, second, viscous, depth, growth):
-    """The integrals of `area_pressure` of a polygon of four corners ``x``, ``y``, without a branch: many are done side
-    by side; and whether g is positive somewhere."""
+    """The integrals of `area_pressure` of a polygon of four corners ``x``, ``y``, and whether g is positive somewhere;
+    without a branch, so that many are evaluated side by side."""
     g0, gx, gy = depth
     d0, dx, dy = growth
     g = at_four(x, y, g0, gx, gy)
@@ -159,23 +159,23 @@ def area_pressure_of_four(x, y, area, second, viscous, depth, growth):
 
 @jit
 def follow_bending(pressed, a, polygon, pressure, depth):
-    """Bring the pressed part of a convex joint up to date with what `area_pressure` found; ``pressed`` is None if the
-    friction of no joint follows the bending."""
+    """Update the pressed part of a convex joint from the result of `area_pressure`; ``pressed`` is None if the friction
+    of no joint follows the bending."""
     if pressed is not None:
         follow_pressure(pressed, a, polygon, pressure, depth)
 
 
 @jit
 def stretched(springs, slip, elastic):
-    """The forces (3) of springs that carried ``elastic`` and are stretched by a ``slip``."""
+    """The forces (3) of springs that carried ``elastic`` and are stretched by ``slip``."""
     k_t, k_r = springs
     return elastic[0] + k_t * slip[0], elastic[1] + k_t * slip[1], elastic[2] + k_r * slip[2]
 
 
 @jit
 def trial_force(pressed, a, radius, springs, damped, slip, elastic):
-    """The force (3) that a convex joint carries if it does not slide, its memory then (3), and a bound of what strength
-    that takes; see `area_friction`."""
+    """The force (3) of a convex joint if it does not slide, its memory then (3), and an upper bound of the strength
+    that this requires; see `area_friction`."""
     k_t, k_r = springs
     s1, s2, turn = slip
     b1, b2, bm = elastic
@@ -200,8 +200,9 @@ def area_friction(
 
     ``elastic`` (3): memory; ``start`` (3): last plastic twist, the start of the search; ``springs``: k_t (N/m) and k_r
     (N m); ``damped``: one plus dashpot over spring force; up to ``negligible`` (N) of strength the chord of the limit
-    surface is good enough. Returns the force (3), the new memory (3), the plastic twist (3; of an open joint: what its
-    springs let go, too), the next start (3), the slip path, and the evaluations of the surface.
+    surface is accurate enough. Returns the force (3), the new memory (3), the plastic twist (3; for an open joint it
+    includes the release of its springs), the next start (3), the slip path, and the number of evaluations of the
+    surface.
     """
     k_t, k_r = springs
     s1, s2, turn = slip
@@ -211,7 +212,7 @@ def area_friction(
         return still, still, (s1 + b1 / k_t, s2 + b2 / k_t, turn + bm / k_r), still, 0.0, 0
     trial, whole, size = trial_force(limit.pressed, limit.index, limit.radius, springs, damped, slip, elastic)
     strength = friction * normal
-    if size <= strength:  # inside the limit surface by convexity, and most joints are most of the time
+    if size <= strength:  # inside the limit surface by convexity, as most joints most of the time
         return trial, whole, still, start, 0.0, 0
     full = damped * k_t, damped * k_r
     if strength <= negligible:
@@ -222,7 +223,7 @@ def area_friction(
     else:
         force, twist, start, evaluations = proximal_map(limit, strength, full, trial, start, tolerance)
     q1, q2, qm = twist
-    # without friction there is no work to divide by: the path of O
+    # without friction there is no work to divide by: take the path of O
     power = force[0] * q1 + force[1] * q2 + force[2] * qm
     slid = power / strength if strength > 0.0 else sqrt(q1 * q1 + q2 * q2)
     return force, (b1 + k_t * (s1 - q1), b2 + k_t * (s2 - q2), bm + k_r * (turn - qm)), twist, start, slid, evaluations
@@ -242,7 +243,7 @@ class Memory(NamedTuple):
 
 @jit
 def area_springs(polygon, bonded, most, g0, gx, gy):
-    """Integrals (3) over the polygon of what its normal springs are pressed by, g = g0 + gx x + gy y, its x and y
+    """Integrals (3) over the polygon of the depth of its normal springs, from g = g0 + gx x + gy y, and its x and y
     moments; and the volume beyond ``most`` (m), the penetration at which the joint crushes."""
     if bonded > 0.0:
         volume, moment_x, moment_y = closed_pressure(polygon.area, polygon.second, g0, gx, gy)
@@ -259,7 +260,7 @@ def area_springs(polygon, bonded, most, g0, gx, gy):
 
 @jit
 def bonded_pressure(polygon, viscous, bonded, most, depth, growth):
-    """`area_springs` with the dashpots: `area_pressure` where there is no bond."""
+    """`area_springs` including the dashpots; `area_pressure` if there is no bond."""
     if bonded > 0.0:
         h0 = depth[0] + viscous * growth[0]
         hx = depth[1] + viscous * growth[1]
@@ -277,7 +278,7 @@ def bonded_pressure(polygon, viscous, bonded, most, depth, growth):
 
 @jit
 def lifted(vector, lift):
-    """A penetration (3), or what it grew by, with a rise by dilation on top."""
+    """A penetration (3), or its growth, increased by the ``lift`` of dilation."""
     return vector[0] + lift, vector[1], vector[2]
 
 
@@ -285,9 +286,9 @@ def lifted(vector, lift):
 def bonded_area(limit, strengths, i, springs, friction, negligible, dashpots, motion, memory):
     """Force of a convex joint with the strengths ``i``, under full pressure, and its new `Memory`.
 
-    ``springs``: k_n, k_s (Pa/m); ``dashpots``: over spring force along the normal, and one plus that in shear; the
-    `Motion` of the step. Returns N and its x and y moments (3), the shear force (3), the plastic twist (3), the slip
-    path of the step, evaluations of the surface, and the memory.
+    ``springs``: k_n, k_s (Pa/m); ``dashpots``: dashpot over spring force along the normal, and one plus that in shear;
+    the `Motion` of the step. Returns N and its x and y moments (3), the shear force (3), the plastic twist (3), the
+    slip path of the step, evaluations of the surface, and the memory.
     """
     polygon = limit.polygon
     k_n, k_s = springs
@@ -317,7 +318,7 @@ def bonded_area(limit, strengths, i, springs, friction, negligible, dashpots, mo
         if not (whole or tears):
             e1, e2, em = t1, t2, tm
             pressed = n
-            if brittle:  # by its springs alone, which store what it takes: dashpots break nothing
+            if brittle:  # by its springs alone, which store the energy for it: dashpots break nothing
                 (pressed, _, _), _ = area_springs(polygon, bonded, most, g0 + rise, gx, gy)
                 pressed *= k_n
                 e1, e2, em = elastic
@@ -330,7 +331,7 @@ def bonded_area(limit, strengths, i, springs, friction, negligible, dashpots, mo
             same = Memory(elastic, start, bonded, rise)
             return (n, k_n * nx, k_n * ny), (t1, t2, tm), still, 0.0, 1, same
         bonded = 0.0
-        if tears or brittle:  # the springs go at once, and no dashpot acts in this step
+        if tears or brittle:  # the springs unload at once, and no dashpot acts in this step
             viscous = 0.0
             damped = 1.0
     dilation = strengths.dilation[i]
@@ -348,13 +349,13 @@ def bonded_area(limit, strengths, i, springs, friction, negligible, dashpots, mo
         )
         evaluations += more
         q1, q2, qm = twist
-        if dilation > 0.0 and n <= 0.0 and q1 * q1 + q2 * q2 + qm * qm > 0.0:  # the slip under next to no N
+        if dilation > 0.0 and n <= 0.0 and q1 * q1 + q2 * q2 + qm * qm > 0.0:  # slip under almost no N
             wanted = dilation * surface(limit, q1, q2, qm)[0]
         else:
             wanted = dilation * slid
         if turns == LIFTS - 1 or abs(wanted - lift) <= LIFTED * wanted:
             break
-        # more lift is more strength and less slip: between what was too little and what was too much
+        # more lift means more strength and less slip: bracket it between too little and too much
         if wanted > lift:
             below = lift
             if not bounded:
@@ -378,7 +379,7 @@ def bonded_area(limit, strengths, i, springs, friction, negligible, dashpots, mo
 
 @jit
 def springs_hold(polygon, bonded, rise, most, g0, gx, gy):
-    """Twice the energy over k_n in the normal springs of a convex joint: a state, not a path, since what is crushed
-    gives nothing back."""
+    """Twice the energy over k_n in the normal springs of a convex joint: a function of the state, not of the path,
+    since crushed material releases nothing."""
     (n, nx, ny), beyond = area_springs(polygon, bonded, most, g0 + rise, gx, gy)
     return n * (g0 + rise) + nx * gx + ny * gy - (most * beyond if beyond > 0.0 else 0.0)

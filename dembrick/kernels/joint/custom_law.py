@@ -1,13 +1,13 @@
-"""A law of the user's own, point by point: what it answers to a step, and what dashpots stand beside it.
+"""A user-defined law, evaluated point by point, and the dashpots beside it.
 
-The law is a function of the user's, called by its address (`_jit.call_law`). It gets what the point moved, the record
-of the law there, and what the point remembers, and answers with its springs: normal force, shear force and the energy
-that they hold. What it did not hold of the work of the step is lost.
+The law is a function of the user's, called by its address (`_jit.call_law`). Its arguments are the motion of the point,
+the record of the law there, and the memory of the point; it returns the normal and shear force of its springs and the
+energy that they store. The work of the step that is not stored counts as lost.
 
-The dashpots are those of `point_law`, which lie behind what slips or gives way: they carry by as much as the law
-answers a step with its elastic stiffness, all of it where a point sticks, and nothing where it slides or gets weaker:
-in shear by as much as the law loses nothing of the work that its force could do. None pulls at a point that presses,
-and an open point has none.
+As in `point_law`, dashpots are in series with whatever slips or yields. Their force is scaled by the ratio of the law's
+force increment to the elastic one: in full where a point sticks, zero where it slides or softens; in shear also by the
+part of the work of its force that the law does not lose. No dashpot makes a pressing point pull, and an open point has
+none.
 """
 
 from math import sqrt
@@ -18,20 +18,20 @@ from numpy import ndarray
 from dembrick._jit import call_law, jit
 from dembrick.kernels.math.vectors import put_vector
 
-GIVEN, ANSWERS = 4, 4  # numbers of `Custom.move`, of `Custom.answer`, and of what the law finds of itself in each row
-ROUNDED = 1e-9  # of the slip of a step: an irreversible part below it is none
+GIVEN, ANSWERS = 4, 4  # numbers in a row of `Custom.move`; of `Custom.answer`, which also begin a row of the memory
+ROUNDED = 1e-9  # part of the slip of a step below which its irreversible part counts as zero
 
 
 class Custom(NamedTuple):
-    """A row for every contact point; m and k: what the law remembers itself, and its own parameters."""
+    """One row per contact point; m and k: numbers of the law's own memory, and of its parameters."""
 
     move: ndarray  # (c, 4) m: penetration, its growth in the step, slip of the step in two directions
     record: ndarray  # (c, 4 + k) m2, N/m, N/m, 1: area, elastic stiffness along the normal and in shear, friction
-    memory: ndarray  # (c, 4 + m) N, N, N, J: what it answered a step ago; what it remembers itself
-    at: ndarray  # (1,) int64, where the machine code of the law lies
+    memory: ndarray  # (c, 4 + m) N, N, N, J: its result of the last step; the law's own memory
+    at: ndarray  # (1,) int64, address of the machine code of the law
     answer: ndarray  # (c, 4) N, N, N, J: normal force, shear force in the sense of slip, energy held
-    since: ndarray  # (c, 3) m, growth and slip since the last equilibrium, where blocks swing past the next one
-    tried: ndarray  # (c, 4 + m) what the law would remember there
+    since: ndarray  # (c, 3) m, growth and slip since the last equilibrium, while blocks swing past the next one
+    tried: ndarray  # (c, 4 + m) provisional memory while blocks swing
 
 
 @jit
@@ -39,9 +39,9 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, swings):
     """Forces of contact point ``i`` by the law, and its new memory.
 
     ``g`` penetration now and ``d`` its growth in the step (m); ``slip_*`` of the step (m); ``viscous_*``: dashpot over
-    spring force. While it ``swings`` past an equilibrium, all is the step from the last one, of which it remembers
-    nothing. Returns N, N of the spring alone, the shear force (2), that of the spring alone (2), the irreversible
-    length of slip of the step (m), and the work of the step that the law does not hold (J).
+    spring force. While it ``swings`` past an equilibrium, all motion counts as one step from the last equilibrium, and
+    the memory stays that of there. Returns N, N of the spring alone, the shear force (2), that of the spring alone (2),
+    the irreversible length of slip of the step (m), and the work of the step that the law does not store (J).
     """
     move = custom.move[i]
     memory = custom.memory[i]
@@ -103,8 +103,8 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, swings):
 @jit
 def resize(custom, i, area, k_n, k_s):
     """Give contact point ``i`` another ``area`` (m2), with springs of ``k_n`` and ``k_s`` (Pa/m); ``custom`` may be
-    None. Over what it loses the law lets go of its part of the forces and of the energy; what it gains begins without
-    any. What the law remembers itself stays as it is."""
+    None. A loss of area reduces forces and stored energy in proportion; a gain begins without any. The law's own memory
+    is not changed."""
     if custom is not None:
         record = custom.record[i]
         if area < record[0]:
@@ -117,13 +117,13 @@ def resize(custom, i, area, k_n, k_s):
 
 @jit
 def energy_held(custom, i):
-    """Energy (J) that the springs of point ``i`` hold."""
+    """Energy (J) stored in the springs of point ``i``."""
     return custom.memory[i, 3]
 
 
 @jit
 def shear_held(custom, i):
-    """The same, less half the normal force times the penetration, which is counted with the joint."""
+    """`energy_held` less half the normal force times the penetration, which is counted with the joint."""
     return custom.memory[i, 3] - 0.5 * custom.memory[i, 0] * custom.move[i, 0]
 
 
@@ -135,7 +135,7 @@ def shear_power(custom, i, slip_1, slip_2):
 
 @jit
 def remember(custom, memory, first, last):
-    """Copy what the points ``first`` to ``last`` remember."""
+    """Copy the memory of the points ``first`` to ``last`` - 1."""
     if custom is not None:
         for i in range(first, last):
             for k in range(custom.memory.shape[1]):

@@ -1,6 +1,6 @@
-"""The families of joints: points and areas, None if a scene has none of them.
+"""The families of joints: points and areas, each None if a scene has no such joint.
 
-Where one joint is meant, ``family`` and ``index`` say which: POINTS or AREAS, and its number there.
+A single joint is given by ``family``, POINTS or AREAS, and ``index``, its number within the family.
 """
 
 from dembrick._jit import jit
@@ -10,8 +10,9 @@ FAMILIES = 2
 
 
 def by_family(of_points, of_areas, absent):
-    """A kernel that asks the family of a joint: ``of_points`` or ``of_areas``, with its joints, the number there
-    and what is given besides; or ``absent``, of the same type, if there is no such family."""
+    """A kernel that dispatches on the family of a joint: it calls ``of_points`` or ``of_areas`` with the joints of the
+    family, the index there and further arguments; or returns ``absent``, of the same type, if there is no such family.
+    """
 
     @jit
     def asked(points, areas, family, index, *more):
@@ -28,7 +29,7 @@ def by_family(of_points, of_areas, absent):
 
 @jit
 def joint_count(points, areas, family):
-    """How many joints a family has."""
+    """Number of joints of a family."""
     if points is not None:
         if family == POINTS:
             return points.joint.size

@@ -1,4 +1,4 @@
-"""Arguments of the laws of joints: the polygon of a joint, and the motion that it sees."""
+"""Arguments of the laws of joints: the polygon of a joint, and the relative motion of its blocks."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 
-CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
+CLOSED = 1e-3  # part of the fastest relative motion of a step below which gaps and their closing count as zero
 
 
 class Polygon(NamedTuple):
@@ -17,7 +17,7 @@ class Polygon(NamedTuple):
     first: int  # corner
     last: int  # corner, and one more
     area: float  # m2
-    second: tuple[float, float, float] | None  # m4, integrals of y^2, x^2, x y; None if no pressure is asked for
+    second: tuple[float, float, float] | None  # m4, integrals of y^2, x^2, x y; None if no pressure is needed
     reach: float  # m, greatest distance of a corner from O
 
 
@@ -26,14 +26,14 @@ class Motion(NamedTuple):
     host against the other)."""
 
     depth: tuple[float, float, float]  # m, rad, rad: penetration g0 + gx x + gy y at the point (x, y)
-    growth: tuple[float, float, float]  # what it grew by in the step
+    growth: tuple[float, float, float]  # its growth in the step
     slip: tuple[float, float, float]  # m, m, rad, of the step
 
 
 @jit
 def gap_closes(x, y, first, last, gap, base, u):
-    """Whether a joint that is open at any of its points or corners ``first`` to ``last`` - 1 comes nearer there, on the
-    way from the motion ``base`` to ``u`` = (d1, d2, dn, r1, r2, rn); ``gap`` (m): of the faces at the start."""
+    """Whether a joint that is open at any of its points or corners ``first`` to ``last`` - 1 closes further there,
+    between the motions ``base`` and ``u`` = (d1, d2, dn, r1, r2, rn); ``gap`` (m): between the faces at the start."""
     dn = u[2] - base[2]
     r1 = u[3] - base[3]
     r2 = u[4] - base[4]

@@ -5,15 +5,15 @@ For a slip twist q = (v1, v2, w) of the joint the dissipation per unit shear str
     D(q) = 1/A * integral of |v + w x r| dA,
 
 convex and homogeneous of degree one. Its gradient is the point of the limit surface whose normal is q (eq. 5 of the
-paper), and everything follows from it: the return of a trial force is the minimum of q.Kq/2 - f.q + V_0 D(q).
+paper), and everything follows from it: the return mapping of a trial force f minimises q.Kq/2 - f.q + V_0 D(q).
 
 The slip is a rotation about the torsion centre C = (-v2, v1)/w, so D = |w| F(C)/A with F(C) the integral of the
 distance from C. By the divergence theorem F and its derivatives are sums over the edges of two integrals,
 
     E = integral of r ds = (s r + h^2 L)/2,      L = integral of ds/r = ln((s2 + r2)/(s1 + r1)),
 
-with h the distance of the edge from C and s measured along it. Far from the polygon these sums lose digits and the
-series about pure translation takes over ((`far_field`). Vertices run counter-clockwise about the centroid O.
+with h the distance of the edge from C and s measured along it. For C far from the polygon these sums lose digits and
+are replaced by the series about pure translation (`far_field`). Vertices run counter-clockwise about the centroid O.
 """
 
 from math import sqrt
@@ -25,22 +25,22 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.pressure import FULL, Pressed, edge_logarithm, pressed_surface
 
-# Beyond this many half diameters the edge sums lose more digits than the series of order eight leaves out.
+# Beyond this many half diameters the edge sums are less accurate than the series to order eight.
 FAR = 25.0
 # The proximal map stops when the out-of-balance gradient is this fraction of V_0.
 PROXIMAL_TOLERANCE = 1e-13
 MAX_NEWTON = 60
-# A Newton decrement below this part of the gauge changes no digit of it.
+# A Newton decrement below this part of the squared gauge changes no digit of it.
 LOST = 1e-18
-# A Newton decrement below this many tolerances, as a part of phi, is lost in its rounding.
+# A Newton decrement below this many tolerances, relative to phi, is lost in the rounding of phi.
 RESOLVED = 100.0
 
 
 class LimitSurface(NamedTuple):
-    """Quantities on which the limit surface of a convex joint or of a new contact depends."""
+    """Quantities that define the limit surface of a convex joint or of a new contact."""
 
-    polygon: Polygon | None  # None of a new contact, whose pressure is all there is to know
-    far: ndarray | None  # (42,) coefficients of `far_field`, None of a new contact
+    polygon: Polygon | None  # None for a new contact, which ``pressed`` defines alone
+    far: ndarray | None  # (42,) coefficients of `far_field`, None for a new contact
     reach: float  # m, greatest distance of a corner from O
     radius: float  # m, no more than the torsion strength over V_0
     pressed: Pressed | None  # where friction follows the pressure, else None
@@ -151,10 +151,10 @@ def far_field(moments, v1, v2, w):
 
 @jit
 def even_surface(polygon, far, v1, v2, w):
-    """`surface` under a pressure that is the same all over the polygon."""
+    """`surface` under uniform pressure over the polygon."""
     area = polygon.area
     if sqrt(v1 * v1 + v2 * v2) > FAR * polygon.reach * abs(w):
-        # D is homogeneous: at length one the powers of a slip of 1e-20 m, with nothing on the joint, do not overflow
+        # D is homogeneous: at length one the powers of a slip of 1e-20 m (an unloaded joint) do not overflow
         v = sqrt(v1 * v1 + v2 * v2)
         d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = far_field(far, v1 / v, v2 / v, w / v)
         return d * v, g1, g2, g3, h11 / v, h12 / v, h22 / v, h13 / v, h23 / v, h33 / v
@@ -185,7 +185,7 @@ def surface(limit, q1, q2, q3):
 
 @jit
 def surface_by(pressed, polygon, limit, q1, q2, q3):
-    """`surface` by the pressure that friction follows, if it does, and the polygon, if there is one."""
+    """`surface` with the pressed part, if friction follows the bending, and the polygon, if there is one."""
     d = g1 = g2 = g3 = h11 = h12 = h22 = h13 = h23 = h33 = 0.0
     if pressed is not None:
         if pressed.kind[limit.index] != FULL:
@@ -214,8 +214,8 @@ def solve_symmetric(h11, h12, h22, h13, h23, h33, r1, r2, r3):
 
 @jit
 def chord(pressed, index, radius, f1, f2, m):
-    """|V| + |M|/r >= gauge of the force (f1, f2, m) / V_0 by convexity, at no cost; M about the centre of pressure,
-    through which pure shear acts, and ``radius`` r no more than the torsion strength over V_0."""
+    """|V| + |M|/r >= gauge of the force (f1, f2, m) / V_0 by convexity, cheap to evaluate; M is taken about the centre
+    of pressure, through which pure shear acts, and ``radius`` r is at most the torsion strength over V_0."""
     if pressed is not None:
         if pressed.kind[index] != FULL:
             m -= pressed.centre[index, 0] * f2 - pressed.centre[index, 1] * f1
@@ -227,10 +227,10 @@ def chord(pressed, index, radius, f1, f2, m):
 def gauge(limit, force, start, radius=0.0):
     """Gauge of the ``force`` (3) over V_0 in the limit set: the least g with force in g times the set.
 
-    Minimises D^2/2 - f.q, smooth and convex, whose minimum is at D(q) = gauge(f); ``start`` (3) is the first q.
-    With a ``radius``, the torsion strength over V_0 or less, it returns as soon as it is known whether the gauge
-    exceeds one: a twist shows that it does, or the part on the surface and the chord of the rest add up to less.
-    Returns the gauge and q (3).
+    Minimises D^2/2 - f.q, smooth and convex, with D(q) = gauge(f) at the minimum; ``start`` (3) is the first q. With a
+    ``radius``, at most the torsion strength over V_0, it returns as soon as it is known whether the gauge exceeds one:
+    a twist proves that it does, or the part on the surface and the chord of the rest sum to less. Returns the gauge and
+    q (3).
     """
     f1, f2, m = force
     q1, q2, q3 = start
@@ -298,12 +298,12 @@ def gauge(limit, force, start, radius=0.0):
 
 @jit
 def proximal_map(limit, strength, springs, force, start, tolerance=PROXIMAL_TOLERANCE):
-    """Return of the trial ``force`` f = (f1, f2, m) to the limit surface, with the plastic twist that does it.
+    """Return mapping of the trial ``force`` f = (f1, f2, m) to the limit surface, with its plastic twist.
 
     Minimises phi(q) = q.Kq/2 - f.q + V_0 D(q) with K = diag(k_t, k_t, k_r), ``springs`` (k_t, k_r) and ``strength``
-    V_0; ``start`` (3): the last plastic twist; ``tolerance``: out-of-balance gradient over V_0 that ends it. Returns
-    the joint's force (3), exactly on the surface where plastic, the plastic twist (3), the twist to start from next
-    time (3), and the number of evaluations of the surface.
+    V_0; ``start`` (3): the last plastic twist; ``tolerance``: gradient of phi over V_0 at which it stops. Returns the
+    joint's force (3), exactly on the surface where plastic, the plastic twist (3), the twist to start from next time
+    (3), and the number of evaluations of the surface.
     """
     f1, f2, m = force
     q1, q2, q3 = start
@@ -370,7 +370,7 @@ def proximal_map(limit, strength, springs, force, start, tolerance=PROXIMAL_TOLE
                 quadratic = 0.5 * (k_t * (t1 * t1 + t2 * t2) + k_r * t3 * t3)
                 trial = quadratic + strength * dt - (f1 * t1 + f2 * t2 + m * t3)
                 if slope <= RESOLVED * tolerance * (quadratic + strength * dt):
-                    # phi cannot tell the points apart any more, its gradient still can
+                    # phi no longer distinguishes the points, its gradient still does
                     size = max(
                         abs(f1 - k_t * t1 - strength * a1),
                         abs(f2 - k_t * t2 - strength * a2),

@@ -1,4 +1,4 @@
-"""The no-tension integral: of the positive part of a linear function over a polygon, exact; and its derivatives."""
+"""The no-tension integral: exact integral of the positive part of a linear function over a polygon; its derivatives."""
 
 from dembrick._jit import jit
 
@@ -8,9 +8,10 @@ QUARTER_SIXTH = 0.25 * SIXTH
 
 @jit
 def pressed_part(xa, ya, ga, xb, yb, gb):
-    """The part of an edge from a to b where the penetration g, linear along it, is positive: both ends with their g.
+    """The part of the edge from a to b where the penetration g, linear along it, is positive: both its ends with their
+    g.
 
-    An edge is cut only between ends of opposite signs: a corner that just touches may be negative by rounding.
+    An edge is cut only between ends of opposite signs: at a corner that just touches, g may be negative by rounding.
     """
     if ga < 0.0 < gb:
         s = ga / (ga - gb)
@@ -23,7 +24,7 @@ def pressed_part(xa, ya, ga, xb, yb, gb):
 
 @jit
 def extremes(x, y, first, last, g0, gx, gy):
-    """Least and greatest g0 + gx x + gy y over the corners ``first`` to ``last`` of a polygon."""
+    """Least and greatest g0 + gx x + gy y over the corners ``first`` to ``last`` - 1 of a polygon."""
     least = most = g0 + gx * x[first] + gy * y[first]
     for i in range(first + 1, last):
         g = g0 + gx * x[i] + gy * y[i]
@@ -36,9 +37,9 @@ def extremes(x, y, first, last, g0, gx, gy):
 def no_tension(x, y, first, last, least, g0, gx, gy):
     """Integrals over a polygon of <g>+, x <g>+ and y <g>+ for the linear penetration g = g0 + gx x + gy y.
 
-    The polygon ``x[first:last], y[first:last]`` runs counter-clockwise; ``least``: the least g at its corners. A fan of
-    triangles from the origin if g is nowhere negative, else from a point of the line g = 0, so that the cut itself adds
-    nothing.
+    The polygon ``x[first:last], y[first:last]`` runs counter-clockwise; ``least``: the least g at its corners. Sum over
+    a fan of triangles from the origin if g is nowhere negative, else from a point of the line g = 0, so that the cut
+    itself contributes nothing.
     """
     x0 = y0 = 0.0
     apex = g0
@@ -72,7 +73,7 @@ def no_tension(x, y, first, last, least, g0, gx, gy):
 @jit
 def fan_of_edge(ax, ay, ga, bx, by, gb):
     """Six times the integral of g, and 24 times those of x g and y g, over the triangle between a point of the line
-    g = 0, from which a and b are seen, and the part of the edge from a to b where g is positive."""
+    g = 0, the origin of a and b, and the part of the edge from a to b where g is positive."""
     opens = (gb < 0.0) & (ga > 0.0)
     closes = (ga < 0.0) & (gb > 0.0)
     s = ga / (ga - gb if opens | closes else 1.0)
@@ -94,7 +95,7 @@ def fan_of_edge(ax, ay, ga, bx, by, gb):
 def no_tension_of_four(x, y, g, g0, gx, gy):
     """`no_tension` of a polygon of four corners ``x``, ``y``, at which the penetration is ``g``, somewhere negative.
 
-    Without a branch: many are done side by side.
+    Without a branch, so that many are evaluated side by side.
     """
     slope = gx * gx + gy * gy
     away = -g0 / (slope if slope > 0.0 else 1.0)
@@ -122,8 +123,9 @@ def no_tension_of_four(x, y, g, g0, gx, gy):
 def pressed_moments(x, y, first, last, g0, gx, gy):
     """Integrals of 1, x, y, y^2, x^2 and x y over the part of a polygon where g = g0 + gx x + gy y is positive.
 
-    They are the derivatives of the integrals of `no_tension` with respect to g0, gx and gy: where g is zero its part
-    grows by nothing. For gx, gy that are not both zero; the fan starts on the line g = 0 as there.
+    They are the derivatives of the integrals of `no_tension` with respect to g0, gx and gy: motion of the line g = 0
+    adds nothing, as g is zero there. gx and gy must not both be zero; the fan starts on the line g = 0 as in
+    `no_tension`.
     """
     slope = gx * gx + gy * gy
     x0 = -g0 * gx / slope

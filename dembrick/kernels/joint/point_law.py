@@ -1,33 +1,35 @@
 """The law of a contact point: a no-tension normal spring and Coulomb friction, each spring with a dashpot beside it.
 
-Both engines call `point_law` once a point and step, or `bonded_law` in scenes where any point has more strength than
-friction gives it, or dilates, or crushes. Sign of all shear quantities: the action on block b (in dynamics
-the host), which is also the direction in which it slips; the joint pushes back with the opposite.
+Both engines call `point_law` once per point and step, or `bonded_law` in scenes where a point has cohesion or tension,
+dilates, or crushes. Sign of all shear quantities: the action on block b (in dynamics the host), which is also the
+direction in which it slips; the joint pushes back with the opposite.
 
 - Normal: N = k_n (g + viscous d'), never negative and zero if g <= 0; d' is `dashpots.dashpot_growth`.
-- Shear: spring and dashpot in parallel, both behind a slider of strength mu N. The trial force is the elastic force
-  before plus k_s (1 + viscous) times the slip of the step; beyond mu N it returns along its own direction.
+- Shear: spring and dashpot in parallel, both behind a slider of strength mu N. The trial force is the last elastic
+  force plus k_s (1 + viscous) times the slip of the step; beyond mu N it is returned along its own direction.
 - Memory: the elastic shear force, in N. An open point (N = 0) carries nothing and remembers nothing: a point that
-  closes again begins without shear. (A decay over the dashpot's time instead, k_s / c, would let the regularisation
-  decide what a joint remembers; as the dashpot gets smaller it tends to this rule.)
-- `slip` is the irreversible part of the shear displacement, as a path length: the plastic increment of each step added
-  up while the point is closed. What an open point moves past is no slip.
+  closes again begins without shear. (If the memory decayed over the time of the dashpot instead, k_s / c, the
+  regularisation would decide what a joint remembers; for a vanishing dashpot that tends to this rule.)
+- `slip` is the irreversible part of the shear displacement, as a path length: the plastic increments of all steps in
+  which the point is closed. The motion of an open point is no slip.
 
-The dry law has one branch, so that a point that sticks takes no root and no division. It holds nothing but arithmetic:
-in a loop over the lanes of a tile the compiler does it for all lanes, by wide instructions, and keeps those that slide.
+The dry law has one branch, so a point that sticks needs no root and no division. It consists of arithmetic only: in a
+loop over the lanes of a tile the compiler evaluates it for all lanes by wide instructions, and selects those that
+slide.
 
 With strengths (cohesion c, tensile strength f_t, compressive strength f_c, dilation tan psi, residual friction mu_r and
-cohesion c_r; areas A) a point remembers besides whether its *bond* holds, the depth by which it was crushed, and its
-rise by dilation. The normal spring then has the length g + rise - crushed. In this order:
+cohesion c_r; areas A) a point also remembers whether its *bond* holds, the depth by which it was crushed, and its rise
+by dilation. The normal spring then has the length g + rise - crushed. In this order:
 
-1. A bond breaks in tension if the spring pulls more than f_t A; without a bond a spring that does not press is open.
-2. What presses more than f_c A crushes by the rest, and goes on with f_c A.
+1. A bond breaks in tension if the spring pulls more than f_t A; without a bond, a point is open unless its spring
+   presses.
+2. A point that presses more than f_c A crushes by the excess depth, and carries f_c A.
 3. The bond breaks in shear beyond c A + mu N. From then on, in the same evaluation, the strength is c_r A + mu_r N; a
-   bond that breaks while it pulls leaves nothing.
-4. Slip ds lifts by tan psi ds, by its length and not its sense, and N grows with it: slip and lift of a step are one
-   solution. So a point that has come apart by less than its slip lifts it has not opened.
+   bond that breaks while it pulls leaves no strength.
+4. Slip ds lifts by tan psi ds, by its length whatever its sense, and N grows with it: slip and lift of a step are
+   solved together. So a point stays closed if it has separated by less than its slip lifts it.
 
-A bond that breaks lets its springs go at once: no dashpot holds them back.
+The springs of a bond that breaks unload at once: no dashpot resists that.
 """
 
 from math import sqrt
@@ -38,7 +40,7 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.joint.dashpots import dashpot_growth
 
-NONE = 1e-140  # as good as zero, in a divisor
+NONE = 1e-140  # least divisor, in place of zero
 
 
 @jit
@@ -47,7 +49,7 @@ def coulomb(elastic, slip, k, damped, share, cap):
 
     ``elastic`` (2): memory (N); ``slip`` (2): increment of the relative displacement (m); ``k`` N/m; ``damped``: one
     plus dashpot force over spring force for the same increment; ``share``: one over that; ``cap`` = mu N (N). Returns
-    the shear force (2), the elastic part of it that stays (2) and the length of the plastic increment (m), which points
+    the shear force (2), its elastic part, the new memory (2), and the length of the plastic increment (m), which points
     along the force.
     """
     elastic_1, elastic_2 = elastic
@@ -58,7 +60,7 @@ def coulomb(elastic, slip, k, damped, share, cap):
     if size2 > cap * cap:
         size = sqrt(size2)
         divisor = max(k, NONE)
-        both = 1.0 / (size * divisor)  # one over size and one over the stiffness by one division
+        both = 1.0 / (size * divisor)  # one over the size and over the stiffness, by one division
         kept = cap * divisor * both
         plastic = (size - cap) * share * size * both
         t1 *= kept
@@ -73,8 +75,8 @@ def point_law(g, d, slip, elastic, springs, friction, dashpots):
     """Force of a contact point and its new memory, dry.
 
     ``g`` penetration now and ``d`` its growth in the step (m); ``slip`` (2) of the step (m); ``elastic`` (2): memory
-    (N); ``springs``: k_n, k_s (N/m); ``dashpots``: over spring force along the normal, one plus that in shear, one over
-    that. Returns N, the shear force (2), the new memory (2) and the slip path of the step (m).
+    (N); ``springs``: k_n, k_s (N/m); ``dashpots``: dashpot over spring force along the normal, one plus that ratio in
+    shear, one over that sum. Returns N, the shear force (2), the new memory (2) and the slip path of the step (m).
     """
     k_n, k_s = springs
     viscous, damped, share = dashpots
@@ -88,10 +90,11 @@ def point_law(g, d, slip, elastic, springs, friction, dashpots):
 
 @jit
 def shear_loss(before, after, slip, k):
-    """Work of a step that the shear spring of a point does not give back (J): friction, or released.
+    """Work of a step that the shear spring of a point does not store (J): lost in friction, or released.
 
-    A spring that was loaded from e (``before``, 2) to e' (``after``) while the point moved by s (``slip``) took
-    (e + e') s / 2 and holds (e'^2 - e^2) / 2k more. The rest went into friction, or was let go if the point has opened.
+    A spring that was loaded from e (``before``, 2) to e' (``after``) while the point moved by s (``slip``) received
+    (e + e') s / 2 and stores (e'^2 - e^2) / 2k more. The rest was lost in friction, or released if the point has
+    opened.
     """
     divisor = max(k, NONE)
     q1 = k * slip[0] - (after[0] - before[0])
@@ -100,7 +103,7 @@ def shear_loss(before, after, slip, k):
 
 
 class Strengths(NamedTuple):
-    """Strengths of joints beside friction, an entry a joint (s,) or a law of joints; None in scenes without any."""
+    """Strengths of joints beside friction, one entry per joint (s,) or law of joints; None in scenes without any."""
 
     cohesion: ndarray  # (s,) Pa, while the bond holds
     tension: ndarray  # (s,) Pa
@@ -108,12 +111,12 @@ class Strengths(NamedTuple):
     dilation: ndarray  # (s,) rise over slip
     residual_cohesion: ndarray  # (s,) Pa, of a closed point without a bond
     residual: ndarray  # (s,) residual friction over friction
-    held: ndarray  # (1,) 1 while no bond breaks that would let go of something: while an equilibrium is looked for
+    held: ndarray  # (1,) 1 during the search for an equilibrium: no bond may break whose loss would release force
 
 
 @jit
 def breaks_at_once(strengths, i):
-    """Whether a bond that breaks in shear while it presses lets go of something (brittle), or carries on (ductile)."""
+    """Whether the strength of a pressed bond drops when it breaks in shear (brittle), or remains (ductile)."""
     return strengths.residual_cohesion[i] < strengths.cohesion[i] or strengths.residual[i] < 1.0
 
 
@@ -125,13 +128,14 @@ def bond_strength(strengths, i, area, friction, normal):
 
 @jit
 def residual_strength(strengths, i, area, friction, normal):
-    """Shear strength (N) without a bond, if it presses: c_r A + mu_r N."""
+    """Shear strength (N) without a bond, if the point presses: c_r A + mu_r N."""
     return strengths.residual_cohesion[i] * area + strengths.residual[i] * friction * normal
 
 
 @jit
 def shear_strength(strengths, i, area, bonded, friction, normal):
-    """Shear strength (N) under N = ``normal`` of a point, or what scales the limit surface of an area, by its bond."""
+    """Shear strength (N) of a point under N = ``normal``, or scale of the limit surface of an area, with or without its
+    bond."""
     if bonded > 0.0:
         return max(bond_strength(strengths, i, area, friction, normal), 0.0)
     return residual_strength(strengths, i, area, friction, normal) if normal > 0.0 else 0.0
@@ -148,7 +152,7 @@ class Bond(NamedTuple):
 
 @jit
 def carries_nothing(spring, crushed, rise):
-    """Answer of `bonded_law` for a point without a bond that does not press."""
+    """Result of `bonded_law` for a point without a bond that does not press."""
     return 0.0, spring, (0.0, 0.0), 0.0, Bond((0.0, 0.0), 0.0, crushed, rise)
 
 
@@ -156,8 +160,8 @@ def carries_nothing(spring, crushed, rise):
 def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond):
     """Force of a contact point with the strengths ``i``, and its new memory.
 
-    ``area`` (m2) tributary; ``bond``: its `Bond`; the rest as in `point_law`. Returns N (negative in tension), N of the
-    spring alone, the shear force (2), the slip path of the step (m), and the memory.
+    ``area`` (m2) tributary; ``bond``: its `Bond`; all others as in `point_law`. Returns N (negative in tension), N of
+    the spring alone, the shear force (2), the slip path of the step (m), and the memory.
     """
     k_n, k_s = springs
     viscous, damped, share = dashpots
@@ -178,7 +182,7 @@ def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond
         growth = dashpot_growth(length, d)
         if spring <= 0.0 and strengths.dilation[i] == 0.0:
             return carries_nothing(0.0, crushed, rise)
-    if spring > most:  # spring and dashpot are one behind the other with what crushes, and with what lifts
+    if spring > most:  # spring and dashpot are in series with crushing, and with lift
         growth -= (spring - most) / k_n
         crushed += (spring - most) / k_n
         spring = most
@@ -193,7 +197,7 @@ def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond
     if bonded > 0.0:
         brittle = breaks_at_once(strengths, i)
         s1, s2, pressed = t1, t2, normal
-        if brittle:  # by its springs alone, which store what it takes: dashpots break nothing
+        if brittle:  # by its springs alone, which store the energy for it: dashpots break nothing
             s1 = elastic_1 + k_s * slip_1
             s2 = elastic_2 + k_s * slip_2
             pressed = spring
@@ -205,7 +209,7 @@ def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond
         bonded = 0.0
         if spring <= 0.0:
             return carries_nothing(0.0, crushed, rise)
-        if brittle:  # the springs go at once, and no dashpot acts in this step
+        if brittle:  # the springs unload at once, and no dashpot acts in this step
             normal = spring
             t1 = s1
             t2 = s2
@@ -228,7 +232,7 @@ def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond
         rise += lift
         normal += k_n * (1.0 + viscous) * lift
         spring += k_n * lift
-        if normal > most:  # what is crushed lifts no further
+        if normal > most:  # a point that crushes lifts no further
             crushed += (spring - most) / k_n if spring > most else 0.0
             spring = min(spring, most)
             normal = most
@@ -249,7 +253,7 @@ def bonded_law(g, d, slip, springs, friction, dashpots, strengths, i, area, bond
 
 @jit
 def spring_of(strengths, i, k_n, g, area, bond):
-    """N of the normal spring of a point for a penetration ``g``, that of a step ago for instance."""
+    """N of the normal spring of a point at a penetration ``g``, for instance that of the last step."""
     spring = k_n * (g + bond.rise - bond.crushed)
     if bond.bonded == 0.0 and spring < 0.0:
         return 0.0
@@ -258,15 +262,15 @@ def spring_of(strengths, i, k_n, g, area, bond):
 
 
 class Losses(NamedTuple):
-    """Energies that a step took from the springs of a point with strengths (J)."""
+    """Energies that the springs of a point with strengths lost in a step (J)."""
 
     friction: float
-    by_law: float  # the friction by its law
+    by_law: float  # friction loss by its law
     crushing: float
-    fracture: float  # by a bond that broke
-    released: float  # let go by a point that opened
+    fracture: float  # by breaking of the bond
+    released: float  # by opening of the point
     stepping: float  # by opening or closing within the step
-    dash: float  # by its dashpot, more than by the growth of the penetration
+    dash: float  # in its dashpot, beyond the work on the growth of the penetration
 
 
 @jit
@@ -274,8 +278,8 @@ def bonded_losses(strengths, i, area, friction, k_n, d, springs, shear, slid, ch
     """`Losses` of a point with the strengths ``i`` in a step.
 
     ``springs``: N of the normal spring a step ago and now, and N; ``d``: growth of the penetration (m); ``shear``: see
-    `shear_loss`; ``slid``: slip path (m); ``change``: whether the bond broke, by how much the crushed depth and the
-    rise grew (m), whether the point let go of its shear.
+    `shear_loss`; ``slid``: slip path (m); ``change``: whether the bond broke, growth of the crushed depth and of the
+    rise (m), whether the point released its shear.
     """
     before, spring, normal = springs
     broke, deeper, lift, opened = change
@@ -285,7 +289,7 @@ def bonded_losses(strengths, i, area, friction, k_n, d, springs, shear, slid, ch
     crush = strengths.crushing[i] * area * deeper if deeper > 0.0 else 0.0
     if slid > 0.0:
         by_law = residual_strength(strengths, i, area, friction, normal) - strengths.dilation[i] * normal
-        if lift > 0.0:  # what lifts takes its work from friction, and the dashpot lengthens with it
+        if lift > 0.0:  # the work of lifting comes out of friction, and the dashpot lengthens with the lift
             dash = (normal - spring) * (lift - deeper)
             return Losses(shear + across - crush - dash, by_law * slid, crush, 0.0, 0.0, 0.0, dash)
         return Losses(shear, by_law * slid, crush, 0.0, 0.0, across - crush, 0.0)

@@ -1,11 +1,11 @@
 """The limit surface of a contact whose pressure is linear: of convex joints whose friction follows the bending, by the
-pressures "effective" and "linear", and of new contacts, on the patches of which it is linear (``contact_friction``).
+pressures "effective" and "linear", and of new contacts, whose patches have a linear pressure (``contact_friction``).
 
-It is a share p of the normal force per area, linear over a convex polygon; that of a new contact may be several. The
-polygon of a joint is a part of its own, seen from the centre of pressure e = (M_2, -M_1)/N:
+The pressure p is a share of the normal force per area, linear over a convex polygon; a new contact may have several.
+The polygon of a joint is a part of its own, seen from the centre of pressure e = (M_2, -M_1)/N:
 
-- effective: p is the same all over the largest part that is centrally symmetric about e, which is the intersection of
-  the polygon with its reflection through e (a rectangle a x b: a x (b - 2e));
+- effective: p is uniform over the largest part that is centrally symmetric about e, which is the intersection of the
+  polygon with its reflection through e (a rectangle a x b: a x (b - 2e));
 - linear: p is the no-tension pressure k_n <g>+ itself over N, on the part where g > 0.
 
 As in ``limit_surface``, D(q) = integral of p |v + w x r| dA = |w| times the integral of p times the distance from the
@@ -17,7 +17,8 @@ it, rho the distance from C) and the divergence theorem leave elementary integra
     integral of p grad(rho) dA   = sum of n (p_C I + s_n h I + s_t K) - s (integral of rho dA)
     integral of p hess(rho) dA   = sum of (integral of p r/rho ds) n - (integral of r/rho dA) s
 
-Far from the joint, where these sums lose digits, the integrand is smooth and a Gauss rule is exact to rounding.
+For torsion centres far from the joint, where these sums lose digits, the integrand is smooth and a Gauss rule is exact
+to rounding.
 """
 
 from math import log, pi, sqrt
@@ -28,18 +29,18 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.math.vectors import put_vector
 
-FULL, EFFECTIVE, LINEAR, PATCHES = 0, 1, 2, 3  # the last of new contacts
+FULL, EFFECTIVE, LINEAR, PATCHES = 0, 1, 2, 3  # the last is that of new contacts
 
 # Beyond this many half diameters of the pressed part the Gauss rule below is exact to rounding.
 FAR = 8.0
-# A centre of pressure is kept within this part of the way to the edge, and the pressed depth above THIN half diameters
-# of the joint: on the way to a line of contact every integral stays one over an area.
+# A centre of pressure is limited to this part of the distance to the edge, and the pressed depth to at least THIN half
+# diameters of the joint: even near contact along a line every integral remains one over an area.
 EDGE = 1.0 - 1e-5
 THIN = 1e-4
-# Corners so little outside an edge (in half diameters of the joint) are on it.
+# Corners outside an edge by no more than this (in half diameters of the joint) count as on it.
 _ON_EDGE = 1e-13
-# Gauss rules of six and of three points from 0 to 1: nodes, weights. With three the sums over a new contact are right
-# to 1e-6 where it is far.
+# Gauss rules of six and of three points from 0 to 1: nodes, weights. Three give the sums over a distant new contact
+# to 1e-6.
 SIX = (
     (
         0.03376524289842403, 0.16939530676686776, 0.38069040695840156,
@@ -54,16 +55,16 @@ THREE = (0.1127016653792583, 0.5, 0.8872983346207417), (5.0 / 18.0, 8.0 / 18.0, 
 
 
 class Pressed(NamedTuple):
-    """The pressed part of convex joints whose friction follows the bending, a polygon each; or the pieces of one new
+    """The pressed part of convex joints whose friction follows the bending, one polygon each; or the pieces of one new
     contact, one after the other (`contact_friction`). (u,) is room for the corners."""
 
     kind: ndarray  # (a,) int64, pressure: 0 full, 1 effective, 2 linear, 3 of a new contact
-    pieces: ndarray  # (a,) int64, how many polygons from this number on belong together
+    pieces: ndarray  # (a,) int64, number of polygons from this one on that belong together
     start: ndarray  # (a,) int64, first corner of each
     count: ndarray  # (a,) int64, corners now
     x: ndarray  # (u,) m, corners about the centre of pressure along t1, counter-clockwise
     y: ndarray  # (u,) m, along t2
-    spare_x: ndarray  # (u,) m, where corners are cut
+    spare_x: ndarray  # (u,) m, scratch for cutting
     spare_y: ndarray  # (u,) m
     centre: ndarray  # (a, 2) m, centre of pressure about O
     density: ndarray  # (a, 3) 1/m2, 1/m3: pressure over N at that centre, its slopes along t1 and t2
@@ -75,7 +76,8 @@ class Pressed(NamedTuple):
 def edge_logarithm(h, sa, sb, ra, rb):
     """h L with L = integral of ds/rho along an edge at the distance ``h``, from s = ``sa`` (rho = ``ra``) to ``sb``.
 
-    s + rho cancels for s < 0, and there rho - s does not: (rho + s)(rho - s) = h^2. On the edge's own line h L -> 0.
+    s + rho cancels for s < 0, where rho - s does not: (rho + s)(rho - s) = h^2. On the line of the edge itself h L ->
+    0.
     """
     hh = h * h
     if hh > 1e-300 and ra > 0.0 and rb > 0.0:
@@ -87,8 +89,8 @@ def edge_logarithm(h, sa, sb, ra, rb):
 
 @jit
 def cut(room, first, count, nx, ny, d, slack):
-    """Keep what has nx x + ny y + d >= -slack of the convex polygon of ``count`` corners from ``first`` in ``room``
-    (x, y, spare_x, spare_y); returns how many it has then."""
+    """Cut the convex polygon of ``count`` corners from ``first`` in ``room`` (x, y, spare_x, spare_y) to its part with
+    nx x + ny y + d >= -slack; return its number of corners then."""
     x = room.x
     y = room.y
     least = d + nx * x[first] + ny * y[first]
@@ -122,7 +124,8 @@ def cut(room, first, count, nx, ny, d, slack):
 
 @jit
 def place(pressed, a, polygon, e1, e2):
-    """Put the polygon, seen from e, where the pressed part of joint ``a`` is worked out; returns its first corner."""
+    """Copy the polygon, seen from e, to where the pressed part of joint ``a`` is computed; return its first corner
+    there."""
     own = pressed.start[a]
     for i in range(polygon.first, polygon.last):
         pressed.x[own + i - polygon.first] = polygon.x[i] - e1
@@ -134,7 +137,7 @@ def place(pressed, a, polygon, e1, e2):
 
 @jit
 def cut_by_reflection(pressed, a, polygon, e1, e2, slack):
-    """The pressed part by "effective": what the polygon has in common with its reflection through e."""
+    """The pressed part by "effective": the intersection of the polygon with its reflection through e."""
     x = polygon.x
     y = polygon.y
     first = polygon.first
@@ -142,7 +145,7 @@ def cut_by_reflection(pressed, a, polygon, e1, e2, slack):
     xa = x[last - 1]
     ya = y[last - 1]
     most = 0.0
-    for i in range(first, last):  # how far e is on its way from O to the edge
+    for i in range(first, last):  # position of e between O (0) and the edge (1)
         h = xa * y[i] - ya * x[i]
         most = max(most, (e1 * (y[i] - ya) - e2 * (x[i] - xa)) / h)
         xa = x[i]
@@ -195,8 +198,8 @@ def cut_by_opening(pressed, a, polygon, e1, e2, depth, slack):
 
 @jit
 def follow_pressure(pressed, a, polygon, pressure, depth):
-    """Bring the pressed part of joint ``a`` up to date: ``pressure``, N and its x and y moments (3), and ``depth``, the
-    penetration g0 + gx x + gy y (3). Joints of full pressure and open ones are left alone."""
+    """Update the pressed part of joint ``a`` for ``pressure``, N and its x and y moments (3), and ``depth``, the
+    penetration g0 + gx x + gy y (3). Joints of full pressure and open ones are not changed."""
     n, nx, ny = pressure
     if pressed.kind[a] == FULL or n <= 0.0:
         return
@@ -205,8 +208,8 @@ def follow_pressure(pressed, a, polygon, pressure, depth):
         cut_by_reflection(pressed, a, polygon, nx / n, ny / n, slack)
     else:
         cut_by_opening(pressed, a, polygon, nx / n, ny / n, depth, slack)
-    # by a fan of triangles from e: scale the density to a whole of one, and see the part from its middle, which is off
-    # e where the pressed depth was too thin
+    # by a fan of triangles from e: scale the integral of the density to one, and move the origin to the centre of the
+    # pressure, which differs from e where the pressed depth was too thin
     own = pressed.start[a]
     end = own + pressed.count[a]
     density = pressed.density[a]
@@ -238,15 +241,15 @@ def follow_pressure(pressed, a, polygon, pressure, depth):
         pressed.y[i] -= m_y
         reach = max(reach, pressed.x[i] ** 2 + pressed.y[i] ** 2)
     pressed.reach[a] = sqrt(reach)
-    # no density below `greatest` has a smaller mean distance than a disc of it
+    # no density up to ``greatest`` has a smaller mean distance than a disc with that density
     pressed.radius[a] = 2.0 / 3.0 * sqrt(total / (pi * greatest))
 
 
 @jit
 def weighted_edge_sums(x, y, first, last, p0, px, py, c1, c2):
-    """Integrals over a polygon with the weight p0 + px x + py y; rho is the distance from C = (c1, c2).
+    """Integrals over a polygon with the weight p = p0 + px x + py y; rho is the distance from C = (c1, c2).
 
-    Returns F = of p rho, B = of p grad(rho) (2 values) and T = of p hess(rho) (3 values: 11, 12, 22).
+    Returns F = integral of p rho, B of p grad(rho) (2 values) and T of p hess(rho) (3 values: 11, 12, 22).
     """
     pc = p0 + px * c1 + py * c2
     f = whole = b1 = b2 = u1 = u2 = t11 = t12 = t22 = 0.0
@@ -271,7 +274,7 @@ def weighted_edge_sums(x, y, first, last, p0, px, py, c1, c2):
             e = 0.5 * (difference + h * hl)
             j = rb - ra
             k = (rb * rb * rb - ra * ra * ra) / 3.0
-            # along the edge p = pn + pt s
+            # along the edge p is pn + pt s
             pn = pc + h * (px * ey - py * ex)
             pt = px * ex + py * ey
             f += h * (pc * e / 3.0 + ((pn - pc) * e + pt * k) / 4.0)
@@ -298,7 +301,7 @@ def gauss_sums(x, y, first, last, density, twist, rule):
     """D, its gradient and second derivatives about the polygon's origin by a Gauss ``rule`` (nodes, weights) on the fan
     of triangles, under the pressure ``density`` (3) for a ``twist`` (3).
 
-    For torsion centres further than ``FAR`` half diameters. Returns D, V1, V2, M, H11, H12, H22, H13, H23, H33.
+    For torsion centres farther away than ``FAR`` half diameters. Returns D, V1, V2, M, H11, H12, H22, H13, H23, H33.
     """
     p0, px, py = density
     v1, v2, w = twist
@@ -345,7 +348,7 @@ def gauss_sums(x, y, first, last, density, twist, rule):
 def pressed_surface(pressed, a, v1, v2, w):
     """D(q)/V_0 of contact ``a``, its gradient and second derivatives for the twist q = (v1, v2, w) != 0 about O.
 
-    It presses on ``pressure.pieces[a]`` polygons, those from number ``a`` on.
+    It presses on ``pressed.pieces[a]`` polygons, those from number ``a`` on.
     """
     e1 = pressed.centre[a, 0]
     e2 = pressed.centre[a, 1]

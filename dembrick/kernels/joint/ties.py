@@ -1,7 +1,8 @@
 """The law of a tie: a bar, cable or prop along the line between two points of two blocks.
 
-T = T_0 + k (l - l_0 - l_p), zero if it would push if it takes tension only; at its strength it yields without
-hardening, and l_p grows by what it yields. Both engines call `answer` once a tie and step, in the moving geometry.
+T = T_0 + k (l - l_0 - l_p), but zero instead of compression if it takes tension only; at its strength it yields without
+hardening, and l_p grows by the excess elongation. Both engines call `answer` once per tie and step, in the moving
+geometry.
 """
 
 from math import sqrt
@@ -13,9 +14,9 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.math.vectors import put_vector, rotate
 
-# Of a tie: length (m), tension (N), elongation that stays (m)
+# Of a tie: length (m), tension (N), plastic elongation (m)
 TIE = np.dtype((np.record, [("length", float), ("tension", float), ("yielded", float)]))
-SHORTEST = 1e-12  # m, of a line that has a direction
+SHORTEST = 1e-12  # m, below it the line of a tie has no direction
 
 
 class Ties(NamedTuple):
@@ -37,8 +38,8 @@ class Ties(NamedTuple):
 
 @jit
 def stretch(ties, t, swings, s1, s2, s3):
-    """Let tie ``t`` answer to the line s from its end on a to that on b (m, world): its force, and what it keeps;
-    nothing of how it yields while blocks swing."""
+    """Update the force and the state of tie ``t`` for the line s from its end on a to that on b (m, world); it does not
+    yield while blocks swing."""
     now = ties.now[t]
     before = ties.before[t]
     before.length = now.length
@@ -63,8 +64,8 @@ def stretch(ties, t, swings, s1, s2, s3):
 
 @jit
 def answer(ties, t, q, away, swings):
-    """Let tie ``t`` answer to the orientations ``q`` (n, 4) of the blocks and to where the centroid of b is ``away``
-    (3) from that of a (m, world): arms, force, and what it keeps; ``swings``: see `stretch`."""
+    """Update arms, force and state of tie ``t`` for the orientations ``q`` (n, 4) of the blocks and the vector ``away``
+    (3) from the centroid of a to that of b (m, world); ``swings``: see `stretch`."""
     arm = ties.arm[t]
     for side in range(2):
         lever = ties.lever[t, side]
@@ -85,7 +86,7 @@ def tie_energy(ties):
 
 @jit
 def tie_losses(ties):
-    """Energies that the last step took from all ties (J): by yielding, and in those that became tight or slack."""
+    """Energies that all ties lost in the last step (J): by yielding, and by becoming tight or slack within the step."""
     yielding = stepping = 0.0
     for t in range(ties.stiffness.size):
         now = ties.now[t]

@@ -1,9 +1,9 @@
-"""Utilisation of joints: how much of its limit set a recorded force takes, for many joints in many frames.
+"""Utilisation of joints: how much of its limit set a recorded force uses, for many joints in many frames.
 
 The gauge of a tangential force f = (f1, f2, m) is the least g for which f lies in g times the set of forces that the
-joint can give. It is the greatest f.q / D(q) over slip twists q, D the dissipation, so every twist tells a lower bound.
-The D of a convex joint is smooth (see `limit_surface.gauge`). Coulomb friction at points has kinks,
-where the joint turns about one of its points and that point sticks; whether the optimum is there is checked exactly.
+joint can carry. It is the greatest f.q / D(q) over slip twists q, D the dissipation, so every twist gives a lower
+bound. The D of a convex joint is smooth (see `limit_surface.gauge`). Coulomb friction at points has kinks, where the
+joint turns about one of its points and that point sticks; whether the optimum is at a kink is checked exactly.
 """
 
 from math import inf, sqrt
@@ -18,19 +18,19 @@ from dembrick.kernels.joint.pressure import follow_pressure
 from dembrick.kernels.math.vectors import cross, put_vector, tangent
 
 MAX_NEWTON = 30
-# What half a Newton decrement may leave of D.
+# Half the Newton decrement over D at convergence.
 TOLERANCE = 1e-13
-# Kinks rounded off at 0.1, 0.01 ... of the speed, where the sharp problem is not solved at once: 1e-10 of D at the end.
+# Smoothings of the kinks, by 0.1, 0.01 ... of the speed, if the sharp problem is not solved at once: to 1e-10 of D.
 LEVELS = 10
-# Up to this many points all kinks are checked first; it costs a pair of points each.
+# Up to this many points all kinks are checked first, at a cost of the square of their number.
 FEW = 8
-# A moment about the only point that carries, relative to force times distance, which is none: where normal forces
-# follow from recorded motion, the last millionth of a joint's force may have gone through another point.
+# Moment about the only point that carries, over force times distance, below which it counts as zero: in normal forces
+# computed from recorded motion, the last millionth of the force of a joint may have acted through another point.
 NO_MOMENT = 1e-4
 
 
 class FrictionPoints(NamedTuple):
-    """The points ``first`` to ``last`` - 1, which give forces up to ``weight`` (N) each."""
+    """The points ``first`` to ``last`` - 1, whose shear forces are limited by ``weight`` (N)."""
 
     x: ndarray  # (c,) m
     y: ndarray  # (c,) m
@@ -54,7 +54,7 @@ class Outlines(NamedTuple):
 def point_dissipation(points, v1, v2, w, smoothing):
     """D, its gradient (3) and second derivatives (6: 11, 12, 22, 13, 23, 33) of Coulomb friction at points.
 
-    ``smoothing`` is a speed that rounds the kinks off: sqrt(speed^2 + smoothing^2) in place of the speed.
+    ``smoothing`` is a speed that rounds off the kinks: sqrt(speed^2 + smoothing^2) replaces the speed.
     """
     d = g1 = g2 = g3 = h11 = h12 = h22 = h13 = h23 = h33 = 0.0
     ss = smoothing * smoothing
@@ -86,7 +86,8 @@ def point_dissipation(points, v1, v2, w, smoothing):
 
 @jit
 def best_kink(points, f1, f2, m):
-    """Greatest lower bound by turning about one of the points, the point, and whether it is the gauge itself."""
+    """Greatest lower bound of the gauge by turning about one of the points, the point, and whether the bound is the
+    gauge."""
     x = points.x
     y = points.y
     weight = points.weight
@@ -118,7 +119,7 @@ def best_kink(points, f1, f2, m):
             if power < 0.0:
                 g1 = -g1
                 g2 = -g2
-            # the others' friction leaves this rest for point i
+            # the force that the friction of the other points leaves to point i
             r1 = f1 - size * g1
             r2 = f2 - size * g2
             if sqrt(r1 * r1 + r2 * r2) <= size * own * (1.0 + 1e-12):
@@ -154,9 +155,9 @@ def plane_step(points, e, reach, z1, z2, b, smoothing):
 
 @jit
 def minimum(points, e, reach, z1, z2, b, smoothing, tolerance):
-    """Least D on the plane of twists with power one, by guarded Newton from (z1, z2); z1, z2, D, whether converged.
+    """Least D on the plane of twists of unit power, by guarded Newton from (z1, z2); z1, z2, D, whether converged.
 
-    The Newton decrement, twice the expected gain, has then come below ``tolerance`` D.
+    It has converged when the Newton decrement, twice the expected gain, is below ``tolerance`` D.
     """
     d, g1, g2, h11, h12, h22 = plane_step(points, e, reach, z1, z2, b, smoothing)
     for _ in range(MAX_NEWTON):
@@ -191,11 +192,11 @@ def minimum(points, e, reach, z1, z2, b, smoothing, tolerance):
 
 @jit
 def point_gauge(points, f1, f2, m, q, basis):
-    """Gauge of (f1, f2, m) where `FrictionPoints` give what they can.
+    """Gauge of (f1, f2, m) in the limit set of `FrictionPoints`.
 
-    The least D over the twists of power one is a convex problem in two unknowns. A kink that proves to be the optimum
-    ends it at once; else Newton's iteration from the twist ``q`` (3,), which is replaced; where that fails, close to a
-    kink, once more through a smoothed D. ``basis`` (6,) is for scratch.
+    Minimises D over the twists of unit power, a convex problem in two unknowns. If a kink proves to be the optimum,
+    that is the result; else Newton's method starts from the twist ``q`` (3,), which is replaced; if it fails, close to
+    a kink, it is repeated with a smoothed D. ``basis`` (6,) is scratch.
     """
     if f1 == 0.0 and f2 == 0.0 and m == 0.0:
         return 0.0
@@ -247,7 +248,8 @@ def point_gauge(points, f1, f2, m, q, basis):
 
 @jit
 def point_gauges(x, y, start, joint, friction, normal, force, twist, basis, gauge_out):
-    """Utilisation of the joints ``joint`` (p,) whose points are ``start`` (p + 1,), in every frame.
+    """Utilisation of the joints ``joint`` (p,) in every frame; joint p has the points from ``start[p]`` on, ``start``
+    (p + 1,).
 
     ``normal`` (f, c) N, ``force`` (f, j, 3), ``twist`` (p, 3) memory from frame to frame, ``basis`` (6,) scratch,
     ``gauge_out`` (f, j).
@@ -275,9 +277,9 @@ def point_gauges(x, y, start, joint, friction, normal, force, twist, basis, gaug
 def area_gauges(outlines, shape, joint, pressed, bending, strength, force, twist, gauge_out):
     """Utilisation of the convex joints ``joint`` (a,), of the polygons ``shape`` (a,) of `Outlines`, in every frame.
 
-    ``strength`` (f, j) N is V_0, ``force`` (f, j, 3), ``twist`` (a, 3) memory, ``gauge_out`` (f, j). Where friction
-    follows the bending, ``pressed`` (else None) is room for that, and ``bending`` (f, j, 6) holds N, M_1, M_2 and the
-    opening dn, r1, r2.
+    ``strength`` (f, j) N is V_0, ``force`` (f, j, 3), ``twist`` (a, 3) memory, ``gauge_out`` (f, j). If friction
+    follows the bending, ``pressed`` (else None) is room for the pressed parts, and ``bending`` (f, j, 6) holds N, M_1,
+    M_2 and the opening dn, r1, r2.
     """
     for k in range(force.shape[0]):
         for a in range(joint.size):
