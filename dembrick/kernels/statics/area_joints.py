@@ -1,7 +1,7 @@
 """Convex joints, in searches and constant-rate tests: the area family.
 
-The functions of a family are those of `point_joints`, under the same names; `joint_families` calls them. The law of a
-convex joint is `kernels.joint.area_law`.
+Its functions have the same names as those of `point_joints`; `joint_families` calls either. The law of a convex joint
+is `kernels.joint.area_law`.
 """
 
 from math import inf
@@ -29,8 +29,8 @@ from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, shear_st
 from dembrick.kernels.joint.pressure import Pressed
 from dembrick.kernels.math.vectors import put_vector, three_of
 
-SAME = 1e-9  # of the normal force and its moment: a pressure that moves no more than that is at rest
-NEVER_OVER = 1e300  # N, of a block that no load of this direction turns over
+SAME = 1e-9  # relative change of the normal force and its moments below which the pressure counts as unchanged
+NEVER_OVER = 1e300  # N, for a block that no load in this direction overturns
 
 
 class AreaBonds(NamedTuple):
@@ -38,10 +38,10 @@ class AreaBonds(NamedTuple):
 
     bonded: ndarray  # (a,) 1 while the bond holds, else 0
     rise: ndarray  # (a,) m, by dilation
-    crushed: ndarray  # (a,) m3, volume by which the pressed part is deeper than it can press
-    more: ndarray  # (a,) J, twice what the springs hold beyond half the resultant times the opening
+    crushed: ndarray  # (a,) m3, volume of penetration beyond the crushing depth
+    more: ndarray  # (a,) J, twice the energy of the springs beyond half the resultant times the opening
     normal: ndarray  # (a,) N
-    least: ndarray  # (a,) Pa, of the pressure at the corners, negative in tension
+    least: ndarray  # (a,) Pa, least pressure at a corner, negative in tension
 
 
 class Areas(NamedTuple):
@@ -64,19 +64,19 @@ class Areas(NamedTuple):
     slip: ndarray  # (a,) m, length of the slip path at O
     evaluations: ndarray  # (a,) int64, evaluations of the limit surface
     pressed: Pressed | None  # None if all pressures are full
-    strengths: Strengths | None = None  # beside friction; None if no joint has any
+    strengths: Strengths | None = None  # besides friction; None if no joint has any
     bonds: AreaBonds | None = None  # None if ``strengths`` is
 
 
 @jit
 def limit_of(areas, a):
-    """The `LimitSurface` of convex joint ``a``, as it is pressed now."""
+    """The `LimitSurface` of convex joint ``a`` under its present pressure."""
     return limit_under(areas.pressed, areas, a)
 
 
 @jit
 def limit_under(pressed, areas, a):
-    """The `LimitSurface` of convex joint ``a`` under that pressure; None: full."""
+    """The `LimitSurface` of convex joint ``a`` under the pressure ``pressed``; None: full."""
     polygon = Polygon(
         areas.x, areas.y, areas.start[a], areas.start[a + 1], areas.area[a], three_of(areas.second[a]), areas.reach[a]
     )
@@ -86,13 +86,13 @@ def limit_under(pressed, areas, a):
 @jit
 def forces(areas, a, before, motion, viscous, energy):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a`` for a `Motion`; updates its memory and, with
-    ``energy`` (not None), energy_terms the work of the step. ``viscous``: as of `point_joints`."""
+    ``energy`` (not None), adds the work of the step to it. ``viscous``: as in `point_joints`."""
     return forces_by(areas.strengths, areas.bonds, areas, a, motion, viscous, energy)
 
 
 @jit
 def forces_by(strengths, bonds, areas, a, motion, viscous, energy):
-    """`forces` by the law that the joints have: dry if ``strengths`` is None."""
+    """`forces` by the law of the joints: dry if ``strengths`` is None."""
     if strengths is not None:
         return bonded_forces(strengths, bonds, areas, a, motion, viscous, energy)
     return dry_forces(areas, a, motion, viscous, energy)
@@ -100,7 +100,7 @@ def forces_by(strengths, bonds, areas, a, motion, viscous, energy):
 
 @jit
 def bonded_forces(strengths, bonds, areas, a, motion, viscous, energy):
-    """`forces` of a joint of a scene where some have strengths."""
+    """`forces` of a joint in a scene where some have strengths."""
     limit = limit_under(None, areas, a)
     polygon = limit.polygon
     k_n = areas.k_n[a]
@@ -139,7 +139,7 @@ def bonded_forces(strengths, bonds, areas, a, motion, viscous, energy):
         if bonded < bond:
             energy.work[0].fracture += shear + across - crushing
         elif n > 0.0:
-            dash = (n - k_n * still) * (risen - rise)  # lengthens with what lifts
+            dash = (n - k_n * still) * (risen - rise)  # the dashpot lengthens with the lift
             lifted = across - dash if risen > rise else 0.0
             energy.work[0].damping += dash
             energy.work[0].sliding += shear + lifted
@@ -162,7 +162,7 @@ def bonded_forces(strengths, bonds, areas, a, motion, viscous, energy):
 
 @jit
 def dry_forces(areas, a, motion, viscous, energy):
-    """`forces` of a joint of a scene in which none has strengths."""
+    """`forces` of a joint in a scene where none has strengths."""
     limit = limit_of(areas, a)
     polygon = limit.polygon
     k_n = areas.k_n[a]
@@ -190,7 +190,7 @@ def dry_forces(areas, a, motion, viscous, energy):
             energy.work[0].by_law += v1 * q1 + v2 * q2 + mt * qr
             if loss < 0.0:
                 energy.work[0].least = min(energy.work[0].least, loss)
-        else:  # an open joint lets go of what its springs held
+        else:  # an open joint releases the energy of its springs
             energy.work[0].damping += loss
         still, still_x, still_y = spring_pressure(polygon, *motion.depth)
         energy.work[0].damping += 0.5 * dashpot_work(
@@ -204,7 +204,7 @@ def dry_forces(areas, a, motion, viscous, energy):
 @jit
 def dissipation(areas, a, rest, normal, q1, q2, qr):
     """D(q) of convex joint ``a`` under the normal force ``normal``."""
-    # D is of degree one: near the unit twist nothing overflows
+    # D is homogeneous of degree one: near the unit twist nothing overflows
     size = max(abs(q1), abs(q2), abs(qr) * areas.reach[a])
     if size == 0.0:
         return 0.0
@@ -240,7 +240,7 @@ def beyond_opening(bonds, a):
 
 @jit
 def copy_bonds(bonds, memory, a):
-    """Copy what joint ``a`` remembers of its bond."""
+    """Copy the memory of the bond of joint ``a``."""
     if bonds is not None:
         memory.bonded[a] = bonds.bonded[a]
         memory.rise[a] = bonds.rise[a]
@@ -249,7 +249,7 @@ def copy_bonds(bonds, memory, a):
 
 @jit
 def remember(areas, memory, a):
-    """Copy what convex joint ``a`` remembers into ``memory``, another `Areas`."""
+    """Copy the memory of convex joint ``a`` into ``memory``, another `Areas`."""
     for i in range(3):
         memory.elastic[a, i] = areas.elastic[a, i]
         memory.twist[a, i] = areas.twist[a, i]
@@ -259,7 +259,7 @@ def remember(areas, memory, a):
 
 @jit
 def write_bonds(bonds, areas, out):
-    """Which joints' bonds hold, into ``out`` (j,); ``bonds`` is ``areas.bonds``."""
+    """1 for every joint whose bond holds, else 0, into ``out`` (j,); ``bonds`` is ``areas.bonds``."""
     if bonds is not None:
         for a in range(areas.joint.size):
             out[areas.joint[a]] = bonds.bonded[a]
@@ -270,14 +270,14 @@ def write_bonds(bonds, areas, out):
 
 @jit
 def carried_share(areas, a, rest, normal, now):
-    """The part of the forces of now that fits under the ``normal`` force of before the actuators pushed: a block that
-    bounces carries more for a moment."""
+    """The part of the present forces that fits under ``normal``, the normal force before the actuators pushed: a block
+    that bounces carries more for a moment."""
     return normal / now[0] if now[0] > normal else 1.0
 
 
 @jit
 def moved_from(pressed, a, reach, centre, normal, now):
-    """`pressure_moved` of ``pressed``, None if all pressures are full."""
+    """`pressure_moved` by ``pressed``, None if all pressures are full."""
     if pressed is not None:
         most = SAME * normal
         return pressed.kind[a] != 0 and (
@@ -290,19 +290,19 @@ def moved_from(pressed, a, reach, centre, normal, now):
 
 @jit
 def pressure_moved(areas, a, centre, normal, now):
-    """Whether friction follows a pressure that is not the one before the actuators pushed."""
+    """Whether friction follows a pressure that differs from that before the actuators pushed."""
     return moved_from(areas.pressed, a, areas.reach[a], centre, normal, now)
 
 
 @jit
 def bound_twist(areas, a, joints):
-    """Slip twist (3) whose upper bound is the least: the plastic part of it, whose bound closes to rounding."""
+    """Slip twist (3) that gives the least upper bound: the plastic twist, for which bounds coincide up to rounding."""
     return areas.twist[a, 0], areas.twist[a, 1], areas.twist[a, 2]
 
 
 @jit
 def area_gauge(areas, a, f1, f2, m):
-    """Gauge of a tangential force over V_0 in the limit set of convex joint ``a``, as it is pressed now."""
+    """Gauge of a tangential force over V_0 in the limit set of convex joint ``a`` under its present pressure."""
     return gauge(limit_of(areas, a), (f1, f2, m), (0.0, 0.0, 0.0))[0]
 
 
@@ -320,8 +320,8 @@ def pressure_centre(pressed, areas, a, basis):
 
 @jit
 def at_rest(areas, a, basis):
-    """Fill ``basis`` with the rest state of convex joint ``a``; returns the reach of its shear forces (m), and whether
-    friction follows the pressure."""
+    """Fill ``basis`` with the dead-load state of convex joint ``a``; returns the reach of its shear forces (m), and
+    whether friction follows the pressure."""
     basis.scalars[2] = areas.radius[a]
     follows = pressure_centre(areas.pressed, areas, a, basis)
     return areas.reach[a], follows
@@ -351,7 +351,7 @@ def overturning_load(areas, a, resultant, normal, unit):
 
 @jit
 def closes_gap(areas, a, gap, base, u):
-    """Whether a gap of convex joint ``a`` closes on the way from the motion ``base`` (6) to ``u`` (6)."""
+    """Whether a gap of convex joint ``a`` closes further between the motions ``base`` (6) and ``u`` (6)."""
     return gap_closes(areas.x, areas.y, areas.start[a], areas.start[a + 1], gap, base, u)
 
 
@@ -367,8 +367,8 @@ def dead_gauge(areas, a, normal, dead, basis):
 
 @entry
 def reserves(areas, out):
-    """Reserve of bonds (a, 2), in N: in tension at the worst corner times the area, and in shear where its
-    loss would let go of something; infinite if there is no bond."""
+    """Reserve of bonds (a, 2), in N: in tension at the worst corner times the area; and in shear, if breaking would
+    release force, else infinite. Both are infinite if there is no bond."""
     for a in range(areas.joint.size):
         out[a, 0] = out[a, 1] = inf
         strengths = areas.strengths

@@ -1,4 +1,4 @@
-"""The tangent of convex joints in searches: how their forces change with the motion of the joint."""
+"""The tangent of convex joints in searches: derivatives of their forces with respect to the motion of the joint."""
 
 from math import sqrt
 
@@ -11,7 +11,7 @@ from dembrick.kernels.statics.area_joints import limit_of
 
 @jit
 def knows_tangent(strengths, pressed, a):
-    """Whether `tangent` is that of convex joint ``a``: it has no strengths and is pressed evenly."""
+    """Whether `tangent` applies to convex joint ``a``: it has no strengths and is under full pressure."""
     if strengths is not None:
         return False
     if pressed is not None:
@@ -21,11 +21,11 @@ def knows_tangent(strengths, pressed, a):
 
 @jit
 def tangent(areas, memory, a, normal, dn, r1, r2, out):
-    """dt/du (6, 6) of `kernels.statics.newton` into ``out``, for what `forces` found from ``memory``: under the
+    """dt/du (6, 6) of `kernels.statics.newton` into ``out``, at the result of `forces` from ``memory``: under the
     ``normal`` force at the opening (dn, r1, r2).
 
-    The normal force and its moments change with the moments of the pressed part. A joint that slides carries
-    t = f - K q with K q + mu N D'(q) = f, of which f = b + K s is the trial force: (K + mu N D'') dq = K ds - mu D' dN.
+    The normal force and its moments change with the moments of the pressed part. A joint that slides carries t = f - K
+    q with K q + mu N D'(q) = f, where f = b + K s is the trial force: (K + mu N D'') dq = K ds - mu D' dN.
     """
     for i in range(6):
         for k in range(6):

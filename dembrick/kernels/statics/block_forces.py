@@ -1,6 +1,6 @@
 """All forces on the blocks at an instant: dead loads, joints, actuators.
 
-``inertia`` tells the motion: with physical inertia (not None) the geometry follows the blocks, without it, in small
+``inertia`` selects the motion: with physical inertia (not None) the geometry follows the blocks, without it, in small
 motion, it stays that of the start.
 """
 
@@ -39,7 +39,7 @@ def add_force(blocks, b, sign, f, m, r):
 
 @jit
 def react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip):
-    """Keep the resultant of joint ``j`` and put its reaction (-V_1, -V_2, +N; -M_1, -M_2, -M_T) on b, minus it on a."""
+    """Store the resultant of joint ``j``; add its reaction (-V_1, -V_2, +N; -M_1, -M_2, -M_T) to b, minus it to a."""
     resultant = joints.resultant[j]
     put_vector(resultant, n, v1, v2)
     put_vector(resultant[3:], mt, m1, m2)
@@ -53,7 +53,7 @@ def react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip):
 
 @jit
 def relative(blocks, joints, j, inertia, dt):
-    """The `Motion` that joint ``j`` sees."""
+    """The `Motion` of joint ``j``."""
     if inertia is not None:
         return finite_relative(blocks, joints, j, dt)
     else:
@@ -62,7 +62,7 @@ def relative(blocks, joints, j, inertia, dt):
 
 @jit
 def joint_forces(state, inertia, dt, viscous, energy):
-    """Forces of all joints, put on the blocks; ``viscous`` (2) times the joint's own ``damping``."""
+    """Add the forces of all joints to the blocks; their dashpots: ``viscous`` (2) times the joint's own ``damping``."""
     blocks = state.blocks
     joints = state.joints
     points = state.points
@@ -79,7 +79,7 @@ def joint_forces(state, inertia, dt, viscous, energy):
 
 @jit
 def hold(blocks):
-    """Let the guides bear what is out of balance in the directions in which blocks are held, once all forces act."""
+    """Once all forces act, assign the out-of-balance of guided blocks in their fixed directions to the guides."""
     for g in range(blocks.guided.size):
         b = blocks.guided[g]
         for i in range(3):
@@ -92,14 +92,14 @@ def hold(blocks):
 
 @jit
 def tie_forces(ties, blocks):
-    """Forces of all ties in the moving geometry, put on the blocks; ``ties`` may be None."""
+    """Add the forces of all ties in the moving geometry to the blocks; ``ties`` may be None."""
     if ties is not None:
         pull_ties(ties, blocks)
 
 
 @jit
 def pull_ties(ties, blocks):
-    """`tie_forces` where there are ties."""
+    """`tie_forces` if there are ties."""
     u = blocks.displacement
     for t in range(ties.stiffness.size):
         a = ties.block[t, 0]
@@ -117,7 +117,7 @@ def pull_ties(ties, blocks):
 
 @jit
 def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
-    """Move the actuator head by one step at ``rate``, let spring and dashpot act, and put V weight_i on the blocks.
+    """Move the actuator head by one step at ``rate``, and add V weight_i, by its spring and dashpot, to the blocks.
 
     Returns V and the work-conjugate motion f.q of the last step.
     """
@@ -155,8 +155,8 @@ def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
 def unbalanced_ratio(blocks, joints):
     """Greatest out-of-balance force or moment on a free block over the greatest joint force.
 
-    A moment counts as the force that makes it at the longest lever between a centroid and a joint. NaN if a force is
-    one, which no greatest value would show.
+    A moment counts as the force that makes it at the longest lever between a centroid and a joint. NaN if any force is
+    NaN, which a maximum would hide.
     """
     force = moment = total = 0.0
     for i in range(blocks.free.size):

@@ -1,8 +1,8 @@
-"""Energy balance of searches and constant-rate tests: every term by itself, none is a residual.
+"""Energy balance of searches and constant-rate tests: every term is integrated by itself, none is a residual.
 
 Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2, its change over a step
-is the work of the forces by the trapezoidal rule over the step's motion. What does not balance is a contact that opens
-or closes within a step, and, in finite motion, the turning of the geometry within it.
+is the work of the forces by the trapezoidal rule over the motion of the step. Two effects do not balance: contacts that
+open or close within a step, and, in finite motion, the rotation of the geometry within it.
 """
 
 from dembrick._jit import jit
@@ -24,7 +24,8 @@ def dead_force_work(blocks):
 
 @jit
 def dead_torque_work(turned, blocks, dt):
-    """Work (J) of the dead torques on the blocks ``turned`` over the last step: it depends on the way they turn."""
+    """Work (J) of the dead torques on the blocks ``turned`` over the last step: it depends on the path of the
+    rotations."""
     total = 0.0
     for t in range(turned.size):
         b = turned[t]
@@ -44,7 +45,7 @@ def yielded_in_step(ties):
 
 @jit
 def begin_energy(energy, state):
-    """Note what there is at the start; blocks at rest."""
+    """Store the elastic energy and the work of the dead loads at the start, with blocks at rest."""
     if energy is not None:
         energy.work[0].elastic_at_start = elastic_energy(state, None) + held_by_ties(state.ties)
         energy.work[0].dead_loads = dead_force_work(state.blocks)
@@ -62,8 +63,8 @@ def held_by_ties(ties):
 def normal_energy(joints, j, dash):
     """Energy (J) in the normal springs of joint ``j``: half their resultant times its opening and tilts.
 
-    That is half the sum, or integral, of k_n <g>+ squared, since <g>+ squared is <g>+ g and g is linear over the joint.
-    The springs carry N, M_1, M_2 less what the dashpots do (``dash``; None if there are none).
+    This equals half the sum, or integral, of k_n <g>+ squared, since <g>+ squared is <g>+ g and g is linear over the
+    joint. The springs carry N, M_1, M_2 less the part of the dashpots (``dash``; None if there are none).
     """
     now = joints.resultant[j]
     seen = joints.opening[j]
@@ -88,7 +89,7 @@ def elastic_energy(state, dash):
 
 @jit
 def kinetic_energy(blocks, scaled, inertia, dt):
-    """v(-1/2) M v(+1/2) / 2 of all free blocks (J), before the step is made."""
+    """v(-1/2) M v(+1/2) / 2 of all free blocks (J), before they move in the step."""
     total = 0.0
     for f in range(blocks.free.size):
         b = blocks.free[f]

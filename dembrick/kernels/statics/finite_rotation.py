@@ -1,8 +1,9 @@
-"""Finite motion: blocks turn by quaternions, joints ride with them, inertia is physical.
+"""Finite motion: blocks rotate by quaternions, joints move with them, inertia is physical.
 
-The polygon of a joint rides on its host; the other block offers the plane, and its normal is the joint's. The slope
-of the host's face against that plane gives the tilts, so the penetration is total and nothing drifts. The slope is
-taken to be small against one (faces that face each other); turning about the normal is not limited.
+The polygon of a joint moves with its host; the other block provides the plane, and its normal is the joint's. The slope
+of the host's face against that plane gives the tilts: the penetration follows from total displacements, and errors do
+not accumulate. The slope is taken to be small against one (the faces face each other); rotation about the normal is not
+limited.
 """
 
 from math import sqrt
@@ -15,7 +16,7 @@ from dembrick.kernels.statics.small_displacement import seen_by
 
 @jit
 def finite_relative(blocks, joints, j, dt):
-    """Motion of joint ``j``, as `small_displacement.small_relative`; brings its axes and arms up to date."""
+    """Motion of joint ``j``, as `small_displacement.small_relative`; updates its axes and arms."""
     a = joints.block_a[j]
     b = joints.block_b[j]
     q = blocks.orientation
@@ -92,8 +93,7 @@ def finite_relative(blocks, joints, j, dt):
 
 @jit
 def finite_actuator(blocks, actuators, i):
-    """Displacement of the loaded point of actuator ``i`` along its direction since the start (m); brings its arm up to
-    date."""
+    """Displacement of the loaded point of actuator ``i`` along its direction since the start (m); updates its arm."""
     b = actuators.block[i]
     u = blocks.displacement
     lever = actuators.lever
@@ -106,7 +106,7 @@ def finite_actuator(blocks, actuators, i):
 
 @jit
 def finite_step(blocks, inertia, dt):
-    """Central difference of the centroids, turns at constant angular momentum. Returns the longest move (m)."""
+    """Central difference of the centroids, rotation at constant angular momentum. Returns the longest move (m)."""
     longest = 0.0
     for f in range(blocks.free.size):
         b = blocks.free[f]

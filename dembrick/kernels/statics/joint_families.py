@@ -1,7 +1,7 @@
-"""The joint families of the searches: which of them a scene has is asked here and nowhere else.
+"""The joint families of the searches: only this module distinguishes which of them a scene has.
 
 A family is a module (`point_joints`, `area_joints`) with one set of functions; its joints are a NamedTuple of arrays,
-or None if the scene has none of them, and numba then leaves its code out. ``family`` and ``index``: see
+or None if the scene has none of them, and numba then omits its code. ``family`` and ``index``: see
 `kernels.joint.families`.
 """
 
@@ -29,24 +29,24 @@ def friction_of(points, areas, family, index):
     return 0.0
 
 
-# Asked by points, areas, family, index, and what the functions of the families take besides.
-# Resultant (N, V_1, V_2, M_T, M_1, M_2, slip); of the motion: see `point_joints.forces`
+# Called with points, areas, family, index, and the further arguments of the functions of the families.
+# Resultant (N, V_1, V_2, M_T, M_1, M_2, slip): see `point_joints.forces`
 forces = by_family(point_joints.forces, area_joints.forces, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 # D(q) with given normal forces: ``rest`` of the contact points, ``normal`` of a convex joint
 dissipation = by_family(point_joints.dissipation, area_joints.dissipation, 0.0)
 # Energy (J) in the shear springs
 shear_energy = by_family(point_joints.shear_energy, area_joints.shear_energy, 0.0)
-# The part of the forces ``now`` that fits under the normal forces of before the actuators pushed
+# The part of the forces ``now`` that fits under the normal forces before the actuators pushed
 carried_share = by_family(point_joints.carried_share, area_joints.carried_share, 1.0)
-# Whether friction follows a pressure that is not the one before the actuators pushed
+# Whether friction follows a pressure that differs from that before the actuators pushed
 pressure_moved = by_family(point_joints.pressure_moved, area_joints.pressure_moved, False)
-# Slip twist (3) whose upper bound is the least
+# Slip twist (3) that gives the least upper bound
 bound_twist = by_family(point_joints.bound_twist, area_joints.bound_twist, (0.0, 0.0, 0.0))
-# Fills ``basis`` with the rest state; the reach of shear forces (m), whether friction follows the pressure
+# Fills ``basis`` with the dead-load state; the reach of shear forces (m), whether friction follows the pressure
 at_rest = by_family(point_joints.at_rest, area_joints.at_rest, (0.0, False))
 # V at which a joint overturns, if friction does not follow the pressure
 overturning_load = by_family(point_joints.overturning_load, area_joints.overturning_load, 0.0)
-# Whether a gap of a joint closes on the way from one motion u (6) to another
+# Whether a gap of a joint closes further between two motions u (6)
 closes_gap = by_family(point_joints.closes_gap, area_joints.closes_gap, False)
 # Upper bound of the gauge of the dead load (6,) in the limit set
 dead_gauge = by_family(point_joints.dead_gauge, area_joints.dead_gauge, 0.0)
@@ -54,13 +54,13 @@ dead_gauge = by_family(point_joints.dead_gauge, area_joints.dead_gauge, 0.0)
 
 @jit
 def rocks(points, areas, family):
-    """Whether a family's joints press a strip that shrinks as they rock."""
+    """Whether the pressure of a family's joints retreats to a shrinking strip as they rock."""
     return areas is not None and family == AREAS
 
 
 @jit
 def knows_tangent(points, areas, family, index):
-    """Whether `tangent` is that of a joint; else its tangent is to be taken by differences of its forces."""
+    """Whether `tangent` applies to a joint; if not, its tangent must be formed by finite differences."""
     if areas is not None:
         if family == AREAS:
             return area_tangent.knows_tangent(areas.strengths, areas.pressed, index)
@@ -69,7 +69,7 @@ def knows_tangent(points, areas, family, index):
 
 @jit
 def tangent(points, areas, area_memory, family, index, normal, dn, r1, r2, out):
-    """dt/du (6, 6) of a joint that `knows_tangent`, into ``out``, for what `forces` found from the memory."""
+    """dt/du (6, 6) of a joint that `knows_tangent`, into ``out``, at the result of `forces` from the memory."""
     if areas is not None:
         if family == AREAS:
             area_tangent.tangent(areas, area_memory, index, normal, dn, r1, r2, out)
@@ -77,8 +77,8 @@ def tangent(points, areas, area_memory, family, index, normal, dn, r1, r2, out):
 
 @jit
 def exact_tangent(points, areas, point_memory, area_memory, family, index, normal, opening, out):
-    """Put dt/du (6, 6) of a joint into ``out``, for what `forces` found from the memory; False if its family does not
-    know it. ``normal``: N; ``opening``: (dn, r1, r2)."""
+    """Write dt/du (6, 6) of a joint into ``out``, at the result of `forces` from the memory; False if its family does
+    not provide it. ``normal``: N; ``opening``: (dn, r1, r2)."""
     if points is not None:
         if family == POINTS:
             return point_tangent.exact_tangent(points.strengths, points.custom, points, point_memory, index, out)
@@ -92,7 +92,7 @@ def exact_tangent(points, areas, point_memory, area_memory, family, index, norma
 
 @jit
 def dissipation_now(points, areas, family, index, normal, q1, q2, q3):
-    """D(q) of a joint with its normal forces of now, of which ``normal`` is the sum."""
+    """D(q) of a joint under its present normal forces, whose sum is ``normal``."""
     if points is not None:
         if family == POINTS:
             return point_joints.dissipation(points, index, points.normal, normal, q1, q2, q3)
@@ -112,7 +112,7 @@ def write_contacts(points, areas, joints, viscous, out):
 
 @jit
 def write_bonds(points, areas, out):
-    """The part of the area of every joint whose bond holds, into ``out`` (j,)."""
+    """Part of the area of every joint whose bond holds, into ``out`` (j,)."""
     if points is not None:
         point_joints.write_bonds(points.bonds, points, out)
     if areas is not None:
@@ -121,7 +121,7 @@ def write_bonds(points, areas, out):
 
 @jit
 def remember(points, areas, point_memory, area_memory):
-    """Copy what all joints remember into the memories, a `Points` and an `Areas`, None if the family is."""
+    """Copy the memory of all joints into the memories, a `Points` and an `Areas`, None if the family is."""
     if points is not None:
         for p in range(points.joint.size):
             point_joints.remember(points, point_memory, p)
@@ -132,7 +132,7 @@ def remember(points, areas, point_memory, area_memory):
 
 @jit
 def recall(points, areas, point_memory, area_memory, family, index):
-    """Let a joint remember what its family's memory does."""
+    """Restore the state of a joint from the memory of its family."""
     if points is not None:
         if family == POINTS:
             point_joints.remember(point_memory, points, index)
@@ -143,7 +143,7 @@ def recall(points, areas, point_memory, area_memory, family, index):
 
 @jit
 def recalled_motion(points, areas, point_memory, area_memory, family, index, depth, base, u):
-    """`recall`, and the `Motion` that one implicit step from there sees: of a joint whose motion was ``base`` (6) then
-    and is ``u`` (6) now, with its ``depth`` now. A step to an equilibrium has no rate, and nothing grows in it."""
+    """`recall`, and the `Motion` of one implicit step from there: from the motion ``base`` (6) to ``u`` (6) now, with
+    the ``depth`` now. A step between equilibria has no rate: its growth is zero."""
     recall(points, areas, point_memory, area_memory, family, index)
     return Motion(depth, (0.0, 0.0, 0.0), (u[0] - base[0], u[1] - base[1], u[5] - base[5]))

@@ -1,10 +1,10 @@
 """The bracket of the limit load, from the forces and the motion of an instant (limit analysis at fixed normal forces).
 
-Upper: for any slip twist q with f.q > 0, V <= (D(q) - g0.q) / (f.q). Lower: the forces of the joint are inside its
-limit set; what is out of balance is charged to the load by the gauge of the set. See ``yield_point``.
+Upper bound: for any slip twist q with f.q > 0, V <= (D(q) - g0.q) / (f.q). Lower bound: the forces of the joint are
+inside its limit set; the out-of-balance reduces the load by its gauge in that set. See ``yield_point``.
 
-`certify` tells from the dead-load equilibrium, before actuators push, whether the bracket of one joint between a fixed
-and a free block is strict, and what it is formed with: one kernel for a scene of its own and for those of a batch.
+`certify` finds from the dead-load equilibrium, before actuators push, whether the bracket of one joint between a fixed
+and a free block is strict, and the data to form it: one kernel for a single scene and for those of a batch.
 """
 
 from math import sqrt
@@ -18,21 +18,21 @@ from dembrick.kernels.math.vectors import cross, put_vector, rows_times
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 
-MISSING = 3.0  # times the growth over a doubling of the motion: what a load that grows as 1 - c/sqrt(u) still lacks
-STILL = 0.05  # of the elastic stiffness: a load that grows no faster than that against its motion is at its limit
-SUDDEN, ROUNDED = 0.1, 1e-9  # of the growth over the half before, and of V: what grows by less tells of no decay
-MOST_DECAY = 0.95  # of what V grows over a doubling of the motion, over the same before
+MISSING = 3.0  # further growth of a load that grows as 1 - c/sqrt(u), over its growth in a doubling of the motion
+STILL = 0.05  # slope of the load over the elastic stiffness below which it is at its limit
+SUDDEN, ROUNDED = 0.1, 1e-9  # parts of the growth over the doubling before, and of V: less shows no decay
+MOST_DECAY = 0.95  # greatest ratio of the growths of V over successive doublings of the motion
 NEVER = 1e300  # an upper bound that does not bind
 
 
 class Certificate(NamedTuple):
-    """Input of the bracket of the limit load; all but the last eight only of a strict one. ``doubling`` and
+    """Input of the bracket of the limit load; a strict one alone needs ``joint`` to ``rest``. ``doubling`` and
     ``window`` are those of time loops, and None elsewhere.
 
     Strict: one joint, whose normal forces do not depend on the load (its axes, moments about O).
     """
 
-    every: int  # steps between two looks
+    every: int  # steps between two evaluations
     strict: bool
     joint: int
     family: int  # 0 points, 1 areas
@@ -44,7 +44,7 @@ class Certificate(NamedTuple):
     radius: float  # m, torsion strength over V_0
     normal: float  # N, before the actuators push
     rest: ndarray  # (c,) N, of the contact points before the actuators push
-    tilts: bool  # the load moves the pressure: a block that it pushes too fast rocks
+    tilts: bool  # whether the load moves the pressure: pushed too fast, the block rocks
     tolerance: float
     bracket: ndarray  # (2,) bounds of V, in and out
     elastic: float  # N/m, elastic stiffness of V against the driven displacement
@@ -55,7 +55,7 @@ class Certificate(NamedTuple):
 
 @jit
 def upper_bound(certificate, points, areas, q1, q2, q3):
-    """(D(q) - g0.q) / (f.q) for the slip twist q: no limit load is greater. Without bound where f.q <= 0."""
+    """(D(q) - g0.q) / (f.q) for the slip twist q, an upper bound of the limit load; `NEVER` if f.q <= 0."""
     f = certificate.unit
     g = certificate.dead
     power = f[0] * q1 + f[1] * q2 + f[2] * q3
@@ -69,7 +69,7 @@ def upper_bound(certificate, points, areas, q1, q2, q3):
 
 @jit
 def best_bound(certificate, points, areas, q1, q2, q3):
-    """The upper bound for the slip twist q, which is kept if it is the least so far."""
+    """The upper bound for the slip twist q; stores q if the bound is the least so far."""
     upper = upper_bound(certificate, points, areas, q1, q2, q3)
     if upper < certificate.bracket[1]:
         put_vector(certificate.twist, q1, q2, q3)
@@ -78,11 +78,10 @@ def best_bound(certificate, points, areas, q1, q2, q3):
 
 @jit
 def strict_bounds(certificate, state, v):
-    """Lower and upper bound of the limit load from the forces and the slip of this instant.
+    """Lower and upper bound of the limit load from the present forces and slip.
 
-    The joint carries t, inside its limit set; the load asks for V f + g0 = t + r. The gauge of r is bounded by
-    |r_V|/V_0 + |r_M|/M_T0, about the centre of pressure; then V (1 - gamma0)/(1 - gamma0 + gauge(r)) is carried
-    safely.
+    The joint carries t, inside its limit set; the load requires V f + g0 = t + r. The gauge of r is bounded by
+    |r_V|/V_0 + |r_M|/M_T0, about the centre of pressure; then V (1 - gamma0)/(1 - gamma0 + gauge(r)) is carried safely.
     """
     joints = state.joints
     points = state.points
@@ -118,10 +117,9 @@ def shear_power(joints, j):
 
 @jit
 def instant_upper(state, v, moved, dt):
-    """Upper bound with the normal forces of this instant, for any number of blocks: an indicator.
+    """Upper bound at the present normal forces, for any number of blocks: an indicator.
 
-    V + (excess dissipation - power of the out-of-balance) / f.q for the motion of the last step, ``moved`` the f.q of
-    it.
+    V + (excess dissipation - power of the out-of-balance) / f.q for the motion of the last step, ``moved`` its f.q.
     """
     blocks = state.blocks
     joints = state.joints
@@ -147,7 +145,8 @@ def instant_upper(state, v, moved, dt):
 
 @jit
 def instant_bounds(state, v, moved, dt):
-    """`instant_upper`, and for the lower bound V / (1 + out-of-balance over joint forces), below V where that pulls."""
+    """`instant_upper`; and as lower bound V / (1 + out-of-balance over joint force), or V times that sum if V is
+    negative."""
     upper = instant_upper(state, v, moved, dt)
     most = 1.0 + unbalanced_ratio(state.blocks, state.joints)
     lower = v / most if v > 0.0 else v * most
@@ -156,9 +155,8 @@ def instant_bounds(state, v, moved, dt):
 
 @jit
 def still_to_come(growth, before):
-    """Growth or fall of V still to come (N), where it grew by ``growth`` while the motion doubled last, and by
-    ``before`` while it doubled before that: all growths to come, each less than the last as the last was than the one
-    before."""
+    """Further growth or fall of V (N), if it grew by ``growth`` over the last doubling of the motion, and by ``before``
+    over the one before that: the sum of all future growths, if they continue as a geometric series."""
     decay = 0.0
     if growth * before > 0.0:
         decay = min(MOST_DECAY, growth / before)
@@ -167,21 +165,21 @@ def still_to_come(growth, before):
 
 @jit
 def settles(growth, before, hidden, v):
-    """Whether V, which grew by ``growth`` (N) over half the way and by ``before`` over the half before that, tends to
-    what it is: it grows no more than is ``hidden`` in its equilibria, or less and less. What grows in proportion to the
-    way, however slowly, leads on to another mechanism, and so may what has bent off a moment ago."""
+    """Whether V, which grew by ``growth`` (N) over the last doubling of the motion and by ``before`` over the one
+    before, converges: it grows by no more than the error ``hidden`` of its equilibria, or less and less. Growth in
+    proportion to the motion, however slow, leads to another mechanism, and so may a slope that has just dropped."""
     return growth <= max(hidden, ROUNDED * abs(v)) or SUDDEN * before <= growth <= before
 
 
 @jit
 def judge(certificate, step, lower, upper, v, driven):
-    """Fold the bounds of this instant into the bracket; True when it and the actuators' V are within tolerance.
+    """Update the bracket by the present bounds; True when it and the actuators' V are within tolerance.
 
-    An indicator must hold still over its window while the load moves on: a load that still stores energy, however
-    slowly it grows, has reached no limit. What it gained since the motion had half its length, at least, tells how much
-    is still missing where a contact shrinks for ever (a convex joint that rocks); the upper bound is raised by that.
-    Where the normal forces follow the load V also falls towards its limit, as they drift and slip wipes out the memory
-    of the elastic forces; the lower bound is charged with what it fell, which is more than the rest of such a decay.
+    An indicator must be steady over its window while the load moves on: a load that still stores energy, however slowly
+    it grows, has reached no limit. Where a contact shrinks for ever (a convex joint that rocks), the growth of V since
+    the displacement was at most half the present one tells how much is missing; the upper bound is raised by that.
+    Where the normal forces follow the load, V also falls towards its limit, as they drift and slip wipes out the memory
+    of the elastic forces; the lower bound is reduced by that fall, which exceeds the rest of such a decay.
     """
     bracket = certificate.bracket
     limit = True
@@ -219,7 +217,7 @@ def judge(certificate, step, lower, upper, v, driven):
     return limit and close and width > 0.0
 
 
-NONE = 1e-12  # of the load: a component that is rounding
+NONE = 1e-12  # part of the load below which a component is rounding
 
 
 class Basis(NamedTuple):
@@ -246,13 +244,13 @@ def at_joint(joints, j, w, out):
 
 @entry
 def certify(joints, points, areas, place, unit, dead, basis):
-    """Fill ``basis`` for the joint at a ``place`` (family, index, number), which is one between a free block and a
-    fixed one, from the dead-load equilibrium.
+    """Fill ``basis`` from the dead-load equilibrium for the joint at ``place`` (family, index, number), which lies
+    between a free block and a fixed one.
 
-    ``unit`` and ``dead`` (6,) are the wrenches of the unit load and of the dead load on b about O (`at_joint`). Strict
-    where the friction of the joint does not depend on the load: where it follows the pressure, while the load neither
-    presses nor tilts; under the full pressure of a convex joint while it does not press, and slides before it could
-    overturn. A load ``tilts`` that moves the pressure, whatever friction makes of it.
+    ``unit`` and ``dead`` (6,) are the wrenches of the unit load and of the dead load on b about O (`at_joint`). The
+    bracket is strict if the friction of the joint does not depend on the load: where it follows the pressure, if the
+    load neither presses nor tilts; under the full pressure of a convex joint, if it does not press, and the block
+    slides before it could overturn. A load ``tilts`` if it moves the pressure, whatever its effect on friction.
     """
     family, index, j = place
     resultant = joints.resultant[j]
@@ -269,7 +267,7 @@ def certify(joints, points, areas, place, unit, dead, basis):
         if follows:
             strict = False
         else:
-            # translation bounds what friction can carry: strict if the block cannot overturn before that
+            # translation bounds the load that friction can carry: strict if the block cannot overturn before that
             most = mu * normal + sqrt(dead[0] * dead[0] + dead[1] * dead[1])
             shear = sqrt(unit[0] * unit[0] + unit[1] * unit[1])
             overturning = families.overturning_load(points, areas, family, index, resultant, normal, unit)

@@ -1,11 +1,11 @@
 """The joint between a free block and a fixed one, and its equilibria by Newton's method.
 
-In the geometry of the start such a joint is a structure of its own. Statics tells the wrench that it carries,
+In the geometry of the start such a joint is a structure of its own. Statics gives the wrench that it carries,
 t(u) = g + V f: t = (V_1, V_2, -N, M_1, M_2, M_T) at its centroid O does work on the motion u = (d1, d2, dn, r1, r2, rn)
 of b against a, g is the dead load and f the load of the actuators for V = 1. At a given driven displacement f.u there
 are seven unknowns, u and V; friction is implicit (backward Euler), from the memory of the last equilibrium.
 
-Many joints stand one after another in the same arrays; `lone_search` follows each to its limit load.
+Many joints are stored one after another in the same arrays; `lone_search` follows each to its limit load.
 """
 
 from math import isfinite, sqrt
@@ -25,21 +25,21 @@ from dembrick.kernels.statics.point_joints import Points
 from dembrick.kernels.statics.small_displacement import seen_by
 
 MOST_ITERATIONS = 30  # of Newton's method for an equilibrium
-BACKTRACKS = 8  # halves of a Newton step
-ENOUGH = 0.9  # of the out-of-balance: what a whole step may leave
-HELD = 1e-10  # of the elastic stiffness, added to the tangent
-DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
+BACKTRACKS = 8  # most halvings of a Newton step
+ENOUGH = 0.9  # part of the out-of-balance that an accepted full step may leave
+HELD = 1e-10  # part of the elastic stiffness that is added to the tangent
+DIFFERENCE = 1e-6  # step of the tangent's differences, over the elastic displacement of the joint
 RESTING, RUNNING, CONVERGED, LOST, FALLS, UNLIMITED = 0, 1, 2, 3, 4, 5  # status of a search
 
 
-# Where the search of a joint is; numbers of one kind, as a checkpoint has them
+# State of the search of a joint; all numbers of one type, as in a checkpoint
 SEARCH = np.dtype(
     (
         np.record,
         [
             ("load", float),  # N, V
             ("driven", float),  # m, f.u
-            ("start", float),  # m, where the path begins
+            ("start", float),  # m, f.u at which the path begins
             ("step", float),  # m, to the next equilibrium
             ("longest", float),  # m
             ("moved", float),  # m, by the last step
@@ -50,7 +50,7 @@ SEARCH = np.dtype(
             ("iterations", float),
             ("status", float),
             ("strict", float),
-            ("extrapolated", float),  # whether the next equilibrium is looked for off the secant
+            ("extrapolated", float),  # whether the next equilibrium is predicted by `ahead_while_rocking`
             ("unbalanced", float),  # out-of-balance over joint force at the last equilibrium
         ],
     )
@@ -58,7 +58,7 @@ SEARCH = np.dtype(
 
 
 class LoneJoints(NamedTuple):
-    """k joints, each between a free block and a fixed one, what they remember, their loads and their searches."""
+    """k joints, each between a free block and a fixed one, with their memory, loads and searches."""
 
     joints: Joints
     points: Points | None
@@ -66,33 +66,33 @@ class LoneJoints(NamedTuple):
     point_memory: Points | None  # of the last equilibrium
     area_memory: Areas | None
     base: ndarray  # (k, 6) m, rad: u of the last equilibrium
-    direction: ndarray  # (k, 6) in which the next is looked for: u for a unit of the driven displacement
-    secant: ndarray  # (k, 6) the same along the last step
+    direction: ndarray  # (k, 6) predictor of the next: change of u per driven displacement
+    secant: ndarray  # (k, 6) the same over the last step
     dead: ndarray  # (k, 6) N, N m: g
     unit: ndarray  # (k, 6) f
     reach: ndarray  # (k,) m, greatest distance from O at which shear is carried
     stiffness: ndarray  # (k, 6, 6) elastic dt/du
     search: ndarray  # (k,) records `SEARCH`
-    basis: Basis  # with an entry a joint, and of all contact points
+    basis: Basis  # with one entry per joint, and for all contact points
     bracket: ndarray  # (k, 2) N
     twist: ndarray  # (k, 3) slip twist of the upper bound, where strict
     seen: ndarray  # (k, 3, 4) inelastic driven displacement (m), V and its bounds (N): when the first was at most a
-    # quarter and half as much as now, with the extreme bounds since, and now
+    # quarter and a half of its present value, with the extreme bounds since; and now
 
 
 class Room(NamedTuple):
-    """Where the equilibria of one joint after another are solved for."""
+    """Scratch for the equilibria of one joint after another."""
 
     motion: ndarray  # (6,) m, rad: u
     forces: ndarray  # (7, 6) N, N m: t of six neighbours, and t
     tangent: ndarray  # (6, 6) dt/du
     equations: ndarray  # (7, 8)
     change: ndarray  # (7,) of u and V by a Newton step
-    begin: ndarray  # (6,) u where it begins
+    begin: ndarray  # (6,) u at the start of the Newton step
 
 
 def new_room() -> Room:
-    """Room for the search of one joint."""
+    """Scratch for the search of one joint."""
     return Room(*(np.zeros(shape) for shape in (6, (7, 6), (6, 6), (7, 8), 7, 6)))
 
 
@@ -109,7 +109,7 @@ def wrench_at(lone, family, index, j, u, out):
 
 @jit
 def out_of_balance(lone, j, t, v):
-    """Out-of-balance (N) of joint ``j`` that carries ``t`` (6) under the load ``v`` (N), moments over the reach."""
+    """Out-of-balance (N) of joint ``j`` with the wrench ``t`` (6) under the load ``v`` (N), moments over the reach."""
     reach = lone.reach[j]
     total = 0.0
     for i in range(3):
@@ -121,7 +121,7 @@ def out_of_balance(lone, j, t, v):
 
 @jit
 def size_of(wrench, reach):
-    """Size (N) of a ``wrench`` (6), moments over the ``reach`` (m)."""
+    """Norm (N) of a ``wrench`` (6), moments divided by the ``reach`` (m)."""
     total = 0.0
     for i in range(3):
         total += wrench[i] * wrench[i] + wrench[i + 3] * wrench[i + 3] / (reach * reach)
@@ -130,13 +130,13 @@ def size_of(wrench, reach):
 
 @jit
 def greatest_force(lone, j, t):
-    """Size (N) of what joint ``j`` carries, ``t`` (6), or of its dead load if that is greater."""
+    """Norm (N) of the wrench ``t`` (6) of joint ``j``, or of its dead load if that is greater."""
     return max(size_of(t, lone.reach[j]), size_of(lone.dead[j], lone.reach[j]))
 
 
 @jit
 def tangent_by_differences(lone, family, index, j, room):
-    """dt/du at the motion of the room, by differences of the law, whatever law that is."""
+    """dt/du at the motion in ``room``, by finite differences of the law, for any law."""
     u = room.motion
     t = room.forces
     move = DIFFERENCE * greatest_force(lone, j, t[6]) / lone.stiffness[j, 2, 2]
@@ -154,7 +154,7 @@ def tangent_by_differences(lone, family, index, j, room):
 
 @jit
 def tangent_at(lone, family, index, j, room):
-    """dt/du at the motion of the room, where `wrench_at` was asked last."""
+    """dt/du at the motion in ``room``, for which `wrench_at` was called last."""
     u = room.motion
     known = families.exact_tangent(
         lone.points, lone.areas, lone.point_memory, lone.area_memory, family, index, -room.forces[6, 2],
@@ -198,7 +198,7 @@ def newton_step(lone, j, v, target, tangent, room):
     """Change (7) of u and V by Newton's method to the driven displacement ``target`` (m), or of u alone at ``v`` (N) if
     ``target`` is not finite. False if the equations are singular.
 
-    Moments are over the reach, and the unknown of V is a displacement, so that pivots compare.
+    Moments are divided by the reach, and the unknown of V is a displacement, so that pivots are comparable.
     """
     a = room.equations
     reach = lone.reach[j]
@@ -228,12 +228,12 @@ def newton_step(lone, j, v, target, tangent, room):
 
 @jit
 def find_equilibrium(lone, family, index, j, v, target, balanced, room):
-    """The equilibrium near the motion of the room, whose driven displacement is to be ``target`` (m); under the load
-    ``v`` (N), and by an elastic first step, if that is not finite.
+    """The equilibrium near the motion in ``room``, with the driven displacement ``target`` (m); if that is not finite,
+    under the load ``v`` (N), by an elastic first step.
 
-    ``balanced``: the out-of-balance over the joint force that is none. Returns whether it is found, V (N), the slip
-    path (m), the iterations and the out-of-balance (N). A whole Newton step is taken if it leaves
-    less out of balance, or is the first; else that of its halves which leaves least.
+    ``balanced``: out-of-balance over joint force at convergence. Returns whether it was found, V (N), the slip path
+    (m), the iterations and the out-of-balance (N). A full Newton step is taken if it reduces the out-of-balance enough,
+    or is the first; else the one of its halvings that leaves the least out of balance.
     """
     u = room.motion
     t = room.forces[6]
@@ -277,7 +277,7 @@ def find_equilibrium(lone, family, index, j, v, target, balanced, room):
 
 @jit
 def accept(lone, family, index, j, slip, room):
-    """Make the equilibrium of the room that of joint ``j``, with its ``slip`` path (m), and what it remembers."""
+    """Make the equilibrium in ``room`` that of joint ``j``, with its ``slip`` path (m), and store its memory."""
     u = room.motion
     t = room.forces[6]
     joints = lone.joints

@@ -1,11 +1,11 @@
 """The search for the limit load of a joint between a free block and a fixed one, from equilibrium to equilibrium.
 
-Elastic steps lead to where something gives way; from there each is `GROWTH` or `DOUBLING` times the last, so that the
-memory of the elastic forces fades as fast as steps grow. V is bounded at every equilibrium (`load_bounds`). While
-friction does not depend on the load, an equilibrium is the least of a convex function, and there is one; else its
-bracket is an indicator, formed as `simulation.statics.paths.bounds` does for assemblies.
+Elastic steps lead to first yield; from there each step is `GROWTH` or `DOUBLING` times the last, so that the memory of
+the elastic forces fades as fast as steps grow. V is bounded at every equilibrium (`load_bounds`). If friction does not
+depend on the load, the equilibrium minimises a convex function, and there is only one; else the bracket is an
+indicator, formed as `simulation.statics.paths.bounds` does for assemblies.
 
-A search of its own is a batch of one.
+A single search is a batch of one.
 """
 
 from math import inf, sqrt
@@ -38,18 +38,18 @@ from dembrick.kernels.statics.lone_joint import (
     size_of,
 )
 
-BALANCED, LEAST_BALANCED = 1e-3, 1e-11  # of the tolerance: out-of-balance over joint force at equilibrium; the least
-ELASTIC_STEPS = 4  # to the limit load, as far as that can be guessed
+BALANCED, LEAST_BALANCED = 1e-3, 1e-11  # out-of-balance over joint force at equilibrium: over the tolerance; least
+ELASTIC_STEPS = 4  # to an estimate of the limit load
 EASY = 8  # iterations up to which a step may grow
-LEAST_FRICTION = 1e-3  # in a guess of the limit load
-UNLIMITED_BEYOND = 1e4  # of the dead load: a load that grows further is limited by nothing
-YIELDING = 0.5  # of the elastic slope of V: below it steps grow
-SHORTEST = 1e-6  # of the longest step: shorter ones lead nowhere
-MOST_EQUILIBRIA = 120  # of a path
-GROWTH, DOUBLING = 4.0, 2.0  # of a step, while friction does not depend on the load; else
-AGAIN = 1.5  # times what V has yet to grow or to fall
-FURTHEST = 2.0  # times the difference of tangent and secant: how far it is extrapolated
-CAUTION = 0.5  # an indicator must be this much narrower than asked: what still drifts is not in it
+LEAST_FRICTION = 1e-3  # friction coefficient in that estimate, at least
+UNLIMITED_BEYOND = 1e4  # times the dead load: a load that grows further has no limit
+YIELDING = 0.5  # part of the elastic slope of V below which steps grow
+SHORTEST = 1e-6  # part of the longest step: with shorter ones the search is lost
+MOST_EQUILIBRIA = 120  # in a path
+GROWTH, DOUBLING = 4.0, 2.0  # factor of the next step, if friction does not depend on the load; if it does
+AGAIN = 1.5  # factor on the estimated further growth or fall of V
+FURTHEST = 2.0  # limit of the extrapolation, times the difference of tangent and secant
+CAUTION = 0.5  # part of the tolerance that an indicator must meet, as it does not contain further drift
 
 
 @jit
@@ -75,7 +75,7 @@ def certificate_of(lone, family, index, j, tolerance):
 
 @jit
 def begin_search(lone, family, index, j, room):
-    """From the equilibrium under the dead load: what bounds V, and the elastic steps of the search."""
+    """Prepare the bounds of V and the elastic steps of the search, at the equilibrium under the dead load."""
     search = lone.search[j]
     put_vector(lone.joints.step[j], 0.0, 0.0, 0.0)
     lone.joints.tilt[j, 0] = lone.joints.tilt[j, 1] = 0.0
@@ -91,10 +91,10 @@ def begin_search(lone, family, index, j, room):
         lone.bracket[j, 1] = 0.0
         search.status = CONVERGED
         return
-    if not (shear > 0.0 and basis.scalars[3] > 0.0):  # what only presses, or nothing that is pressed
+    if not (shear > 0.0 and basis.scalars[3] > 0.0):  # the load only presses, or the joint is not pressed
         search.status = LOST
         return
-    newton_step(lone, j, 1.0, inf, lone.stiffness[j], room)  # the elastic answer to the unit load
+    newton_step(lone, j, 1.0, inf, lone.stiffness[j], room)  # the elastic response to the unit load
     for i in range(6):
         search.compliance += lone.unit[j, i] * room.change[i]
         search.driven += lone.unit[j, i] * lone.base[j, i]
@@ -111,9 +111,9 @@ def begin_search(lone, family, index, j, room):
 
 @jit
 def bounds_now(lone, family, index, j, certificate, v, moved, left):
-    """Lower and upper bound of V from the equilibrium of now at ``v`` (N): strict, or else an indicator, by the normal
-    forces of now and a last step whose driven displacement is ``moved`` (m), charged with the work of what is ``left``
-    out of balance (N)."""
+    """Lower and upper bound of V at the present equilibrium, at ``v`` (N): strict; or else an indicator, by the present
+    normal forces and a last step of the driven displacement ``moved`` (m), widened by the work of ``left``, the
+    out-of-balance (N)."""
     if certificate.strict:
         return strict_bounds(certificate, lone, v)
     q = lone.joints.step[j]
@@ -128,10 +128,11 @@ def bounds_now(lone, family, index, j, certificate, v, moved, left):
 
 @jit
 def judge(lone, j, certificate, lower, upper, closing):
-    """Fold the bounds of the equilibrium of now into the bracket of joint ``j``; whether it is narrow enough.
+    """Update the bracket of joint ``j`` by the bounds of the present equilibrium; whether it is narrow enough.
 
-    An indicator counts the equilibria since the joint had given way half as far, and what V grew or fell meanwhile lets
-    come (`still_to_come`), once V grows far less than the elastic joint would let it, and no gap is ``closing``.
+    An indicator covers the equilibria since the joint had yielded half as far, and the change of V that its growth or
+    fall in the meantime lets expect (`still_to_come`). It counts once V grows far less than the elastic joint would let
+    it, and no gap is ``closing``.
     """
     bracket = lone.bracket[j]
     limit = True
@@ -167,12 +168,12 @@ def judge(lone, j, certificate, lower, upper, closing):
 
 @jit
 def ahead_while_rocking(lone, j, before, now, v_before, v, room):
-    """Look for the next equilibrium where a convex joint that rocks comes to; False if it does not rock.
+    """Predict the next equilibrium of a convex joint that rocks; False if it does not rock.
 
-    When it has given way by g, the strip that it presses is c / sqrt(g) wide and closed by a multiple of sqrt(g) at its
-    edge: the motion is A g + B sqrt(g). From g to h it is A + B / (sqrt(g) + sqrt(h)) a metre on average, between the
-    secant of the last step and the tangent of now. ``before`` and ``now``: g at the last two equilibria, at V of
-    ``v_before`` and ``v`` (N).
+    After an inelastic displacement g, the strip under pressure has the width c / sqrt(g), and its edge is closed by a
+    multiple of sqrt(g): the motion is A g + B sqrt(g). From g to h its mean rate is A + B / (sqrt(g) + sqrt(h)),
+    between the secant of the last step and the present tangent. ``before`` and ``now``: g at the last two equilibria,
+    with V of ``v_before`` and ``v`` (N).
     """
     if not (0.0 < before < now and v_before < v):
         return False

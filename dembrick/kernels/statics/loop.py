@@ -1,12 +1,12 @@
-"""The compiled time loop of driven relaxation and of constant-rate tests. Nothing is allocated in it; what a scene does
-not have is passed as None, and numba then leaves its code out: a family of joints, the record, the energy terms, and
-either the scaled or the physical inertia.
+"""The compiled time loop of driven relaxation and of constant-rate tests. It allocates nothing. Parts that a scene does
+not have are passed as None, and numba omits their code: a family of joints, the record, the energy terms, and either
+the scaled or the physical inertia.
 
-It is watched by guards: a step too far or not a number, energy from nothing, a restless load.
+Guards watch for divergence: a step that is too long or not a number, energy from nothing, a load that does not settle.
 
-Friction and dashpots only take energy away. So the blocks never have more kinetic energy than the joints held at the
-start and actuators and dead loads have put in since; a motion that has TIMES as much makes its own, as a time
-step above the critical one does. What the load did is only summed here, see ``steady_load``.
+Friction and dashpots only remove energy. So the kinetic energy of the blocks never exceeds the energy of the joints at
+the start plus the later work of actuators and dead loads; a motion with TIMES as much creates energy, as a time step
+above the critical one does. Of the load only sums are formed here; see ``guards.steady``.
 """
 
 from typing import NamedTuple
@@ -30,30 +30,30 @@ from dembrick.kernels.statics.load_bounds import instant_bounds, judge, strict_b
 from dembrick.kernels.statics.record import write_row
 from dembrick.kernels.statics.small_displacement import small_step
 
-TURNING = 1.0 / 16.0  # of the time of a way: in which the head speeds up after a turn, and slows down before the next
+TURNING = 1.0 / 16.0  # part of the time of a stroke in which the head speeds up, and again in which it slows down
 RUNNING, CONVERGED, DIVERGED, FULL, RUNAWAY = 0, 1, 2, 3, 4
 
 
 class Drive(NamedTuple):
     """How the actuators are driven and how contacts are damped; constant during a chunk."""
 
-    rate: float  # m/s of the head
+    rate: float  # m/s, of the head
     ramp: float  # s, the head speeds up to that rate over this time
     steady: int  # steps after which the head begins to slow down
     slowing: float  # its rate after each of those steps over that before
-    stiffness: float  # N/m, of V against the driven displacement
-    dashpot: float  # N s/m, on the difference of head and driven velocity
+    stiffness: float  # N/m, of the spring between head and driven displacement
+    dashpot: float  # N s/m, of the dashpot between head and driven displacement
     viscous_n: float  # dashpot over spring force at a contact for the same increment, normal
     viscous_s: float  # the same, shear
-    damping: float  # part of a velocity's fluctuation about its running mean that a step takes away (small motion)
+    damping: float  # part of a velocity's fluctuation about its running mean that a step removes (small motion)
     mean_weight: float  # of the latest step in that mean
-    until: ndarray  # (w,) int64, steps at which the ways of a protocol end; none if the head does not turn
-    ways: ndarray  # (w,) m, of the head on each
+    until: ndarray  # (w,) int64, steps at which the strokes of a protocol end; none if the head does not reverse
+    ways: ndarray  # (w,) m, travel of the head in each
 
 
 @jit
 def note_extremes(driven, load):
-    """Keep the greatest load so far, where it was, and the least, in the record ``driven``."""
+    """Update the greatest load so far, its displacement, and the least load in the record ``driven``."""
     if load > driven.greatest:
         driven.greatest = load
         driven.greatest_at = driven.displacement
@@ -62,7 +62,7 @@ def note_extremes(driven, load):
 
 @jit
 def part_of_way(x):
-    """Part of a way to and fro that the head has gone in the part x of its time: it begins and ends at rest."""
+    """Part of a stroke that the head has travelled after the part x of its time: it begins and ends at rest."""
     if x < TURNING:
         return x * x / (2.0 * TURNING * (1.0 - TURNING))
     if x > 1.0 - TURNING:
@@ -72,7 +72,7 @@ def part_of_way(x):
 
 @jit
 def head_rate(drive, step, dt):
-    """Rate of the head (m/s) at a step: it speeds up, is steady, and slows down; or that of its way in a protocol."""
+    """Rate of the head (m/s) at a step: it speeds up, is steady, slows down; or that of its stroke in a protocol."""
     if drive.until.size > 0:
         first, last = 0, drive.until.size - 1
         while first < last:
@@ -92,7 +92,7 @@ def head_rate(drive, step, dt):
 
 @jit
 def bounds_now(certificate, state, v, moved, dt):
-    """Bounds of the limit load from this instant."""
+    """Bounds of the limit load from the present state."""
     if certificate.strict:
         return strict_bounds(certificate, state, v)
     return instant_bounds(state, v, moved, dt)
@@ -101,12 +101,12 @@ def bounds_now(certificate, state, v, moved, dt):
 @entry
 def advance(first, n_steps, dt, state, scaled, inertia, drive, certificate, record, energy, guard):
     """Advance a `State` that is driven (``drive``) from step ``first`` until ``n_steps`` more are done, or the bracket
-    of the limit load is narrow enough, which is formed with a ``certificate``.
+    of the limit load, formed with ``certificate``, is narrow enough.
 
     ``scaled`` inertia moves the blocks by small motion, physical ``inertia`` by finite motion; the other is None.
-    ``certificate``, ``record``, ``energy`` and ``guard`` may be None.
-    Returns the status (RUNNING when all steps are done, CONVERGED, DIVERGED where a block jumped or is no number,
-    RUNAWAY where there is more energy than was put in, FULL when the record has no room) and the number of steps done.
+    ``certificate``, ``record``, ``energy`` and ``guard`` may be None. Returns the status (RUNNING when all steps are
+    done, CONVERGED, DIVERGED if a move is too long or not a number, RUNAWAY if there is more energy than was put in,
+    FULL when the record has no room) and the number of steps done.
     """
     blocks = state.blocks
     viscous = drive.viscous_n, drive.viscous_s
@@ -153,27 +153,27 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, certificate, reco
     return RUNNING, first + n_steps
 
 
-TIMES = 4.0  # times the energy put in: twice the speed that it could give
-LEAST = 0.1  # of the elastic energy of the start, which is always allowed
+TIMES = 4.0  # limit of the kinetic energy over the energy put in: twice the greatest possible speed
+LEAST = 0.1  # part of the elastic energy of the start that always counts as put in
 
 
 class Guard(NamedTuple):
-    """Quantities that the loop watches, and their limits."""
+    """Quantities that the loop monitors, and their limits."""
 
-    longest: float  # m, a step that moves a block further than this has diverged
-    mask: int  # steps between two looks at the energy, less one: a power of two less one
+    longest: float  # m, a longer move of a block in a step is divergence
+    mask: int  # steps between two checks of the energy, less one: a power of two less one
     stretch: int  # steps over which the load is summed, a multiple of that power of two
     weights: float  # sum of |weight| of the actuators
     turned: ndarray  # (t,) int64, free blocks with a dead torque
     start: ndarray  # (2,) J at the start: elastic energy, the same less the work of the dead forces up to then
     work: ndarray  # (2,) since then: sum of V times rate (W), work of the dead torques (J)
-    sums: ndarray  # (3,) steps, V (N) and its square since the last look
+    sums: ndarray  # (3,) steps, V (N) and its square since the last check
     load: ndarray  # (s, 3) the same over each stretch
 
 
 @jit
 def open_guard(guard, state):
-    """Note what energy there is at the start; blocks at rest."""
+    """Store the energy at the start, with blocks at rest."""
     if guard is not None:
         guard.start[0] = elastic_energy(state, None) + held_by_ties(state.ties)
         guard.start[1] = guard.start[0] - dead_force_work(state.blocks)
@@ -181,7 +181,7 @@ def open_guard(guard, state):
 
 @jit
 def watch(guard, step, v, rate, blocks, scaled, inertia, dt):
-    """Add up what is put in at this step; False if the blocks have far more of it than there can be."""
+    """Add up the energy put in at this step; False if the blocks have far more kinetic energy than there can be."""
     if guard is not None:
         guard.work[0] += v * rate
         guard.work[1] += dead_torque_work(guard.turned, blocks, dt)
@@ -201,7 +201,7 @@ def watch(guard, step, v, rate, blocks, scaled, inertia, dt):
 
 @jit
 def jumped(guard, longest):
-    """Whether the longest move of a step (m) is more than a block can make, or no number."""
+    """Whether the longest move of a step (m) is too long, or not a number."""
     if guard is not None:
         return not longest <= guard.longest
     return False

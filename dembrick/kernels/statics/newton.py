@@ -1,9 +1,9 @@
-"""Equilibrium by Newton's method in small motion: forces of a trial motion and how they change with it.
+"""Equilibrium by Newton's method in small motion: forces of a trial motion and their tangent.
 
-A joint answers the motion of b against a at O, u = (d1, d2, dn, r1, r2, rn) in its axes, by the force that does work on
-it, t = (V_1, V_2, -N, M_1, M_2, M_T). A trial starts from the memory of the last equilibrium, so that it may be
-repeated. The tangent dt/du is that of the law where its family knows it (`joint_families.tangent`), else it is taken
-by differences of the law itself, whatever law that is.
+The motion of b against a at O, u = (d1, d2, dn, r1, r2, rn) in the joint's axes, gives the work-conjugate force
+t = (V_1, V_2, -N, M_1, M_2, M_T) of the joint. A trial starts from the memory of the last equilibrium, so it may be
+repeated. The tangent dt/du is exact if the family provides it (`joint_families.tangent`), else it is formed by finite
+differences, for any law.
 """
 
 from typing import NamedTuple
@@ -23,17 +23,17 @@ UNDAMPED = (0.0, 0.0)
 
 
 class Trial(NamedTuple):
-    """Memory of the last equilibrium, and room for the forces and the tangent of a trial."""
+    """Memory of the last equilibrium, and scratch for the forces and the tangent of a trial."""
 
-    seen_a: ndarray  # (j, 6, 6) from the motion of block a to that of O in the joint's axes
+    seen_a: ndarray  # (j, 6, 6) maps the motion of block a to that of O in the joint's axes
     seen_b: ndarray  # (j, 6, 6) the same of b
     row: ndarray  # (n,) int64, first row of each block in the equations, -1 if fixed
     reach: ndarray  # (j,) m, greatest distance of a joint from its O
-    move: ndarray  # (j,) m, the difference in motion by which the tangent is taken
+    move: ndarray  # (j,) m, step of the finite differences of the tangent
     stiffness: ndarray  # (j, 6, 6) elastic stiffness of the joints
-    drag: ndarray  # (2,) parts of it that resist the motion of the trial: by forces, in the tangent
+    drag: ndarray  # (2,) parts of it that resist the motion of the trial: in the forces, in the tangent
     base: ndarray  # (j, 6) m, rad: motion of the joint at the last equilibrium
-    points: Points | None  # what the contact points remembered then
+    points: Points | None  # memory of the contact points then
     areas: Areas | None  # likewise the convex joints
     force: ndarray  # (7, 6) t of the trial and of its six neighbours
     tangent: ndarray  # (j, 6, 6) dt/du
@@ -42,7 +42,7 @@ class Trial(NamedTuple):
 
 @jit
 def remember(trial, joints, points, areas):
-    """Make the state of now the memory from which trials start."""
+    """Make the present state the memory from which trials start."""
     for j in range(joints.block_a.size):
         for i in range(6):
             trial.base[j, i] = joints.relative[j, i]
@@ -59,7 +59,7 @@ def answer(points, areas, point_memory, area_memory, family, index, gap, base, u
 
 @jit
 def moved(u, i, h):
-    """The motion u (6), with its component i moved on by h."""
+    """The motion u (6) with h added to its component i."""
     return (
         u[0] + (h if i == 0 else 0.0), u[1] + (h if i == 1 else 0.0), u[2] + (h if i == 2 else 0.0),
         u[3] + (h if i == 3 else 0.0), u[4] + (h if i == 4 else 0.0), u[5] + (h if i == 5 else 0.0),
@@ -68,7 +68,8 @@ def moved(u, i, h):
 
 @jit
 def try_joint(trial, state, family, index, j, with_tangent):
-    """Forces of joint ``j`` for the motion of the blocks, put on them; its tangent where wanted."""
+    """Apply the forces of joint ``j`` for the present motion of its blocks to them; form its tangent if
+    ``with_tangent``."""
     blocks = state.blocks
     joints = state.joints
     points = state.points
@@ -130,7 +131,8 @@ def try_joint(trial, state, family, index, j, with_tangent):
 
 @entry
 def try_motion(trial, state, v, with_tangent):
-    """Out-of-balance of the blocks for their displacements and rotations and the load ``v``; and the tangents."""
+    """Compute the out-of-balance of the blocks for their displacements and rotations and the load ``v``; form the
+    tangents of the joints if ``with_tangent``."""
     blocks = state.blocks
     actuators = state.actuators
     clear_forces(blocks)

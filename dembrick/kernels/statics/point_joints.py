@@ -1,7 +1,7 @@
 """Joints that act at contact points, in searches and constant-rate tests: the point family.
 
-The functions of a family are those of `area_joints`, under the same names; `joint_families` calls them. The law of one
-point is `kernels.joint.point_law`.
+Its functions have the same names as those of `area_joints`; `joint_families` calls either. The law of one point is
+`kernels.joint.point_law`.
 """
 
 from math import inf, sqrt
@@ -31,7 +31,7 @@ class Bonds(NamedTuple):
     spring: ndarray  # (c,) N, of the normal spring without its dashpot
 
 
-ABOVE = 1e-9  # of a gauge: what its iteration may leave
+ABOVE = 1e-9  # relative error of a gauge after its iteration
 
 
 class Points(NamedTuple):
@@ -50,16 +50,16 @@ class Points(NamedTuple):
     elastic_1: ndarray  # (c,) N, elastic shear force on b along t1
     elastic_2: ndarray  # (c,) N, along t2
     slip: ndarray  # (c,) m, length of the slip path
-    strengths: Strengths | None = None  # beside friction; None if no joint has any
+    strengths: Strengths | None = None  # besides friction; None if no joint has any
     bonds: Bonds | None = None  # None if ``strengths`` is
-    custom: Custom | None = None  # what a law of the user's own works on; None if they have none
+    custom: Custom | None = None  # arrays of a user-defined law; None if there is none
 
 
 @jit
 def spring_resultant(points, p, sums, depth):
     """N, M_1, M_2 of the normal springs of point joint ``p`` without its dashpots; ``sums`` is its `Energy.normal`.
 
-    In closed form as if all were closed; where a point may be open, less what the open ones would pull.
+    In closed form for all points closed; if a point may be open, the tension that open points would add is removed.
     """
     g0, gx, gy = depth
     n = sums[0] * g0 + sums[2] * gy + sums[1] * gx
@@ -82,14 +82,14 @@ def forces(points, p, before, motion, viscous, energy):
     contact points.
 
     ``viscous``: dashpot over spring force, along the normal and in shear. With ``energy`` (not None) the work of the
-    step is added up, by the trapezoidal rule; ``before`` is the resultant of the last step.
+    step is added to it, by the trapezoidal rule; ``before`` is the resultant of the last step.
     """
     return forces_by(points.strengths, points.bonds, points.custom, points, p, before, motion, viscous, energy)
 
 
 @jit
 def forces_by(strengths, bonds, custom, points, p, before, motion, viscous, energy):
-    """`forces` by the law that the points have: dry if ``strengths`` and ``custom`` are None."""
+    """`forces` by the law of the points: dry if ``strengths`` and ``custom`` are None."""
     if custom is not None or strengths is not None:
         return forces_not_dry(strengths, bonds, custom, points, p, motion, viscous, energy)
     return dry_forces(points, p, before, motion, viscous, energy)
@@ -97,7 +97,7 @@ def forces_by(strengths, bonds, custom, points, p, before, motion, viscous, ener
 
 @jit
 def dry_forces(points, p, before, motion, viscous, energy):
-    """`forces` of a joint of a scene in which none has strengths."""
+    """`forces` of a joint in a scene where no joint has strengths."""
     mu = points.friction[p]
     damped = 1.0 + viscous[1]
     share = 1.0 / damped
@@ -149,11 +149,11 @@ def dry_forces(points, p, before, motion, viscous, energy):
         if least < 0.0:
             energy.work[0].least = min(energy.work[0].least, least)
         # The dashpots carry what the springs do not. All points move with one rigid motion, so the work of their
-        # resultant is the sum of theirs. At every closed point t = e + d with d = viscous (e - old), so that
-        # d = viscous (t - t_old + d_old) / (1 + viscous), and with it the resultants; a point that has opened has no d.
+        # resultant is the sum of theirs. At every closed point t = e + d with d = viscous (e - old), hence
+        # d = viscous (t - t_old + d_old) / (1 + viscous), likewise for resultants; a point that has opened has no d.
         still_n, still_1, still_2 = spring_resultant(points, p, energy.normal[p], motion.depth)
         dash = energy.dash[points.joint[p]]
-        rest = 1.0 - share  # the quotient is there already
+        rest = 1.0 - share  # viscous / (1 + viscous), without a division
         shear = (
             rest * (v1 - before[1] + dash[0] + c1),
             rest * (v2 - before[2] + dash[1] + c2),
@@ -180,8 +180,8 @@ def dissipation(points, p, rest, normal, q1, q2, qr):
 
 @jit
 def dissipation_by(strengths, bonds, custom, points, p, rest, q1, q2, qr):
-    """`dissipation` by the law that the points have: dry if ``strengths`` and ``custom`` are None. What a law of the
-    user's own would take at other forces nobody knows: it is what it takes now."""
+    """`dissipation` by the law of the points: dry if ``strengths`` and ``custom`` are None. The dissipation of a
+    user-defined law under other normal forces is unknown: its present one is taken."""
     if custom is not None:
         return power_taken(custom, points, p, q1, q2, qr)
     total = 0.0
@@ -199,14 +199,14 @@ def dissipation_by(strengths, bonds, custom, points, p, rest, q1, q2, qr):
 
 @jit
 def shear_energy(points, p):
-    """Energy (J) in the shear springs of point joint ``p``, and what the normal springs hold more than half their force
-    times the penetration, because they were crushed or lifted."""
+    """Energy (J) in the shear springs of point joint ``p``, plus the energy in crushed or lifted normal springs beyond
+    half their force times the penetration."""
     return shear_energy_by(points.custom, points, p)
 
 
 @jit_sum
 def shear_energy_by(custom, points, p):
-    """`shear_energy` by the law that the points have."""
+    """`shear_energy` by the law of the points."""
     twice = 0.0
     if custom is not None:
         for i in range(points.start[p], points.start[p + 1]):
@@ -230,7 +230,7 @@ def beyond_penetration(bonds, first, last):
 
 @jit
 def copy_bonds(bonds, memory, first, last):
-    """Copy what the points ``first`` to ``last`` remember of their bonds."""
+    """Copy the memory of the bonds of the points ``first`` to ``last`` - 1."""
     if bonds is not None:
         for i in range(first, last):
             memory.bonded[i] = bonds.bonded[i]
@@ -240,7 +240,7 @@ def copy_bonds(bonds, memory, first, last):
 
 @jit
 def remember(points, memory, p):
-    """Copy what the points of joint ``p`` remember into ``memory``, another `Points`."""
+    """Copy the memory of the points of joint ``p`` into ``memory``, another `Points`."""
     for i in range(points.start[p], points.start[p + 1]):
         memory.elastic_1[i] = points.elastic_1[i]
         memory.elastic_2[i] = points.elastic_2[i]
@@ -253,9 +253,9 @@ def remember(points, memory, p):
 def write_contacts(points, p, joints, viscous, out):
     """Force (N, world) on block b at every contact point of joint ``p`` into ``out`` (c, 3).
 
-    The shear force is the elastic part and a dashpot on all of the slip, cut off at the strength: that is what
-    `coulomb` gave, since it returns along the trial force. Where a bond has just broken, the elastic part alone may be
-    beyond what is left of the strength, until the next step.
+    The shear force is the elastic part and a dashpot on all of the slip, limited to the strength: this reproduces
+    `coulomb`, which returns along the trial force. Where a bond has just broken, the elastic part alone may exceed the
+    remaining strength until the next step.
     """
     j = points.joint[p]
     axes = joints.axes[j]
@@ -277,7 +277,7 @@ def write_contacts(points, p, joints, viscous, out):
 
 @jit
 def write_bonds(bonds, points, out):
-    """The part of the area of every joint whose bond holds, into ``out`` (j,); ``bonds`` is ``points.bonds``."""
+    """Part of the area of every joint whose bond holds, into ``out`` (j,); ``bonds`` is ``points.bonds``."""
     if bonds is not None:
         for p in range(points.joint.size):
             held = area = 0.0
@@ -292,7 +292,7 @@ def write_bonds(bonds, points, out):
 
 @jit
 def carried_share(points, p, rest, normal, now):
-    """The part of the forces of now that fits under the normal forces ``rest`` of before the actuators pushed."""
+    """The part of the present forces that fits under ``rest``, the normal forces before the actuators pushed."""
     share = 1.0
     for i in range(points.start[p], points.start[p + 1]):
         if points.normal[i] * share > rest[i]:
@@ -302,20 +302,21 @@ def carried_share(points, p, rest, normal, now):
 
 @jit
 def pressure_moved(points, p, centre, normal, now):
-    """Whether friction follows a pressure that is not the one before the actuators pushed; it is charged to it."""
+    """Whether friction follows a pressure that differs from that before the actuators pushed; points need no such
+    check, since `carried_share` allows for it."""
     return False
 
 
 @jit
 def bound_twist(points, p, joints):
-    """Slip twist (3) whose upper bound is the least: that of the last step."""
+    """Slip twist (3) that gives the least upper bound: that of the last step."""
     q = joints.step[points.joint[p]]
     return q[0], q[1], q[2]
 
 
 @jit
 def at_rest(points, p, basis):
-    """Fill ``basis`` with the rest state of joint ``p``; returns the reach of its shear forces (m), and whether
+    """Fill ``basis`` with the dead-load state of joint ``p``; returns the reach of its shear forces (m), and whether
     friction follows the pressure."""
     first = points.start[p]
     last = points.start[p + 1]
@@ -334,20 +335,21 @@ def at_rest(points, p, basis):
 
 @jit
 def overturning_load(points, p, resultant, normal, unit):
-    """V at which the joint overturns before it slides: not asked for where friction follows the pressure."""
+    """V at which the joint overturns before it slides: not needed where friction follows the pressure."""
     return 0.0
 
 
 @jit
 def closes_gap(points, p, gap, base, u):
-    """Whether a gap of point joint ``p`` closes on the way from the motion ``base`` (6) to ``u`` (6)."""
+    """Whether a gap of point joint ``p`` closes further between the motions ``base`` (6) and ``u`` (6)."""
     return gap_closes(points.x_n, points.y_n, points.start[p], points.start[p + 1], gap, base, u)
 
 
 @jit
 def dead_gauge(points, p, normal, dead, basis):
-    """Upper bound of the gauge of the dead load in the limit set: the largest utilisation of a point, because the
-    forces at rest are one way to carry the load; or the gauge itself, as a joint at rest may have points that slide."""
+    """Upper bound of the gauge of the dead load in the limit set: the largest utilisation of a point, since the
+    dead-load forces are one way to carry the load; or, if less, the gauge itself, as points of a joint at rest may
+    slide."""
     taken = 0.0
     mu = points.friction[p]
     first, last = points.start[p], points.start[p + 1]
@@ -367,7 +369,7 @@ def dead_gauge(points, p, normal, dead, basis):
 
 @entry
 def reserves(points, out):
-    """Reserve of bonds (c, 2), in N: in tension, and in shear where its loss would let go of something;
+    """Reserve of bonds (c, 2), in N: in tension; and in shear, if breaking would release force, else infinite. Both are
     infinite if there is no bond."""
     for p in range(points.joint.size):
         for i in range(points.start[p], points.start[p + 1]):

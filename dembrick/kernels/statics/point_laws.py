@@ -1,5 +1,5 @@
-"""Points of joints that are not dry, in searches and constant-rate tests: their forces, and what they lose. With
-strengths by `kernels.joint.point_law.bonded_law`, or by a law of the user's own, called by `kernels.joint.custom_law`.
+"""Points of joints that are not dry, in searches and constant-rate tests: their forces and their losses. With strengths
+by `kernels.joint.point_law.bonded_law`, or by a user-defined law, called by `kernels.joint.custom_law`.
 """
 
 from dembrick._jit import jit
@@ -10,9 +10,9 @@ from dembrick.kernels.joint.point_law import Bond, bonded_law, bonded_losses, sh
 
 @jit
 def answer_bonded(strengths, bonds, points, p, i, here, viscous, energy):
-    """Forces of point ``i`` of joint ``p`` by its strengths, ``here``: its penetration, its growth in the step, and its
-    slip (2). Remembers its bond; returns N, N of the spring alone, the shear force (2), that of the spring (2), and the
-    slip path of the step."""
+    """Forces of point ``i`` of joint ``p`` by its strengths, for ``here``: its penetration, its growth in the step, and
+    its slip (2). Updates its bond; returns N, N of the spring alone, the shear force (2), that of the spring (2), and
+    the slip path of the step."""
     g, d, slip = here
     mu, k, k_n, area = points.friction[p], points.k_s[i], points.k_n[i], bonds.area[i]
     damped = 1.0 + viscous[1]
@@ -43,7 +43,7 @@ def answer_bonded(strengths, bonds, points, p, i, here, viscous, energy):
 
 @jit
 def answer_custom(custom, i, here, viscous, energy):
-    """`answer_bonded` by a law of the user's own; all that it does not hold counts as friction."""
+    """`answer_bonded` by a user-defined law; all energy that it does not store counts as friction."""
     g, d, slip = here
     normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
         custom, i, g, d, slip[0], slip[1], viscous[0], viscous[1], False
@@ -56,7 +56,7 @@ def answer_custom(custom, i, here, viscous, energy):
 
 @jit
 def answer(strengths, bonds, custom, points, p, i, here, viscous, energy):
-    """`answer_bonded` by the law that the points have; one of ``strengths`` and ``custom`` is None."""
+    """`answer_bonded` by the law of the points; one of ``strengths`` and ``custom`` is None."""
     if custom is not None:
         answered = answer_custom(custom, i, here, viscous, energy)
     if strengths is not None:
@@ -66,7 +66,7 @@ def answer(strengths, bonds, custom, points, p, i, here, viscous, energy):
 
 @jit
 def forces_not_dry(strengths, bonds, custom, points, p, motion, viscous, energy):
-    """`point_joints.forces` of a joint of a scene that is not dry; what its springs lose is summed point by point."""
+    """`point_joints.forces` of a joint in a scene that is not dry; its losses are summed point by point."""
     g0, gx, gy = motion.depth
     d0, dx, dy = motion.growth
     p1, p2, pr = motion.slip

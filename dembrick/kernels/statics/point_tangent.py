@@ -1,11 +1,11 @@
-"""The tangent of dry contact points: how the forces of a point joint change with its motion."""
+"""The tangent of dry contact points: derivatives of the forces of a point joint with respect to its motion."""
 
 from dembrick._jit import jit
 
 
 @jit
 def exact_tangent(strengths, custom, points, memory, p, out):
-    """`dry_tangent`; False if the points have strengths or a law of the user's own."""
+    """`dry_tangent`; False if the points have strengths or a user-defined law."""
     if strengths is not None:
         return False
     if custom is not None:
@@ -16,12 +16,12 @@ def exact_tangent(strengths, custom, points, memory, p, out):
 
 @jit
 def dry_tangent(points, memory, p, out):
-    """dt/du (6, 6) of `kernels.statics.newton` of point joint ``p`` into ``out``, for what `forces` found from
+    """dt/du (6, 6) of `kernels.statics.newton` of point joint ``p`` into ``out``, at the result of `forces` from
     ``memory``, undamped.
 
-    A point sees the penetration g = -dn - y r1 + x r2 and slips by (d1 - rn y_s, d2 + rn x_s). If it sticks it carries
-    t = e + k s; if it slides, t = c n of the trial force T = e + k s, n = T / |T| and c = mu N, of which
-    dt = (c / |T|) k (1 - n n) ds + mu n dN.
+    A point has the penetration g = -dn - y r1 + x r2 and slips by (d1 - rn y_s, d2 + rn x_s). If it sticks it carries
+    t = e + k s; if it slides, t = c n with the trial force T = e + k s, n = T / |T| and c = mu N, hence dt = (c / |T|)
+    k (1 - n n) ds + mu n dN.
     """
     for i in range(6):
         for k in range(6):

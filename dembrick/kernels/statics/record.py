@@ -1,6 +1,6 @@
 """The record of a search or constant-rate test: rows of history and frames of motion, into given arrays.
 
-A channel that was not asked for has arrays without entries, so that leaving it out costs neither time nor memory.
+Channels that are not requested have arrays without entries, and cost neither time nor memory.
 """
 
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class Record(NamedTuple):
     support: ndarray  # (n,) int64, number of each block among the fixed ones, -1 if it is free
     reaction: ndarray  # (r, s, 6) N, N m, see `write_reactions`
     tension: ndarray  # (r, t) N, of the ties
-    yielded: ndarray  # (r, t) m, the elongation that they keep
+    yielded: ndarray  # (r, t) m, their plastic elongation
     energy: ndarray  # (r, 9) J, see `energy.balance`
     watched: ndarray  # (w,) int64, blocks of the control points
     lever: ndarray  # (w, 3) m, from their centroids to the points, body axes
@@ -46,7 +46,7 @@ class Record(NamedTuple):
 
 @entry
 def write_reactions(joints, support, out):
-    """Force and moment (s, 6) of the fixed blocks on the structure, by joints, about their centroids, world axes."""
+    """Force and moment (s, 6) of fixed blocks on the structure through joints, about their centroids, world axes."""
     for s in range(out.shape[0]):
         for i in range(6):
             out[s, i] = 0.0
@@ -56,7 +56,7 @@ def write_reactions(joints, support, out):
         if on_a < 0 and on_b < 0:
             continue
         r = joints.resultant[j]
-        # what a gives b; where b is the support, it gives a the opposite
+        # action of a on b; if b is the support, it acts on a with the opposite
         force = columns_times(joints.axes[j], -r[1], -r[2], r[0])
         moment = columns_times(joints.axes[j], -r[4], -r[5], -r[3])
         for side in range(2):
@@ -68,7 +68,7 @@ def write_reactions(joints, support, out):
 
 @entry
 def write_guides(blocks, support, out):
-    """Force and moment of the guides on the blocks that they hold, into the rows (s, 6) of these."""
+    """Force and moment of the guides on their blocks, into the rows (s, 6) of these."""
     for g in range(blocks.guided.size):
         for i in range(6):
             out[support[blocks.guided[g]], i] = blocks.guide[g, i]
@@ -76,7 +76,7 @@ def write_guides(blocks, support, out):
 
 @jit
 def write_ties(record, row, ties):
-    """Write tensions of ties into a row, and the reactions of fixed blocks to them; ``ties`` may be None."""
+    """Write tensions of ties into a row, and add their reactions at fixed blocks; ``ties`` may be None."""
     if ties is not None:
         write_pulls(record, row, ties)
 
@@ -118,10 +118,9 @@ def write_frame(record, time, state, viscous):
 
 @jit
 def write_row(record, step, time, state, load, viscous, bounds, last):
-    """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room.
+    """Add a row to the record, with a frame if one is due or this is the ``last``; False if there is no room.
 
-    ``load``: V (N), of an equilibrium where no inertia is physical; ``bounds`` (2) of it; ``viscous``: dashpot ratio in
-    shear.
+    ``load``: V (N); ``bounds`` (2) of it; ``viscous``: dashpot ratio in shear.
     """
     blocks = state.blocks
     joints = state.joints

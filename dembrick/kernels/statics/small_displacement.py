@@ -1,7 +1,7 @@
 """Small motion: the geometry stays that of the start, displacements and rotation vectors are infinitesimal.
 
-The limit load of the undeformed structure is what it finds. Relative motions are taken from the totals, so that
-nothing drifts.
+It gives the limit load of the undeformed structure. Relative motions are computed from the total displacements, so
+errors do not accumulate.
 """
 
 from dembrick._jit import jit
@@ -12,8 +12,8 @@ from dembrick.kernels.math.vectors import cross, put_vector, rows_times
 
 @jit
 def seen_by(joints, j, opening, opened, slip):
-    """The `Motion` of joint ``j`` from its opening at O and tilts (dn, r1, r2), their growth in the step and its slip
-    twist; writes them down."""
+    """The `Motion` of joint ``j`` from its opening at O and tilts (dn, r1, r2), their growth ``opened`` in the step and
+    its slip twist; stores all of them."""
     dn, r1, r2 = opening
     pn, pr1, pr2 = opened
     put_vector(joints.opening[j], dn, r1, r2)
@@ -25,7 +25,7 @@ def seen_by(joints, j, opening, opened, slip):
 
 @jit
 def small_relative(blocks, joints, j):
-    """The `Motion` that joint ``j`` sees, from where its blocks are; keeps it."""
+    """The `Motion` of joint ``j`` from the displacements of its blocks; stores it."""
     a = joints.block_a[j]
     b = joints.block_b[j]
     axes = joints.axes[j]
@@ -63,7 +63,7 @@ def small_actuator(blocks, actuators, i):
 
 @jit
 def accelerate_together(blocks, whole, dt):
-    """Change the velocities of all free blocks by dt M^-1 force, M that of the whole assembly."""
+    """Change the velocities of all free blocks by dt M^-1 force, M the inertia of the whole assembly."""
     x = whole.work[0]
     for f in range(blocks.free.size):
         b = blocks.free[f]
@@ -97,7 +97,7 @@ def accelerate_alone(blocks, inverse, dt):
 
 @jit
 def accelerate(blocks, inverse, whole, dt):
-    """Central difference of the velocities with the artificial inertia, in one piece where that is given."""
+    """Central difference of the velocities with the artificial inertia, that of the whole assembly if it is given."""
     if whole is not None:
         accelerate_together(blocks, whole, dt)
     else:
@@ -106,10 +106,10 @@ def accelerate(blocks, inverse, whole, dt):
 
 @jit
 def damping_loss(blocks, b, matrix, dt, damping):
-    """Energy (J) that damping takes from block ``b``, with u its velocity that is about to be damped.
+    """Energy (J) that damping takes from block ``b``, whose velocity u is not yet damped.
 
-    The impulse of the damping, -c M w with w = u - mean, works over the motion before and after it, as a force does in
-    the trapezoidal rule: c (w . M (2 u - c w) - dt w . force) / 2.
+    The impulse of the damping, -c M w with w = u - mean, does work on the motion before and after it, as a force does
+    by the trapezoidal rule: c (w . M (2 u - c w) - dt w . force) / 2.
     """
     u = blocks.velocity[b]
     r = blocks.spin[b]
@@ -131,9 +131,9 @@ def damping_loss(blocks, b, matrix, dt, damping):
 def small_step(blocks, inertia, dt, damping, mean_weight, energy):
     """Central difference with the artificial inertia of the free blocks. Returns the longest move (m).
 
-    ``damping`` takes away that part of the fluctuation of a block's velocity about its running mean, in which the
-    latest step has the weight ``mean_weight``: what swings is damped, what moves steadily is not. What it takes goes
-    into the energy terms.
+    ``damping`` is the part removed from the fluctuation of a block's velocity about its running mean, in which the
+    latest step has the weight ``mean_weight``: oscillations are damped, steady motion is not. The energy removed is
+    added to the energy terms.
     """
     longest = 0.0
     mean = blocks.mean_velocity

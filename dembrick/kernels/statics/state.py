@@ -1,4 +1,4 @@
-"""Everything that a search or a constant-rate test changes, handed to the kernels as one."""
+"""All arrays that a search or a constant-rate test changes, as one argument of the kernels."""
 
 from typing import NamedTuple
 
