@@ -1,5 +1,5 @@
 """The energy balance of convex joints in real time, side by side: work of their springs and dashpots over a step, and
-what friction takes. What is counted is told in `energy_terms`, and how it balances in `energy`."""
+friction losses. `energy_terms` says what is counted, `energy` how it balances."""
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.energy_terms import (
@@ -15,8 +15,8 @@ from dembrick.kernels.joint.area_law import closed_pressure, either_wholly
 
 @jit
 def add_slip_work(ledger, lane, normal, twist, force, before, after):
-    """A step in which a convex joint slides by the plastic ``twist`` (3) under its shear ``force`` (3), or in which it
-    is open and lets go; it held ``before`` (3) and holds ``after``."""
+    """Add the loss of a step in which a convex joint slides by the plastic ``twist`` (3) under its shear ``force`` (3),
+    or is open and releases its springs; their forces were ``before`` (3) and are ``after``."""
     q1, q2, qm = twist
     loss = 0.5 * ((before[0] + after[0]) * q1 + (before[1] + after[1]) * q2 + (before[2] + after[2]) * qm)
     if normal > 0.0:
@@ -29,16 +29,16 @@ def add_slip_work(ledger, lane, normal, twist, force, before, after):
 
 @jit
 def keep_for_work(work, lane, force, elastic, slip):
-    """Keep what `add_dashpot_work` wants to know of shear and torsion."""
+    """Store shear and torsion for `add_dashpot_work`."""
     put_three(work.carried, lane, (force[0] - elastic[0], force[1] - elastic[1], force[2] - elastic[2]))
     put_three(work.slipped, lane, slip)
 
 
 @entry
 def add_dashpot_work(tile, face, work, dashpots, ledger, rest):
-    """Add what the dashpots of the joints of a tile took in a step. Those of joints that are done by `stick` act on all
-    that they move by, or on nothing where a joint is open; of the others, of which there are none if ``rest`` is None,
-    from the forces that were found, what presses the springs and what dashpots carry in shear."""
+    """Add the work of the dashpots of the joints of a tile in a step. Dashpots of joints evaluated by `stick` act on
+    all of their motion, or on none if a joint is open. For the other joints, of which there are none if ``rest`` is
+    None, it follows from their forces, the pressure on their springs and the shear in their dashpots."""
     for lane in range(W):
         k_n = face.k_n[lane]
         k_s = face.k_s[lane]
@@ -80,7 +80,7 @@ def press_wholly(face, work):
 
 @jit
 def leave_alone(work, first):
-    """Let no joint be in the lanes of a tile from ``first`` on."""
+    """Clear the lanes of a tile from ``first`` on, which have no joint."""
     zero = (0.0, 0.0, 0.0)
     for lane in range(first, W):
         work.rest[lane] = 0.0
@@ -92,8 +92,8 @@ def leave_alone(work, first):
 
 @jit
 def springs_before(face, springs, kept, lane, g0, gx, gy):
-    """Pressure resultants of the joint in that lane, N and its moments, at the penetration g of a step ago: kept in
-    ``springs``, unless ``kept`` is None: then it was wholly closed or wholly open."""
+    """Normal force and its moments of the joint in lane ``lane`` at the penetration g of a step ago: stored in
+    ``springs``, unless ``kept`` is None: then the joint was wholly closed or wholly open."""
     if kept is not None:
         return three(springs.pressure, lane)
     k_n = face.k_n[lane] if g0 > 0.0 else 0.0
@@ -103,8 +103,8 @@ def springs_before(face, springs, kept, lane, g0, gx, gy):
 
 @entry
 def add_stepping(face, work, springs, kept, ledger):
-    """Add what opening and closing within a step took from the springs of the joints of a tile, and keep what presses
-    them in ``springs``; ``kept``: see `springs_before`."""
+    """Add the loss of the springs of the joints of a tile by opening and closing within a step, and store their
+    pressure in ``springs``; ``kept``: see `springs_before`."""
     for lane in range(W):
         k_n = face.k_n[lane]
         q0, qx, qy = three(work.still, lane)
@@ -123,8 +123,8 @@ def add_stepping(face, work, springs, kept, ledger):
 
 @entry
 def opening(face, work):
-    """How many joints of a tile are neither wholly closed nor wholly open, and how many went from either to the other
-    in the step."""
+    """Number of joints of a tile that are neither wholly closed nor wholly open, and of those that changed from closed
+    to open at O, or back, in the step."""
     partly = passed = 0
     for lane in range(W):
         g0, gx, gy = three(work.depth, lane)
@@ -136,8 +136,8 @@ def opening(face, work):
 @jit
 def add_work(energy_terms, t, dashpots, ledger, tile, face, work, rest, used):
     """Add the work over a step of springs and dashpots of the convex joints in their tile ``t``, in its first ``used``
-    lanes, to those records of `EnergyTerms`; ``rest``: see `stick`. The springs of joints that are and stay wholly
-    closed give back what they took to the last."""
+    lanes, to the given records of `EnergyTerms`; ``rest``: see `stick`. The springs of joints that are and stay wholly
+    closed have no loss."""
     springs = energy_terms.springs[t]
     partly = 0
     if rest:

@@ -1,7 +1,7 @@
 """Convex joints, in real time: the area family. The law of a convex joint is `kernels.joint.area_law`; the functions
-of a family are those of `point_joints`, and `joint_families` calls them.
+have the same names as those of `point_joints`, and `joint_families` calls either.
 
-Shear memory lives in the polygon's axes and turns with them. The normal force acts along the other's normal.
+Shear memory is stored in the polygon's axes and turns with them. The normal force acts along the other's normal.
 """
 
 from math import inf, sqrt
@@ -57,8 +57,8 @@ from dembrick.kernels.math.vectors import put_vector, three_of
 
 @entry
 def press(tile, face, work, energy):
-    """Pressure on the joints of a tile, all of them side by side, into ``work.pressed``, and that on their springs
-    into ``work.still`` unless ``energy`` is None; not right for any other number of corners than four."""
+    """Pressure on the joints of a tile, all side by side, into ``work.pressed``, and that on their springs into
+    ``work.still`` unless ``energy`` is None; valid only for joints with four corners."""
     for lane in range(W):
         x = four(work.corner_x, lane)
         y = four(work.corner_y, lane)
@@ -75,7 +75,7 @@ def press(tile, face, work, energy):
 
 @jit
 def polygon_of(faces, a, face, lane):
-    """The `Polygon` of convex joint ``a``, in that lane of the tile ``face``."""
+    """The `Polygon` of convex joint ``a``, in lane ``lane`` of the tile ``face``."""
     outline = faces.outline[a]
     return Polygon(
         faces.x[outline], faces.y[outline], 0, faces.count[outline], face.area[lane], three(face.second, lane),
@@ -85,15 +85,15 @@ def polygon_of(faces, a, face, lane):
 
 @jit
 def limit_of(faces, pressed, a, face, lane):
-    """The `LimitSurface` of convex joint ``a``, in that lane of the tile ``face``, as it is ``pressed``."""
+    """The `LimitSurface` of convex joint ``a``, in lane ``lane`` of the tile ``face``, as it is ``pressed``."""
     far = faces.far[faces.outline[a]]
     return LimitSurface(polygon_of(faces, a, face, lane), far, face.reach[lane], face.radius[lane], pressed, a)
 
 
 @jit
 def pressure_of(faces, pressed, a, tile, face, lane, work):
-    """Integrals over convex joint ``a`` of what presses it, and its x and y moments: those that `press` found, or, of
-    polygons of more or fewer corners than four and if friction follows the bending, those of `area_pressure`."""
+    """Integrals over convex joint ``a`` of its pressure, and the x and y moments: those of `press`, or, for polygons of
+    more or fewer corners than four and if friction follows the bending, those of `area_pressure`."""
     if pressed is None:
         if faces.count[faces.outline[a]] == FOUR:
             return three(work.pressed, lane)
@@ -107,18 +107,18 @@ def pressure_of(faces, pressed, a, tile, face, lane, work):
 
 @jit
 def find_still(faces, pressed, a, face, lane, work):
-    """Write what presses the springs of convex joint ``a`` into ``work.still``, if it is not what `press` found."""
+    """Write the pressure on the springs of convex joint ``a`` into ``work.still``, unless `press` has computed it."""
     if pressed is None:
         if faces.count[faces.outline[a]] == FOUR:
             return
     put_three(work.still, lane, spring_pressure(polygon_of(faces, a, face, lane), *three(work.depth, lane)))
 
 
-@entry  # inlined, the compiler would round its sums in another way in each of the two loops
+@entry  # if inlined, its sums would be rounded differently in each of the two loops
 def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, counted):
-    """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of. ``pressed`` is
-    ``faces.pressed``, given apart so that its code goes where it is None; ``face``, ``sheared`` and ``counted``: its
-    tiles of `Faces.tiles`, `Faces.sheared` and the energy terms, or None."""
+    """Force of convex joint ``a``, in lane ``lane`` of the tile: the input of `resultant`. ``pressed`` is
+    ``faces.pressed``, passed separately so that numba omits its code if it is None; ``face``, ``sheared`` and
+    ``counted``: its tiles of `Faces.tiles`, `Faces.sheared` and the energy terms, or None."""
     limit = limit_of(faces, pressed, a, face, lane)
     n, nx, ny = pressure_of(faces, pressed, a, tile, face, lane, work)
     k_n = face.k_n[lane]
@@ -152,23 +152,23 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, counted
 
 @jit
 def kept_unless(done, new, old):
-    """A vector that changes only if ``done``."""
+    """The vector ``new`` if ``done``, else ``old``."""
     return (new[0] if done else old[0], new[1] if done else old[1], new[2] if done else old[2])
 
 
 @jit
 def zero_unless(done, a):
-    """A vector if ``done``, else zero."""
+    """The vector a if ``done``, else zero."""
     return kept_unless(done, a, (0.0, 0.0, 0.0))
 
 
 @entry
 def stick(tile, seen, face, sheared, work, energy):
-    """`face_force` of all joints of a tile that are wholly closed and do not slide, or wholly open with no memory, as
-    most are most of the time.
+    """`face_force` of all joints of a tile that are wholly closed and do not slide, or wholly open without memory, as
+    are most joints most of the time.
 
-    The others are left as they were, and marked in ``work``; ``energy`` is None if none is counted. Returns
-    whether there are any.
+    The others are left unchanged, and marked in ``work``; ``energy`` is None if none is counted. Returns whether there
+    are any.
     """
     rest = False
     for lane in range(W):
@@ -204,10 +204,10 @@ def stick(tile, seen, face, sheared, work, energy):
 
 @jit
 def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy_terms, counted):
-    """Forces of the convex joints in their tile ``t``: what `resultant` makes wrenches of.
+    """Forces of the convex joints in their tile ``t``: the input of `resultant`.
 
-    ``pressed``, ``strengths`` and ``bonds`` are those of ``faces``, given apart so that their code goes where they are
-    None; ``counted``: its records of ``energy_terms``, or both None.
+    ``pressed``, ``strengths`` and ``bonds`` are those of ``faces``, passed separately so that numba omits their code if
+    they are None; ``counted``: the records of the tile in ``energy_terms``, or both None.
     """
     like = faces.like[t]
     face = faces.tiles[like]
@@ -238,8 +238,8 @@ def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy
 
 @jit
 def forces(links, faces, bodies, first, last, energy_terms, work):
-    """Forces of the convex joints in their tiles ``first`` to ``last``; ``work`` is scratch;
-    ``energy_terms`` may be None."""
+    """Forces of the convex joints in their tiles ``first`` to ``last`` - 1; ``work`` is scratch; ``energy_terms`` may
+    be None."""
     for t in range(first, last):
         own = faces.tile[t]
         like = links.like[own]
@@ -269,8 +269,8 @@ def forces(links, faces, bodies, first, last, energy_terms, work):
 
 @jit
 def springs_of(bonds, faces, a, g0, gx, gy):
-    """k_n times the integrals of <g>+, x <g>+ and y <g>+ over convex joint ``a``, of g itself where a bond holds; and
-    the penetration g0 at O, with the rise by dilation. ``bonds`` is ``faces.bonds``."""
+    """k_n times the integrals of <g>+, x <g>+ and y <g>+ over convex joint ``a``, or of g itself if a bond holds; and
+    the penetration g0 at O, including the rise by dilation. ``bonds`` is ``faces.bonds``."""
     face = faces.tiles[faces.place[a] // W]
     lane = faces.place[a] % W
     k = face.k_n[lane]
@@ -285,7 +285,7 @@ def springs_of(bonds, faces, a, g0, gx, gy):
 
 @jit
 def spring_energy(links, faces, a, held):
-    """Energy (J) in the springs of convex joint ``a``; writes their pressure and its moments into row ``a`` of
+    """Energy (J) in the springs of convex joint ``a``; writes their normal force and its moments into row ``a`` of
     ``held`` unless it is None."""
     j = faces.joint[a]
     seen = links.seen_tiles[links.place[j] // W]
@@ -310,8 +310,8 @@ def spring_energy(links, faces, a, held):
 
 @jit
 def work_ahead(faces, a, held, sense, offset, now, step, slip, turn):
-    """Work (J) that the springs of convex joint ``a`` would take over a ``step`` (9) of `Links.seen` from ``now``, if
-    their forces stayed; ``slip`` (9) and ``turn`` of the feet in it, ``held`` (a, 3) N and its moments."""
+    """Work (J) on the springs of convex joint ``a`` over a ``step`` (9) of `Links.seen` from ``now``, if their forces
+    stayed constant; ``slip`` (9) and ``turn`` of the feet in it, ``held`` (a, 3) N and its moments."""
     e1, e2, em = three(faces.sheared[faces.place[a] // W].elastic, faces.place[a] % W)
     c, s = now[3] + step[3], now[4] + step[4]
     length = sqrt(c * c + s * s)

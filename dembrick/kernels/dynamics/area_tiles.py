@@ -1,4 +1,4 @@
-"""Convex joints side by side, in real time: their arrays, and what goes between them and the rows of a tile."""
+"""Convex joints side by side, in real time: their arrays, and the transfer between them and the rows of a tile."""
 
 from math import sqrt
 from typing import NamedTuple
@@ -21,14 +21,14 @@ from dembrick.kernels.dynamics.tiles import (
 from dembrick.kernels.joint.point_law import Strengths
 from dembrick.kernels.joint.pressure import Pressed
 
-# What no step changes of a convex joint
+# Constants of a convex joint
 FACE = record(
     ("k_n", 1),  # Pa/m, stiffness along the normal
     ("k_s", 1),  # Pa/m, in shear
     ("friction", 1),
     ("area", 1),  # m2
     ("second", 3),  # m4, integrals of y^2, x^2, x y about O, the centroid
-    ("negligible", 1),  # N, friction strength up to which the limit surface need not be the exact one
+    ("negligible", 1),  # N, friction strength up to which the limit surface need not be exact
     ("reach", 1),  # m, greatest distance of a vertex from O
     ("radius", 1),  # m, torsion strength over V_0
 )
@@ -48,9 +48,9 @@ class Faces(NamedTuple):
     joint that was cut has its own."""
 
     joint: ndarray  # (a,) uint32
-    tile: ndarray  # (t,) int64, which tile of `Links` each tile of these joints is
-    lane: ndarray  # (t, W) uint32, which of the a joints each lane has; the last one again where there are no more
-    used: ndarray  # (t,) int64, lanes that have one of their own
+    tile: ndarray  # (t,) int64, the tile of `Links` of each tile of these joints
+    lane: ndarray  # (t, W) uint32, which of the a joints each lane has; spare lanes repeat the last one
+    used: ndarray  # (t,) int64, lanes that are not spare
     outline: ndarray  # (a,) uint32, which polygon: a row of `count`, `x`, `y` and `far`
     place: ndarray  # (a,) uint32, its lane: that of its tile, plus W times the tile among those of these joints
     like: ndarray  # (t,) uint32, the tile of ``tiles`` that the loop reads in place of each: see `alike`
@@ -63,7 +63,7 @@ class Faces(NamedTuple):
     y: ndarray  # (o, v) m, along e2
     far: ndarray  # (o, 42) series of the limit surface about pure translation
     pressed: Pressed | None  # None if all pressures are full
-    strengths: Strengths | None = None  # beside friction; None if no joint has any
+    strengths: Strengths | None = None  # besides friction; None if no joint has any
     bonds: FaceBonds | None = None  # None if ``strengths`` is
 
     def field(self, name: str, joints=slice(None)) -> ndarray:
@@ -76,7 +76,7 @@ class Faces(NamedTuple):
         put_in_lanes(self.tiles, field, self.place[joints], np.asarray(values, float))
 
     def share(self) -> None:
-        """Let tiles that are the same to the last bit take their rows from one of them."""
+        """Let tiles that are the same to the last bit share the rows of one of them."""
         self.like[:] = alike(self.tiles)
 
     k_n = of_joints("k_n", "(a,) Pa/m, along the normal")
@@ -99,7 +99,7 @@ class Faces(NamedTuple):
 
 @jit
 def fetch_corners(faces, t, work):
-    """Bring the first four vertices of the joints in their tile ``t`` into ``work``."""
+    """Copy the first four vertices of the joints in their tile ``t`` into ``work``."""
     for lane in range(W):
         outline = faces.outline[faces.lane[t, lane]]
         x = faces.x[outline]
@@ -111,7 +111,7 @@ def fetch_corners(faces, t, work):
 
 @jit
 def put_force(work, lane, cosine, sine, pressure, shear):
-    """Write down what `resultant` makes a wrench of: N and its moments, shear and torsion in the polygon's axes."""
+    """Store the input of `resultant`: N and its moments, shear and torsion in the polygon's axes."""
     n, nx, ny = pressure
     t1, t2, tm = shear
     put_three(work.force, lane, (sine * t2 - cosine * t1, -(sine * t1 + cosine * t2), n))
@@ -122,7 +122,7 @@ def put_force(work, lane, cosine, sine, pressure, shear):
 
 @jit
 def in_polygon_axes(seen, lane, p1, p2):
-    """A slip in the plane's axes in those of the polygon, and cosine and sine of the angle between them."""
+    """A slip in the plane's axes, expressed in the polygon's; and cosine and sine of the angle between them."""
     c1 = seen.first[0, lane]
     c2 = seen.first[1, lane]
     scale = 1.0 / sqrt(c1 * c1 + c2 * c2)

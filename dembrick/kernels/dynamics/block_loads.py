@@ -1,22 +1,20 @@
-"""Forces on blocks in real time beside joints, contacts and gravity: ties, guides, pressures on faces.
+"""Forces on blocks in real time besides joints, contacts and gravity: ties, guides, pressures on faces.
 
-Ties: their forces are put on the blocks as loads are. The law is `kernels.joint.ties`.
+Ties: their forces are applied to the blocks like loads. The law is `kernels.joint.ties`.
 
-Guides: forces and moments under which blocks do not move in the directions in which they are held.
+Guides: forces and moments that prevent motion of blocks in their fixed directions. They act beside the loads of a step,
+so that the step of a block, its energy and its joints need not know of them. A zero velocity requires a force against
+all others; a zero spin about an axis requires a moment that depends on the spin about the other two
+(`kernels.math.rigid_turns`).
 
-They act beside the loads of a step, so that the step of a block, its energy and its joints know nothing of them. A
-velocity that is zero takes a force against all others; a spin that is zero about an axis takes a moment that follows
-the spin about the other two (`kernels.math.rigid_turns`).
-
-Pressures follow the faces of blocks that move, and those of a fluid the present depth of each part. On a convex polygon
+Pressures follow the faces of moving blocks, and fluid pressures the present depth of each part. On a convex polygon
 with the outward normal n the pressure p = max(0, c0 + c1 z) is linear where it is positive. That part is a fan of
-triangles of vector area A n. On a triangle with pressures p_i at the corners r_i, counted from the centroid of the
+triangles of vector area A n. On a triangle with pressures p_i at the corners r_i, relative to the centroid of the
 block, force and moment are, exactly,
 
     F = -A n (p_1 + p_2 + p_3) / 3,    M = -(sum p_i sum r_i + sum p_i r_i) / 12 x A n.
 
-The vector areas of a closed surface cancel in the geometry that there is: what is under water all round feels no
-moment.
+The vector areas of a closed surface cancel in the present geometry: a block surrounded by water has no moment.
 """
 
 from typing import NamedTuple
@@ -32,7 +30,7 @@ from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, cross, rotate
 
 @jit
 def clear_tied(ties, bodies):
-    """Take all loads off the blocks that ties hold: those of the step come next."""
+    """Clear the loads on blocks with ties, before those of the step are applied."""
     for t in range(ties.stiffness.size):
         for side in range(2):
             for i in range(6):
@@ -54,7 +52,7 @@ def pull_ties(ties, bodies, swings):
 
 @jit
 def clear_guided(bodies):
-    """Take all loads off the blocks that are guided: those of the step come next."""
+    """Clear the loads on guided blocks, before those of the step are applied."""
     for g in range(bodies.guided.size):
         for i in range(6):
             bodies.applied[bodies.guided[g], i] = 0.0
@@ -62,7 +60,7 @@ def clear_guided(bodies):
 
 @jit
 def unresisted(force, motion, damping):
-    """The force that `resisted` makes ``force`` of."""
+    """Inverse of `resisted`: the force that local damping reduces to ``force``."""
     against = force if motion > 0.0 else -force
     if damping == 0.0 or motion == 0.0:
         return force
@@ -71,7 +69,7 @@ def unresisted(force, motion, damping):
 
 @jit
 def hold(bodies, wrenches, g1, g2, g3, dt, damping):
-    """Add to the loads of guided blocks what their guides exert, once all other forces of the step are there."""
+    """Add the forces of guides to the loads of guided blocks, once all other forces of the step are there."""
     for g in range(bodies.guided.size):
         b = bodies.guided[g]
         held = bodies.held[g]
@@ -97,21 +95,21 @@ def hold(bodies, wrenches, g1, g2, g3, dt, damping):
 
 
 class PressedFaces(NamedTuple):
-    """q convex polygons with c corners in all, each of a face or, taken off, of what covers one."""
+    """q convex polygons with c corners in all: each is a face, or a covered part of one, which is subtracted."""
 
     block: ndarray  # (q,) int64
     first: ndarray  # (q + 1,) int64, number of the first corner of each
-    corner: ndarray  # (c, 3) m, from the centroid in body axes, counterclockwise seen from outside
-    sense: ndarray  # (q,) 1, or -1 for what is taken off
+    corner: ndarray  # (c, 3) m, from the centroid in body axes, counter-clockwise seen from outside
+    sense: ndarray  # (q,) 1, or -1 for a covered part
     level: ndarray  # (q,) Pa, c0
     slope: ndarray  # (q,) Pa/m, c1
     driven: ndarray  # (q,) bool, whether the multiplier V acts on it
-    wrench: ndarray  # (q, 6) N, N m, force and moment about the centroid as `press` found them last, for V = 1
+    wrench: ndarray  # (q, 6) N, N m, force and moment about the centroid at the last call of `press`, for V = 1
 
 
 @jit
 def clear_pressed(faces, bodies):
-    """Take all loads off the blocks that feel a pressure: those of the step come next."""
+    """Clear the loads on blocks under pressure, before those of the step are applied."""
     for q in range(faces.block.size):
         for i in range(6):
             bodies.applied[faces.block[q], i] = 0.0
@@ -119,7 +117,8 @@ def clear_pressed(faces, bodies):
 
 @jit
 def press(faces, bodies, multiplier, height):
-    """Add the pressures to the loads on their blocks; the height of a point x is ``height`` (4,): h x + h_0."""
+    """Add the pressures to the loads on their blocks; the height of a point x is h x + h_0, with ``height``
+    (4,) = (h, h_0)."""
     for q in range(faces.block.size):
         b = faces.block[q]
         wrench = faces.wrench[q]
@@ -134,14 +133,14 @@ def press(faces, bodies, multiplier, height):
 
 @jit
 def multiplier_on(faces, q, multiplier):
-    """V on a polygon on which it acts, and 1 on others."""
+    """V for a polygon on which it acts, 1 for others."""
     return multiplier if faces.driven[q] else 1.0
 
 
 @jit
 def press_polygon(faces, q, bodies, height):
-    """Put force and moment of the pressure on one polygon into its wrench, which is zero: of the triangles between the
-    first corner of the part where the pressure is positive and its edges, as the outline is walked."""
+    """Add force and moment of the pressure on one polygon to its wrench. The part where the pressure is positive is a
+    fan of triangles from its first corner, in the order of the outline."""
     b = faces.block[q]
     first = faces.first[q]
     last = faces.first[q + 1]
@@ -177,8 +176,8 @@ def press_polygon(faces, q, bodies, height):
 
 @jit
 def press_triangle(wrench, a, b, c):
-    """Add force and moment of a linear pressure on a triangle, corners (place and pressure, 4) counterclockwise seen
-    from outside."""
+    """Add force and moment of a linear pressure on a triangle; corners (position and pressure, 4) counter-clockwise
+    seen from outside."""
     a1, a2, a3, pa = a
     b1, b2, b3, pb = b
     c1, c2, c3, pc = c

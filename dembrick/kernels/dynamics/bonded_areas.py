@@ -1,4 +1,4 @@
-"""Convex joints with strengths, in real time: what such a joint answers, and what it loses. The law is
+"""Convex joints with strengths, in real time: their forces and their losses. The law is
 `kernels.joint.area_law.bonded_area`.
 """
 
@@ -19,8 +19,8 @@ from dembrick.kernels.math.vectors import put_vector, three_of
 
 @jit
 def add_bonded_losses(polygon, k_n, most, before, now, motion, pressure, work, lane, counted):
-    """Add what a step took from the springs of a convex joint with strengths, whose `Memory` was that of ``before`` and
-    is that of ``now``; ``work`` (J): by its plastic twist, and by friction; ``pressure``: N and its moments now."""
+    """Add the losses in a step of the springs of a convex joint with strengths, whose `Memory` was ``before`` and is
+    ``now``; ``work`` (J): on its plastic twist, and of friction by its law; ``pressure``: N and its moments now."""
     n, nx, ny = pressure
     shear, by_law = work
     dashpots, ledger = counted
@@ -39,7 +39,7 @@ def add_bonded_losses(polygon, k_n, most, before, now, motion, pressure, work, l
     if now.bonded < before.bonded:
         ledger.fracture[lane] += shear + across
     elif n > 0.0:
-        dash = (n - k_n * q0) * lift  # lengthens with what lifts
+        dash = (n - k_n * q0) * lift  # the dashpot lengthens with the lift
         lifted = across - dash if now.rise > before.rise else 0.0
         ledger.dashpots[lane] += dash
         ledger.friction[lane] += shear + lifted
@@ -53,7 +53,7 @@ def add_bonded_losses(polygon, k_n, most, before, now, motion, pressure, work, l
 
 @jit
 def bonded_face(faces, limit, bonded, a, tile, seen, own, lane, work, counted):
-    """`area_joints.face_force` of a joint of a scene where some have strengths, by the `LimitSurface` ``limit`` of its
+    """`area_joints.face_force` of a joint in a scene where some have strengths, by the `LimitSurface` ``limit`` of its
     full pressure; ``bonded``: the strengths and the bonds; ``own``: its tiles of `Faces.tiles` and `Faces.sheared`,
     ``counted``: of `EnergyTerms`, or None."""
     face, sheared = own
@@ -85,7 +85,7 @@ def bonded_face(faces, limit, bonded, a, tile, seen, own, lane, work, counted):
         t1, t2, tm = shear
         q1, q2, qm = twist
         lost = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm), t1 * q1 + t2 * q2 + tm * qm
-        most = strengths.crushing[a]  # infinite: what is crushed is not followed in real time
+        most = strengths.crushing[a]  # infinite: crushing of areas is not modelled in real time
         add_bonded_losses(limit.polygon, k_n, most, before, now, motion, pressure, lost, lane, counted)
         s1, s2, turn = motion.slip
         taken = dashpot_work(counted.dashpots.shearing, lane, t1 - e1, t2 - e2, tm - em, s1, s2, turn)

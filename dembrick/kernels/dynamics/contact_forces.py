@@ -1,28 +1,26 @@
 """Forces of new contacts, one for each pair of convex parts that overlap (``contact_surface``).
 
-Pressure: 2 kn times the penetration, plus a dashpot of stated ratio that sees the closing of the last step, never
+Pressure: 2 kn times the penetration, plus a dashpot of given damping ratio on the closing of the last step, never
 negative. Friction: one elastic force in the plane orthogonal to the mean normal, and one torsion about it, at the
 centre of pressure; stiffness ks A and ks J of the patches, strength on the exact limit surface of the pressure
-(``contact_friction``). What a contact remembers turns with both blocks and stays orthogonal to the normal; if patches
-shrink it shrinks with their stiffness, so that no loop of loads returns energy that was not put in. It is forgotten
+(``contact_friction``). The memory of a contact turns with both blocks and stays orthogonal to the normal; if patches
+shrink it is reduced with their stiffness, so that no loop of loads returns energy that was not put in. It is cleared
 when the overlap ends.
 
-A pair that has a joint is handed over (``handover``): the new contact counts by its weight, the joint by the rest.
+Transition from joints to contacts: the joint of a pair of blocks is handed over to a new contact (``hand_over``).
 
-Transition from joints to contacts: when a joint hands its pair of blocks over to a new contact.
+The new contact counts by its weight, the joint by the rest. The weight grows with the motion that the joint's polygon
+cannot follow, between two bounds each: the turn of one face against the other; and, if the polygon is less than the
+face of its host, the slip in the plane, because the faces may then overlap more than before, and slip times turn, which
+is how deep that part may penetrate unnoticed. It grows by at most `GROWTH` in a step. If the joint is open and all of
+it lies well apart there is nothing to hand over, and it is 1: faces that land on each other then bounce as they should.
 
-The new contact counts by its weight, the joint by the rest. The weight grows with what the joint's polygon cannot
-follow, between two bounds each: the turn of the one face against the other; and, where the polygon is not the whole
-face that it rides on, the slip in the plane, because faces may share more then than they did, and slip times turn,
-which is how deep that may sink in unseen. It grows by no more than `GROWTH` in a step. Where the joint is open and all
-of it lies well apart there is nothing to hand over, and it is 1: faces that land on each other bounce as they should.
+It decreases as slowly where the joint can follow again and presses: a block that was thrown, or rocked far over, then
+rocks on its corners again and not on a bed of springs. It stays while the faces lie flat. A rocking block leaves its
+corners at each impact by as little as it bounces; that does not count as apart.
 
-It falls back as slowly where the joint can follow again and presses: a block that was tossed, or rocked far over, rocks
-on its corners again and not on a bed of springs. It stays while the faces lie flat. A block that rocks leaves its
-corners at each impact by as little as it bounces; that is not apart.
-
-Where equilibria are looked for, no joint that crushes begins to hand over while its blocks overlap by more than it
-bears: a new contact would press on what is crushed, which only the joint knows, and hold up what falls.
+In the search for an equilibrium, no joint that crushes begins to hand over while its blocks overlap by more than its
+crushing depth: a new contact would press on crushed material, which only the joint knows, and hold up falling blocks.
 """
 
 from math import sqrt
@@ -47,7 +45,7 @@ from dembrick.kernels.joint.dashpots import damped_push
 from dembrick.kernels.joint.pressure import Pressed
 from dembrick.kernels.math.vectors import add_wrench, columns_times, cross, put_vector, rows_times, tangent
 
-TOUCHED, DEEP, CROWDED = 0, 11, 12  # apart from the loop's own states
+TOUCHED, DEEP, CROWDED = 0, 11, 12  # distinct from the loop's own states
 DEEPEST = 0.25  # of the thinner part's inner radius: a deeper penetration ends the run
 
 
@@ -56,7 +54,7 @@ class Touching(NamedTuple):
 
     parts: Parts
     scratch: Scratch
-    pressed: Pressed  # scratch: how one contact is pressed, seen from its centre of pressure, `contact_friction`
+    pressed: Pressed  # scratch: the pressure of one contact about its centre, `contact_friction`
     free: ndarray  # (n,) 1 for blocks that move, 0 for fixed ones
     first: ndarray  # (t,) int64, part A
     second: ndarray  # (t,) int64, part B
@@ -66,17 +64,17 @@ class Touching(NamedTuple):
     friction: ndarray  # (t,)
     cohesion: ndarray  # (t,) Pa
     weight: ndarray  # (t,) share of the new contact: 1 if there is no joint
-    slack: ndarray  # (t,) m, depth up to which edges that have lain along each other from the start press nothing,
-    least: ndarray  # (t,) N, the force from which on they do, and
-    deepest: ndarray  # (t,) m, the depth
+    slack: ndarray  # (t,) m, depth up to which edges in contact along each other since the start do not press,
+    least: ndarray  # (t,) N, force from which on they do, and
+    deepest: ndarray  # (t,) m, depth from which on they do
     size: ndarray  # (t,) m, greatest distance of the joint's polygon from its centroid at the start
-    partial: ndarray  # (t,) whether that polygon is less than the face that it rides on
-    crushes: ndarray  # (t,) m, the overlap from which on the joint crushes; infinite if it does not
+    partial: ndarray  # (t,) whether that polygon is less than the face of its host
+    crushes: ndarray  # (t,) m, overlap from which on the joint crushes; infinite if it does not
     start: ndarray  # (j, 9) `Links.seen` at the start, of all joints
-    shift: ndarray  # (j, 2) m, where their O is now on the host, from where it was then
-    plane: ndarray  # (t,) int64, the face that kept the parts apart last, those of B after those of A; -1: none
+    shift: ndarray  # (j, 2) m, shift of their O on the host since then
+    plane: ndarray  # (t,) int64, the face that separated the parts last, those of B after those of A; -1: none
     elastic: ndarray  # (t, 4) N, N m: elastic shear force on A (world), torsion on A about the normal from A to B
-    stiffness: ndarray  # (t, 2) N/m, N m: shear and torsion stiffness that these came with
+    stiffness: ndarray  # (t, 2) N/m, N m: shear and torsion stiffness to which these belong
     twist: ndarray  # (t, 3) m, m, rad: plastic twist of the last plastic step, in the axes of the contact
     slip: ndarray  # (t,) m, length of the slip path, see `area_law`
     normal: ndarray  # (t,) N, normal force
@@ -89,19 +87,19 @@ class Touching(NamedTuple):
         ndarray  # (t, 16) of contacts now: normal and an axis t orthogonal to it (world); N/m: the springs along the
     )
     # normal, those times x and y (N) and x^2, x y, y^2 (N m), along t and u = n x t from the centre of pressure;
-    # dashpot over spring; N/m: what more there is across, and shear stiffness; N m: torsion stiffness
-    load: ndarray  # (n,) bound of what its contacts do to a block in a step: M^-1 (dt^2 K + 2 dt C), stable up to 4
-    bearable: ndarray  # (n,) load up to which no one need look closer
+    # dashpot over spring; N/m: additional stiffness across, and shear stiffness; N m: torsion stiffness
+    load: ndarray  # (n,) bound of the effect of its contacts on a block: M^-1 (dt^2 K + 2 dt C), stable up to 4
+    bearable: ndarray  # (n,) load up to which no closer check is needed
     overloaded: ndarray  # (1,) int64, 1 if a block has more
-    laws: ndarray  # (1,) int64, how friction is to answer: `swings.MOVING` or another
-    dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the swing w (rad) of a step; greatest w
-    room: ndarray  # (1,) m, how far blocks may still move until pairs must be looked for again
+    laws: ndarray  # (1,) int64, mode of friction: `swings.MOVING` or another
+    dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the phase w (rad) of a step; greatest w
+    room: ndarray  # (1,) m, how far blocks may still move until near pairs must be searched again
     trouble: ndarray  # (1,) int64, the pair that ended the run
 
 
 @jit
 def clear_applied(touching, bodies):
-    """Nothing on the blocks that may touch, before loads and contacts of a step are put on them."""
+    """Clear the loads on blocks that may touch, before loads and contacts of a step are applied to them."""
     owner = touching.parts.owner
     for t in range(touching.first.size):
         a = owner[touching.first[t]]
@@ -115,7 +113,7 @@ def clear_applied(touching, bodies):
 
 @jit
 def rest(touching, t):
-    """No force, and nothing remembered."""
+    """Set force and memory of pair ``t`` to zero."""
     touching.normal[t] = 0.0
     touching.area[t] = 0.0
     for i in range(3):
@@ -130,8 +128,8 @@ def rest(touching, t):
 
 @jit
 def counts(touching, t, patches, depth):
-    """Whether edges that have lain along each other from the start press with a force that counts by now; if not, they
-    may come twice as deep before that is asked again."""
+    """Whether edges in contact along each other since the start press with a force that counts by now; if not, the
+    depth for the next check is doubled."""
     _, _, e1, e2, e3 = sum_patches(touching.scratch, patches)
     force = 2.0 * touching.k_n[t] * sqrt(e1 * e1 + e2 * e2 + e3 * e3)
     counting = force > touching.least[t] or depth > touching.deepest[t]
@@ -175,8 +173,8 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
     y1 += d1
     y2 += d2
     y3 += d3
-    # dashpot: the stated ratio for the mass that is felt there, and for the linear spring that would hold the energy
-    # that there is at the force that there is, F^2 / (2 E): with that a contact F = c g^p is a linear oscillator in
+    # dashpot: the given damping ratio for the effective mass there, and for the linear spring that would store the
+    # present energy at the present force, F^2 / (2 E): with that a contact F = c g^p is a linear oscillator in
     # g^((p + 1) / 2) and in a time of its own (Antypov and Elliott, Europhysics Letters 94 (2011) 50004). On an edge
     # the force grows with the square of the penetration, on a corner with its cube: all have one restitution
     k_n = touching.weight[t] * touching.k_n[t]
@@ -186,7 +184,7 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
     viscous = stepped_dashpot(touching.dashpot, sqrt(felt * k_n * even) * dt) * even / stiff
     if touching.laws[0] == RESTED:
         viscous = 0.0
-    # what the last step brought the blocks nearer at the centre of pressure, and turned them
+    # closing of the blocks at the centre of pressure in the last step, and their relative rotation
     va = bodies.velocity[a]
     vb = bodies.velocity[b]
     wa = bodies.spin[a]
@@ -195,8 +193,8 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
     q1, q2, q3 = cross(wb[0], wb[1], wb[2], y1, y2, y3)
     ahead = (va[0] + p1 - vb[0] - q1) * n1 + (va[1] + p2 - vb[1] - q2) * n2 + (va[2] + p3 - vb[2] - q3) * n3
     w1, w2, w3 = columns_times(R, dt * (wb[0] - wa[0]), dt * (wb[1] - wa[1]), dt * (wb[2] - wa[2]))
-    # the dashpot against nearing is shared as the pressure is, so that none of it pulls before all of it would; that
-    # against turning is a linear field
+    # the dashpot force against closing is distributed as the pressure is, so that no part of it pulls before all of it
+    # would; that against rotation is a linear field
     deep = 2.0 * size / stiff
     begins = touching.area[t] == 0.0
     swing2 = felt * k_n * stiff * dt * dt
@@ -249,7 +247,7 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
         s1, s2, s3, turn = rub(touching, bodies, t, (a, b), dt, normal, shear, 1.0 + viscous, axes, (at_a, at_b))
     else:
         forget(touching, t, *shear)
-    # friction is what acts on A
+    # friction as computed acts on A
     touching.normal[t] = normal
     touching.area[t] = area
     f1 -= s1
@@ -269,10 +267,10 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
 
 @entry
 def touch(touching, links, bodies, dt):
-    """Put the forces of all new contacts on their blocks, in the order of the pairs.
+    """Apply the forces of all new contacts to their blocks, in the order of the pairs.
 
-    Returns TOUCHED; DEEP where parts overlap by more than `DEEPEST`; CROWDED where scratch has no room for a contact
-    surface; `trouble` is the pair then.
+    Returns TOUCHED; DEEP if parts overlap by more than `DEEPEST`; CROWDED if scratch has no room for a contact surface;
+    `trouble` is then the pair.
     """
     parts = touching.parts
     for t in range(touching.first.size):
@@ -282,7 +280,7 @@ def touch(touching, links, bodies, dt):
         if joint >= 0:
             is_open, parted = hand_over(touching, links, t)
             if touching.weight[t] <= 0.0 and not is_open:
-                if touching.area[t] > 0.0:  # handed back: what it pressed last must not be counted again
+                if touching.area[t] > 0.0:  # handed back: its last force must not be counted again
                     rest(touching, t)
                 continue
         elif touching.weight[t] < 1.0 and touching.slack[t] <= 0.0:
@@ -335,24 +333,24 @@ def touch(touching, links, bodies, dt):
     return TOUCHED
 
 
-TURN = 0.2, 0.4  # sine of the turn of the faces at which the handing over of a joint begins, and ends
+TURN = 0.2, 0.4  # sine of the rotation between the faces at which the handover of a joint begins, and ends
 SLIP = 0.05, 0.15  # of the joint's size: slip
 SINK = 1e-4, 5e-4  # of its size: slip times turn
-PARTED = 0.05  # of its size: an open joint is apart if its nearest corner is, by so much
-FLUSH = 1e-3  # sine of a turn below which faces land on each other flat: their bounce is that of the new contact
-GROWTH = 1.0 / 300.0  # in a step, of the weight of a new contact
+PARTED = 0.05  # of its size: gap of its nearest corner from which on an open joint is apart
+FLUSH = 1e-3  # sine of a rotation below which faces land flat on each other: they bounce by the new contact
+GROWTH = 1.0 / 300.0  # greatest change of the weight of a new contact in a step
 
 
 @jit
 def ramp(x, low, high):
-    """From 0 at ``low`` to 1 at ``high``, smoothly."""
+    """Smooth step from 0 at ``low`` to 1 at ``high``."""
     s = min(1.0, max(0.0, (x - low) / (high - low)))
     return s * s * (3.0 - 2.0 * s)
 
 
 @jit
 def hand_over(touching, links, t):
-    """Let the weight of pair ``t`` grow as its joint fails to follow.
+    """Increase the weight of pair ``t`` as its joint fails to follow, or decrease it.
 
     Returns whether the joint is open, and whether it is open and apart.
     """
@@ -391,7 +389,7 @@ def hand_over(touching, links, t):
 
 @jit
 def leave_rest(touching, links, t):
-    """Leave the joint of pair ``t`` what the new contact does not count by its weight."""
+    """Reduce the wrench of the joint of pair ``t`` by the weight of the new contact."""
     wrench = links.wrenches[wrench_at(links, touching.joint[t])]
     for i in range(9):
         wrench[i] *= 1.0 - touching.weight[t]

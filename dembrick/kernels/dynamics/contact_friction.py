@@ -1,14 +1,14 @@
 """Friction of new contacts: the exact torsion-shear limit surface of the pressure on their patches.
 
-Friction acts in the plane through the centre of pressure c orthogonal to the mean normal e. Of the pressure on a
-patch it knows the part along e, p n.e dA: projected on the plane a patch is a polygon with a linear pressure again, as
-``pressure.pressed_surface`` wants it. A flat contact is its own projection. What presses the other way counts nothing.
+Friction acts in the plane through the centre of pressure c orthogonal to the mean normal e. Of the pressure on a patch
+only the part along e counts, p n.e dA: projected on the plane, a patch is again a polygon with a linear pressure, as
+``pressure.pressed_surface`` requires. A flat contact is its own projection. Pressure opposite to e is ignored.
 
 Cohesion that a joint keeps after its bond broke (``residual_cohesion``) adds its part of the area to the strength, over
 the same limit surface.
 
-A contact along an edge, or at a corner, is one too, however small. Where it is narrower than `THIN` of its length it is
-spread to that width, so that integrals over it keep their digits; its strength grows by less than 1e-4.
+A contact along an edge, or at a corner, has a patch too, however small. A patch narrower than `THIN` times its length
+is widened to that, so that integrals over it keep their digits; its strength grows by less than 1e-4.
 """
 
 from math import atan2, cos, sin, sqrt
@@ -19,17 +19,17 @@ from dembrick.kernels.joint.area_law import area_friction, stretched
 from dembrick.kernels.joint.limit_surface import LimitSurface
 from dembrick.kernels.math.vectors import cross, put_vector, three_of, turned_back
 
-RIM = 1e-4  # of the pressure: smaller patches count nothing for friction
-THIN = 3e-3  # of the length
-SLENDER = 1e-4  # smallest over greatest second moment, below which the width is looked at
-LOST = 1e-12  # of the length: a width that rounding has eaten
-CLOSE = 1e-8  # of the strength: friction is that near to the limit surface
-BAND = 0.999  # a stiffness that trembles by less than a thousandth wears nothing off what a contact remembers
+RIM = 1e-4  # part of the pressure: patches with less are ignored in friction
+THIN = 3e-3  # least width over length
+SLENDER = 1e-4  # smallest over greatest second moment, below which the width is checked
+LOST = 1e-12  # width over length that is lost in rounding
+CLOSE = 1e-8  # tolerance of the return mapping, over the strength
+BAND = 0.999  # fluctuations of the stiffness by less than a thousandth do not reduce the memory of a contact
 
 
 @jit
 def share_pressure(scratch, patches, e1, e2, e3, size):
-    """Share of every patch in the pressure along e, as `sums`; returns their sum and the centre c (3) of it all.
+    """Pressure of every patch along e, into `sums`; returns their total and the common centre c (3).
 
     ``size``: length of the integral of p n dA.
     """
@@ -51,7 +51,7 @@ def share_pressure(scratch, patches, e1, e2, e3, size):
 
 @jit
 def second_moments(x, y, first, last, p0, px, py):
-    """Integrals of p x^2, p x y and p y^2 over a polygon, p = p0 + px x + py y; a fan of triangles from the origin."""
+    """Integrals of p x^2, p x y and p y^2 over a polygon, p = p0 + px x + py y; by triangles from the origin."""
     xx = xy = yy = 0.0
     xa = x[last - 1]
     ya = y[last - 1]
@@ -73,15 +73,15 @@ def second_moments(x, y, first, last, p0, px, py):
 
 @jit
 def flatten(pressed, scratch, patches, whole, centre, e, t):
-    """Put the patches, projected on the plane of t and e x t seen from the ``centre``, into ``pressed``, with a whole
-    pressure of one; returns whether they are wide enough to have a limit surface.
+    """Project the patches on the plane of t and e x t seen from the ``centre``, into ``pressed``, with a total pressure
+    of one; returns whether they are wide enough to have a limit surface.
 
-    `radius` there is a bound of the torsion strength over V_0 from below. About any C, at the distance d from c, the
-    mean distance of the pressure is at least its mean square over the greatest one,
+    `radius` is a lower bound of the torsion strength over V_0. About any C, at the distance d from c, the mean distance
+    of the pressure is at least its mean square over the greatest one,
 
         (s^2 + d^2) / (R + d) >= 2 (sqrt(R^2 + s^2) - R),
 
-    with s^2 the mean square about c, R the reach, and the right side the smallest over d.
+    with s^2 the mean square about c, R the reach, and the right side the minimum over d.
     """
     c1, c2, c3 = centre
     t1, t2, t3 = t
@@ -139,7 +139,7 @@ def flatten(pressed, scratch, patches, whole, centre, e, t):
 
 @jit
 def widened(pressed, used, reach, xx, xy, yy):
-    """Spread a contact narrower than `THIN` of its length across to that width; whether it has any."""
+    """Widen a contact narrower than `THIN` times its length to that width; whether it has any width."""
     angle = 0.5 * atan2(2.0 * xy, xx - yy)
     m1 = -sin(angle)
     m2 = cos(angle)
@@ -167,7 +167,7 @@ def widened(pressed, used, reach, xx, xy, yy):
 
 @jit
 def forget(touching, t, k_t, k_r):
-    """Nothing remembered, for stiffnesses that are there now."""
+    """Clear the memory, and store the present stiffnesses."""
     for i in range(4):
         touching.elastic[t, i] = 0.0
     touching.stiffness[t, 0] = k_t
@@ -176,7 +176,7 @@ def forget(touching, t, k_t, k_r):
 
 @jit
 def moved(bodies, b, dt, r1, r2, r3):
-    """How far the point of block ``b`` at r from its centroid came in the last step."""
+    """Motion of the point of block ``b`` at r from its centroid in the last step."""
     v = bodies.velocity[b]
     w = bodies.spin[b]
     p1, p2, p3 = turned_back(dt * w[0], dt * w[1], dt * w[2], r1, r2, r3)
@@ -189,14 +189,14 @@ def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     ``touching.pressed``. ``blocks``: those of A and B; ``springs``: k_t (N/m) and k_r (N m); ``axes``: n and the first
     axis t of the pressure (world); ``arms``: c from the centroids of A and B.
 
-    B slips against A by the difference of what their points there moved; the friction on A points that way.
+    B slips against A by the difference of the motions of their points at c; the friction on A points that way.
     """
     a, b = blocks
     k_t, k_r = springs
     (n1, n2, n3), (t1, t2, t3) = axes
     friction = touching.friction[t]
     cohesion = touching.cohesion[t]
-    if cohesion > 0.0 and normal > 0.0:  # over the whole area, whose share of the contact is in k_t
+    if cohesion > 0.0 and normal > 0.0:  # over the whole area; the weight of the contact is in k_t
         friction += cohesion * k_t / (touching.k_s[t] * normal)
     if not (friction * normal > 0.0 and k_t > 0.0 and k_r > 0.0):
         forget(touching, t, k_t, k_r)

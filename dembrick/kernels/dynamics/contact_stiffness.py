@@ -1,11 +1,11 @@
-"""The springs of a new contact, as its dashpot and the time step must know them: how stiff it is, where,
-and for which masses.
+"""Springs of a new contact, as its dashpot and the time step need them: their stiffness, their position, and the masses
+on which they act.
 """
 
 from dembrick._jit import jit
 from dembrick.kernels.math.vectors import columns_times, cross, rows_times
 
-STEEP = 0.3  # least cosine between a face and the mean normal: what presses more from aside stores next to nothing
+STEEP = 0.3  # least cosine between a face and the mean normal: pressure on steeper faces stores little energy
 
 
 @jit
@@ -20,7 +20,7 @@ def lightness(touching, bodies, b, r1, r2, r3, n1, n2, n3):
 
 @jit
 def stepped_dashpot(polynomial, swing):
-    """Dashpot over spring for a contact that swings by ``swing`` (rad) in a step: `time_step.stepped_dashpots`."""
+    """Dashpot over spring of a contact whose phase angle in a step is ``swing`` (rad): `time_step.stepped_dashpots`."""
     if not swing > 0.0:
         return 0.0
     swing = min(swing, polynomial[8])
@@ -43,9 +43,9 @@ def gather_springs(scratch, patches, springs, c, e, t):
     sum (6), the sums with x and y (7, 8), with x^2, x y and y^2 (9 to 11); the sum of those across e (13).
 
     Returns the sum with x^2 + y^2 of the area alone, and the stiffness F^2 / (2 E), per k_n, of the linear spring that
-    would store the energy E at the force F. It is between two bounds, of which this is the mean, within 2 % on edges
-    and corners. E is at most what it would be if pressures fell along e from the patches to the nearest faces; and
-    F^2 / (2 E) for F = c g^p is k_t (p + 1) / (2 p) with the tangent k_t, which is at most the sum of the springs, and
+    would store the energy E at the force F. This is the mean of two bounds, accurate to 2 % on edges and corners. E is
+    at most that of pressures that fall along e from the patches to the nearest faces; and F^2 / (2 E) for F = c g^p is
+    k_t (p + 1) / (2 p) with the tangent k_t, which is at most the sum of the springs, and
 
         (p + 1) / (2 p) = (integral of D)^2 / (area times integral of D^2)
 
@@ -110,9 +110,10 @@ def gather_springs(scratch, patches, springs, c, e, t):
 
 @jit
 def burden(bodies, b, springs, r1, r2, r3, u1, u2, u3):
-    """Stiffness that a contact's springs give block ``b``, all motions together: the trace of M^-1 J^T K J (1/s2).
+    """Stiffness of a contact's springs for block ``b``, over all its motions: the trace of M^-1 J^T K J (1/s2).
 
-    ``springs``: of the contact, at r from its centroid; u: the second axis in their plane, the first is there.
+    ``springs``: of the contact, at r from the block's centroid; u: the second axis in their plane, the first is in
+    them.
     """
     R = bodies.rotation[b]
     inverse = bodies.inverse[b]
@@ -144,11 +145,11 @@ def burden(bodies, b, springs, r1, r2, r3, u1, u2, u3):
 
 @jit
 def weigh(touching, bodies, a, b, springs, dt, x, y):
-    """Add what a contact's springs and dashpots can do to either block in a step to `load`, and note where that is
-    more than `bearable`; x, y: the contact from the centroids of the blocks.
+    """Add the effect of a contact's springs and dashpots on either block in a step to `load`, and note if that exceeds
+    `bearable`; x, y: the contact from the centroids of the blocks.
 
     With the relative motion J_a x_a - J_b x_b of a contact, x^T K x <= (|J_a|^2 + |J_b|^2) k (|x_a|^2 + |x_b|^2), so
-    the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) is no greater than the greatest sum over a block's contacts.
+    the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) is at most the greatest sum over a block's contacts.
     """
     u1, u2, u3 = cross(springs[0], springs[1], springs[2], springs[3], springs[4], springs[5])
     both = touching.free[a] * burden(bodies, a, springs, *x, u1, u2, u3)

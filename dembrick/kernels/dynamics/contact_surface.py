@@ -1,17 +1,17 @@
-"""Where two convex parts overlap: the surface of equal penetration, and the pressure on it.
+"""The overlap of two convex parts: the surface of equal penetration, and the pressure on it.
 
 In each part the penetration of a point is its distance to the nearest face plane, -phi with phi = max_i (n_i.x - d_i),
-and the pressure is 2 kn times it. The contact surface is where both parts have the same: phi_A = phi_B < 0. It is made
-of plane convex patches, one for each pair of faces (i of A, j of B) that are nearest there,
+and the pressure is 2 kn times it. On the contact surface both are equal: phi_A = phi_B < 0. It consists of plane convex
+patches, one for each pair of faces (i of A, j of B) that are nearest there,
 
     (n_i - n_j).x = d_i - d_j,
 
-cut by the half spaces in which i is the nearest face of A, j that of B, and the penetration is positive. On two flat
-faces g deep in each other this is the plane half way, the pressure kn g: the law of a joint. On edges and corners the
-patches shrink to nothing with the overlap. The forces, the integral of p n dA over the patches, derive from the
-potential integral of min(p_A, p_B) over the common volume, so they depend on nothing but where the parts are, without
-jumps as one kind of contact turns into another. Faces of both that lie in one plane and look the same way, as the sides
-of flush blocks do, press nothing: they only bound the surface, else rounding would tell which of them is the nearer.
+cut by the half spaces in which i is the nearest face of A, j that of B, and the penetration is positive. For two flat
+faces g deep in each other this is the plane half way, with the pressure kn g: the law of a joint. On edges and corners
+the patches shrink to nothing with the overlap. The forces, the integral of p n dA over the patches, derive from the
+potential integral of min(p_A, p_B) over the common volume: they depend only on the positions of the parts, and do not
+jump as one kind of contact turns into another. Faces of both parts in one plane that face the same way, as the sides of
+flush blocks do, carry no pressure: they only bound the surface, else rounding would decide which of them is nearer.
 
 (Pressure fields inside rigid bodies: Elandt, Drumwright, Sherman and Ruina, IROS 2019.)
 """
@@ -26,8 +26,8 @@ from dembrick.kernels.joint.no_tension import extremes, no_tension
 from dembrick.kernels.joint.pressure import cut
 from dembrick.kernels.math.vectors import columns_times, cross, put_vector, rows_times, tangent
 
-SAME = 1e-12  # |n_i - n_j|^2 below which two faces look the same way and have no plane between them
-FLUSH = 1e-9  # of the smaller part's radius: faces that look the same way and are no further apart lie in one plane
+SAME = 1e-12  # |n_i - n_j|^2 below which two faces face the same way and have no plane between them
+FLUSH = 1e-9  # of the smaller part's radius: distance up to which faces that face the same way lie in one plane
 
 
 class Parts(NamedTuple):
@@ -48,29 +48,29 @@ class Parts(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for the contact surface of one pair of parts; sizes by the greatest numbers of faces F and vertices V."""
+    """Scratch for the contact surface of one pair of parts; sizes by the greatest numbers of faces F and vertices V."""
 
     normal: ndarray  # (2 F, 3) face normals, those of A from 0, those of B from F, in the axes of A's block
     offset: ndarray  # (2 F,) m, of their planes from the centre of the smaller part
-    face: ndarray  # (2 F,) int64, the faces that can be nearest anywhere in the overlap, as rows of `normal`
-    flush: ndarray  # (2 F,) 1 if a face lies in one plane with one of the other part and looks the same way, else 0
+    face: ndarray  # (2 F,) int64, the faces that may be the nearest somewhere in the overlap, as rows of `normal`
+    flush: ndarray  # (2 F,) 1 if a face lies in one plane with one of the other part and faces the same way, else 0
     vertex: ndarray  # (2 V, 3) m, vertices, those of A from 0, those of B from V
     turn: ndarray  # (3, 3) from the axes of B's block to those of A's
     x: ndarray  # (c,) m, corners of all patches in their planes, counter-clockwise about the normal
     y: ndarray  # (c,) m
-    spare_x: ndarray  # (c,) m, where a polygon is cut
+    spare_x: ndarray  # (c,) m, scratch for cutting
     spare_y: ndarray  # (c,) m
     start: ndarray  # (q + 1,) int64, first corner of each patch
     frame: ndarray  # (q, 3, 4) axes t1, t2, n of each patch as rows, n from A to B; last column: its origin (m)
     depth: ndarray  # (q, 4) penetration at the origin (m), its slopes along t1 and t2; last: |n_i - n_j|/2
-    side: ndarray  # (q, 2) int64, the faces i of A and j of B that press there, as rows of `normal`
+    side: ndarray  # (q, 2) int64, the faces i of A and j of B of the patch, as rows of `normal`
     sums: ndarray  # (q, 10) area, integrals of the penetration and of x and y times it; of the penetration along the
-    # mean normal, 0 if that counts nothing; integrals of x, y, x^2, x y and y^2
+    # mean normal, 0 if ignored; integrals of x, y, x^2, x y and y^2
 
 
 @jit
 def lies_apart(parts, bodies, a, b, face, slack):
-    """Whether the plane of face ``face`` of part ``a`` keeps part ``b`` out, but for a depth of ``slack`` (m)."""
+    """Whether part ``b`` lies outside the plane of face ``face`` of part ``a``, except for a depth of ``slack`` (m)."""
     i = parts.owner[a]
     j = parts.owner[b]
     f = parts.face_start[a] + face
@@ -90,9 +90,9 @@ def lies_apart(parts, bodies, a, b, face, slack):
 
 @jit
 def shallowest(scratch, first, count, from_vertex, vertices, depth, plane):
-    """The shortest way out through the faces ``first`` to ``first + count`` for the vertices of the other part, at
-    most ``depth``, and its face, else ``plane``. Where a face keeps all of them out, it is that one, and the depth is
-    not above zero."""
+    """The least overlap with the vertices of the other part along the normals of the faces ``first`` to ``first + count
+    - 1``, at most ``depth``, and its face, else ``plane``. If a face separates the parts, it is returned, with an
+    overlap of zero or less."""
     for f in range(first, first + count):
         n = scratch.normal[f]
         least = 1e300
@@ -109,8 +109,8 @@ def shallowest(scratch, first, count, from_vertex, vertices, depth, plane):
 
 @jit
 def near_faces(scratch, first, count, from_vertex, vertices, depth):
-    """Put the faces that come within ``depth`` of the other's vertices into `face`, from ``first`` on, those with the
-    shortest ways out before the others; returns how many."""
+    """Write the faces to within ``depth`` of which a vertex of the other part comes into `face`, from ``first`` on,
+    those with the least overlaps first; returns their number."""
     found = 0
     for f in range(first, first + count):
         n = scratch.normal[f]
@@ -133,7 +133,7 @@ def near_faces(scratch, first, count, from_vertex, vertices, depth):
 @jit
 def place_parts(parts, bodies, a, b, scratch):
     """Planes and vertices of both parts into ``scratch``, in the body axes of A's block, seen from the centre of the
-    smaller part; returns where that is, from the centroid of A's block."""
+    smaller part; returns that centre, from the centroid of A's block."""
     i = parts.owner[a]
     j = parts.owner[b]
     R = bodies.rotation[i]
@@ -186,7 +186,7 @@ def place_parts(parts, bodies, a, b, scratch):
 
 @jit
 def mark_flush(scratch, near_a, near_b, room, distance):
-    """Mark the near faces of both parts that lie in one plane, within ``distance``, and look the same way."""
+    """Mark the near faces of both parts that lie in one plane, within ``distance``, and face the same way."""
     for r in range(near_a):
         scratch.flush[scratch.face[r]] = 0.0
     for s in range(room, room + near_b):
@@ -211,9 +211,9 @@ def contact_surface(parts, bodies, a, b, slack, scratch):
     """The patches between parts ``a`` and ``b`` into ``scratch``, in the body axes of A's block; none up to an overlap
     of ``slack`` (m).
 
-    Returns how many (less than zero: scratch has no room for them); the greatest penetration on them (m); the number
-    of a face that keeps the parts apart, those of B counted after those of A, else -1; and the origin (3) that the
-    patches are seen from, from the centroid of A's block.
+    Returns their number (less than zero: scratch has no room for them); the greatest penetration on them (m); the
+    number of a face that separates the parts, those of B counted after those of A, else -1; and the origin (3) of the
+    patches, from the centroid of A's block.
     """
     faces_a = parts.face_count[a]
     faces_b = parts.face_count[b]
@@ -222,7 +222,7 @@ def contact_surface(parts, bodies, a, b, slack, scratch):
     room = scratch.normal.shape[0] // 2
     vertices = scratch.vertex.shape[0] // 2
     o1, o2, o3 = place_parts(parts, bodies, a, b, scratch)
-    # no point of the overlap is deeper than the shortest way out through any one face
+    # no point of the overlap is deeper than the least overlap along the normal of a face
     depth, plane = shallowest(scratch, 0, faces_a, vertices, vertices_b, 1e300, -1)
     if depth > slack:
         depth, plane = shallowest(scratch, room, faces_b, 0, vertices_a, depth, plane)
@@ -230,7 +230,7 @@ def contact_surface(parts, bodies, a, b, slack, scratch):
         return 0, 0.0, plane if plane < room else faces_a + plane - room, o1, o2, o3
     near_a = near_faces(scratch, 0, faces_a, vertices, vertices_b, depth)
     near_b = near_faces(scratch, room, faces_b, 0, vertices_a, depth)
-    # the overlap lies in the smaller part, about whose centre everything is seen
+    # the overlap lies in the smaller part, whose centre is the origin
     radius = min(parts.radius[a], parts.radius[b])
     mark_flush(scratch, near_a, near_b, room, FLUSH * radius)
     patches = used = 0
@@ -291,7 +291,7 @@ def contact_surface(parts, bodies, a, b, slack, scratch):
                     other = scratch.face[room + k - near_a]
                     own = j
                 if other != own:
-                    # the nearest face is nearer than the others; a flush one is only not to be passed
+                    # the nearest face is nearer than the others; a flush face only bounds the patch
                     f = scratch.normal[other]
                     h = scratch.normal[own]
                     nearest = 1.0 - scratch.flush[other]
@@ -305,7 +305,7 @@ def contact_surface(parts, bodies, a, b, slack, scratch):
                     )  # fmt: skip
             if count < 3:
                 continue
-            # seen from its own first corner a small patch keeps its digits
+            # relative to its own first corner a small patch keeps its digits
             x0 = x[used]
             y0 = y[used]
             for k in range(used, used + count):
@@ -359,8 +359,8 @@ def flat_sums(x, y, first, last):
 
 @jit
 def sum_patches(scratch, patches):
-    """Area and integrals of the penetration D of every patch into `sums`; returns the sums over all of the area, of D
-    and of D times the normal (3)."""
+    """Area and integrals of the penetration D of every patch into `sums`; returns the totals of the area, of D and of D
+    times the normal (3)."""
     area = total = e1 = e2 = e3 = 0.0
     for p in range(patches):
         first = scratch.start[p]

@@ -1,11 +1,12 @@
-"""The displacement of a head that drives the blocks, and the multiplier V of the load system that this takes.
+"""Displacement control in dynamic runs: the multiplier V of the load system that makes the blocks follow a driving
+head.
 
-V is found in each step, so that the driven displacement u is what the head has it be. With the forces W for V = 1, the
-rate J v of u, and local damping D of what is out of balance,
+V is found in each step so that the driven displacement u becomes that of the head, h. With the forces W for V = 1, the
+rate J v of u, and local damping D of the out-of-balance,
 
     J (v + dt M^-1 D(F + V W)) = (h - u) / dt.
 
-It is one equation of V, straight piece by piece as D is. What guides hold is left out of M^-1.
+This is one equation for V, piecewise linear as D is. Directions fixed by guides are removed from M^-1.
 """
 
 from typing import NamedTuple
@@ -17,41 +18,40 @@ from dembrick.kernels.dynamics.rigid_bodies import gathered, resisted
 from dembrick.kernels.math.rigid_turns import answer_to, held_momentum
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, rotate
 
-STRAIGHT = 8  # corrections of V by the slope of a straight piece
+STRAIGHT = 8  # corrections of V by the slope of a linear piece
 MOST_CORRECTIONS = 100
 ROUNDING = 1e-13
 
 
 class Head(NamedTuple):
-    """A head that drives a load system of k points, of which m are forces and the others pressures, on b blocks; none
-    if k = 0."""
+    """A head that drives the loads on b blocks, m forces and pressures, by the motion of k points; none if k = 0."""
 
     body: ndarray  # (b,) int64, the blocks
-    guided: ndarray  # (b,) int64, which of the guided blocks each is, -1 for none
-    point: ndarray  # (k,) int64, on which of these each point is
-    jack: ndarray  # (m,) int64, and each of the last m loads of a step
-    face: ndarray  # (q,) int64, and each pressed polygon on which V acts; -1 for others
+    guided: ndarray  # (b,) int64, number of each among the guided blocks, -1 for none
+    point: ndarray  # (k,) int64, number of each point's block among these
+    jack: ndarray  # (m,) int64, likewise of each of the last m loads of a step
+    face: ndarray  # (q,) int64, likewise of each polygon on whose pressure V acts; -1 for others
     lever: ndarray  # (k, 3) m, from the centroid in body axes
-    start: ndarray  # (k, 3) m, where the points were when it began, counted as `Bodies.position`
-    direction: ndarray  # (k, 3) world: the driven displacement is the sum of those of the points, each times this
+    start: ndarray  # (k, 3) m, the points at the start of the drive, from the origin of `Bodies.position`
+    direction: ndarray  # (k, 3) world: the driven displacement is the sum of the points' displacements, each dot this
     force: ndarray  # (m, 3) N for V = 1, world
     way: ndarray  # (s,) m, h of each step
     V: ndarray  # (1,) N
-    unit: ndarray  # (b, 6) room for W
-    along: ndarray  # (b, 6) room for J, then J M^-1
-    total: ndarray  # (b, 6) room for F and what turns and moves: see `follow_head`
+    unit: ndarray  # (b, 6) scratch for W
+    along: ndarray  # (b, 6) scratch for J, then J M^-1
+    total: ndarray  # (b, 6) scratch for F: see `follow_head`
 
 
 @jit
 def start_head(head, force, multiplier, step):
-    """Put V of the step before into the ``multiplier`` and the loads ``force`` of a step."""
+    """Set the ``multiplier`` and the loads ``force`` of a step by V of the last step, if there is a head."""
     if head.body.size:
         put_load(head, force, multiplier, step)
 
 
 @jit
 def put_load(head, force, multiplier, step):
-    """Put V into the ``multiplier`` and the loads ``force`` of a step."""
+    """Set the ``multiplier`` and the loads ``force`` of a step by V."""
     multiplier[step] = head.V[0]
     before = force.shape[1] - head.jack.size
     for k in range(head.jack.size):
@@ -61,7 +61,7 @@ def put_load(head, force, multiplier, step):
 
 @jit
 def follow_head(head, loads, bodies, wrenches, g1, g2, g3, dt, damping, step):
-    """Find V of a step, once all other forces are there but those of guides, and add what it changes to the loads."""
+    """Find V of a step, once all other forces but those of guides are there, and add its change to the loads."""
     if head.body.size == 0:
         return
     for r in range(head.body.size):
@@ -83,7 +83,7 @@ def follow_head(head, loads, bodies, wrenches, g1, g2, g3, dt, damping, step):
         add_wrench(head.along[head.point[k]], 1.0, head.direction[k], NO_MOMENT, arm)
         for i in range(3):
             driven += (bodies.position[b, i] + arm[i] - head.start[k, i]) * head.direction[k, i]
-    rate = 0.0  # that there would be without any force
+    rate = 0.0  # without any force
     for r in range(head.body.size):
         b = head.body[r]
         weigh(head, r, bodies)
@@ -103,7 +103,7 @@ def follow_head(head, loads, bodies, wrenches, g1, g2, g3, dt, damping, step):
 
 @jit
 def weigh(head, r, bodies):
-    """Make J M^-1 of J in a row of ``along``, without what guides hold."""
+    """Turn J into J M^-1 in a row of ``along``, without the directions fixed by guides."""
     b = head.body[r]
     along = head.along[r]
     g = head.guided[r]
@@ -116,7 +116,7 @@ def weigh(head, r, bodies):
     y2 = c1 * e1[1] + c2 * e2[1] + c3 * e3[1]
     y3 = c1 * e1[2] + c2 * e2[2] + c3 * e3[2]
     if g >= 0:
-        # moments of guides m, with I^-1 (c + m) zero about held axes: J M^-1 of what they leave free
+        # moments of guides m, with I^-1 (c + m) zero about fixed axes: J M^-1 in the free directions
         held = bodies.held[g]
         m1, m2, m3 = held_momentum(e1, e2, e3, held[3], held[4], held[5], y1, y2, y3)
         y1 += m1 * e1[0] + m2 * e2[0] + m3 * e3[0]
@@ -131,7 +131,7 @@ def weigh(head, r, bodies):
 
 @jit
 def load_change(head, bodies, rate, dt, damping):
-    """The change of V under which forces raise the rate of the driven displacement by ``rate`` (m/s) in a step."""
+    """The change of V by which the forces raise the rate of the driven displacement by ``rate`` (m/s) in a step."""
     change = 0.0
     for correction in range(MOST_CORRECTIONS):
         raised = slope = size = 0.0
@@ -143,7 +143,7 @@ def load_change(head, bodies, rate, dt, damping):
                 left = resisted(force, motion, damping)
                 raised += dt * head.along[r, i] * left
                 size += dt * abs(head.along[r, i] * left)
-                # straight pieces at first; then the steepest, which never goes too far
+                # slopes of the linear pieces at first; then the steepest, which never overshoots
                 one = 1.0 + damping
                 if correction < STRAIGHT and force != 0.0:
                     one = left / force

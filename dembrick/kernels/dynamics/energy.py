@@ -1,12 +1,12 @@
 """Energy balance of a run in real time: every term is integrated by itself, none is a residual.
 
-Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2 at the moment of the
-forces, its change over a step is the work of all forces by the trapezoidal rule over the step's motion. So the energies
-are those of the last forces, a step before the blocks' present places. Over a step in which the slip and the closing
-of a contact grow by s, a spring takes (e + e') s / 2 and a dashpot (d + d') s / 2; what slides by q loses
-(e + e') q / 2. A normal spring that opens or closes within a step works by that rule a little more, or less, than it
-holds: (<g>+ g' - <g'>+ g) k / 2, of the order of the square of the step. That is an error of the step and no friction;
-it has its own term.
+Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2 at the instant of the
+forces, its change over a step is the work of all forces by the trapezoidal rule over the motion of the step. So the
+energies are those of the last forces, one step before the present positions of the blocks. Over a step in which the
+slip or the closing of a contact grows by s, the work of a spring is (e + e') s / 2 and that of a dashpot (d + d') s /
+2; a slip of q loses (e + e') q / 2. For a normal spring that opens or closes within a step, this work differs from the
+energy stored by (<g>+ g' - <g'>+ g) k / 2, of the order of the square of the step. That is an error of the step, not
+friction; it has its own term.
 """
 
 from dembrick._jit import entry, jit
@@ -21,7 +21,7 @@ from dembrick.kernels.math.vectors import add_wrench, axes_of, cross, product, p
 
 @jit
 def settle(energy_terms, links, j):
-    """Put what a joint lost into its own energy terms; what follows may have another share."""
+    """Move the losses of a joint into its own energy terms, before its share changes."""
     share = energy_terms.share[j]
     ledger = energy_terms.ledger[links.place[j] // W]
     lane = links.place[j] % W
@@ -47,7 +47,7 @@ def settle_all(energy_terms, links):
 
 @entry
 def take_stock(links, corners, faces, held_out, energy_out):
-    """Energy (j,) J in the springs of every joint; of convex joints also N and its x and y moments (a, 3)."""
+    """Energy (j,) J in the springs of every joint; for convex joints also N and its x and y moments (a, 3)."""
     for family in range(FAMILIES):
         for i in range(joint_count(corners, faces, family)):
             j = joint_of(corners, faces, family, i)
@@ -56,7 +56,7 @@ def take_stock(links, corners, faces, held_out, energy_out):
 
 @jit
 def seen_now(links, bodies, j):
-    """`Links.seen` (9) of joint ``j`` where the blocks are now."""
+    """`Links.seen` (9) of joint ``j`` at the present positions of the blocks."""
     tile = links.tiles[links.place[j] // W]
     lane = links.place[j] % W
     host, other = links.host[j], links.other[j]
@@ -73,11 +73,11 @@ def seen_now(links, bodies, j):
 @jit
 def step_of_feet(offset, now, step):
     """Displacement (9) of the feet of points in the plane, where friction acts, by a ``step`` (9) from ``now``, all in
-    the form of `Links.seen`; and the turn about the plane's normal (rad)."""
+    the form of `Links.seen`; and the rotation about the plane's normal (rad)."""
     o = now[2] + 0.5 * step[2] - offset
     u1, u2, u3 = now[3] + 0.5 * step[3], now[4] + 0.5 * step[4], now[5] + 0.5 * step[5]
     r1, r2, r3 = cross(u1, u2, u3, step[3], step[4], step[5])
-    about = dot((u1, u2, u3), cross(now[6], now[7], now[8], step[6], step[7], step[8]))  # r misses the turn about u
+    about = dot((u1, u2, u3), cross(now[6], now[7], now[8], step[6], step[7], step[8]))  # r lacks the rotation about u
     r1 += about * u1
     r2 += about * u2
     r3 += about * u3
@@ -92,8 +92,8 @@ def step_of_feet(offset, now, step):
 
 @entry
 def work_ahead(links, corners, faces, bodies, held, places, joints, worked):
-    """Work (k,) in J that the springs of ``joints`` (k,) would take over the step since the last forces, if these
-    stayed, into ``worked``; ``held``: see `take_stock`, ``places``: `EnergyTerms.place`."""
+    """Work (k,) in J on the springs of ``joints`` (k,) over the step since the last forces, if these stayed constant,
+    into ``worked``; ``held``: see `take_stock`, ``places``: `EnergyTerms.place`."""
     for i in range(joints.size):
         j = joints[i]
         seen = links.seen_tiles[links.place[j] // W]
@@ -113,8 +113,8 @@ def work_ahead(links, corners, faces, bodies, held, places, joints, worked):
 
 @entry
 def kinetic_energy(bodies, wrenches, g1, g2, g3, dt):
-    """v(-1/2) M v(+1/2) / 2 of all free blocks (J), after the step; ``wrenches`` and loads are those that it was made
-    of, g its gravity."""
+    """v(-1/2) M v(+1/2) / 2 of all free blocks (J), after the step; ``wrenches`` and loads are those of the step, g its
+    gravity."""
     twice = 0.0
     for f in range(bodies.free.size):
         b = bodies.free[f]
@@ -138,7 +138,7 @@ def power(bodies, b, force):
 
 @jit
 def add_load_work(energy_terms, bodies, loads, step, dt):
-    """Work of the loads and pressures over the step that led here."""
+    """Add the work of the loads and pressures over the last step."""
     total = 0.0
     n_force = loads.block.size
     for k in range(n_force):
@@ -162,7 +162,7 @@ def add_load_work(energy_terms, bodies, loads, step, dt):
 
 @jit
 def add_support_work(energy_terms, bodies, links, loads, dt):
-    """Work that the supports which are moved did on the structure over the step that led here."""
+    """Add the work of the moving supports on the structure over the last step."""
     total = 0.0
     for k in range(loads.support.size):
         b = loads.support[k]
@@ -175,7 +175,7 @@ def add_support_work(energy_terms, bodies, links, loads, dt):
 
 @jit
 def add_contact_work(energy_terms, bodies, touching, dt):
-    """Work of the new contacts on the blocks over the step that led here."""
+    """Add the work of the new contacts on the blocks over the last step."""
     total = 0.0
     push = energy_terms.push
     for b in range(push.shape[0]):
@@ -199,7 +199,7 @@ def add_contact_work(energy_terms, bodies, touching, dt):
 
 @jit
 def add_handover_work(energy_terms, links, corners, faces, touching):
-    """Add the energy of those springs of joints that new contacts took over in this step."""
+    """Add the energy of the springs of joints that new contacts took over in this step."""
     for t in range(touching.first.size):
         j = touching.joint[t]
         if j >= 0:
@@ -214,10 +214,11 @@ def add_handover_work(energy_terms, links, corners, faces, touching):
 
 @jit
 def add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step, dt):
-    """Add what is not a joint's, after the forces of a step and before the blocks move; new contacts if ``meeting``.
+    """Add all terms except those of joints, after the forces of a step and before the blocks move; new contacts if
+    ``meeting``.
 
-    ``joints``: links, corners and faces. Returns what gravity's work over the step that led here is to the momentum of
-    a block: dt times its mean (3).
+    ``joints``: links, corners and faces. Returns the ratio of gravity's work over the last step to the momentum of a
+    block: dt times its mean (3).
     """
     links, corners, faces = joints
     add_load_work(energy_terms, bodies, loads, step, dt)
@@ -231,14 +232,14 @@ def add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step,
     g = loads.gravity[step]
     last = energy_terms.gravity
     half = 0.5 * dt
-    if energy_terms.begun[0] == 0.0:  # there was no step before, and nothing that was counted counts
+    if energy_terms.begun[0] == 0.0:  # there was no step before: discard all that was counted
         energy_terms.begun[0] = 1.0
         half = 0.0
         settle_all(energy_terms, links)
         energy_terms.total[0].loads = 0.0
         energy_terms.total[0].ties_yielded = 0.0
         energy_terms.total[0].ties_stepped = 0.0
-        energy_terms.total[0].handed = 0.0  # but what hits as the run begins has pushed since then
+        energy_terms.total[0].handed = 0.0  # but a contact at the start of the run acts from then on
         for b in range(energy_terms.fallen.size):
             energy_terms.fallen[b] = 0.0
         for j in range(energy_terms.damped.size):

@@ -1,7 +1,7 @@
-"""The joint families of a run in real time: which of them a scene has is asked here and nowhere else.
+"""The joint families of a run in real time: only this module distinguishes which of them a scene has.
 
 A family is a module (`point_joints`, `area_joints`) with one set of functions; its joints are a NamedTuple of arrays,
-or None if the scene has none of them, and numba then leaves its code out. ``family`` and ``index``: see
+or None if the scene has none of them, and numba then omits its code. ``family`` and ``index``: see
 `kernels.joint.families`.
 """
 
@@ -19,13 +19,13 @@ def family_of(place):
 
 
 def tiles_of(joints) -> int:
-    """How many tiles the joints of a family take; zero for None."""
+    """Number of tiles of the joints of a family; zero for None."""
     return 0 if joints is None else len(joints.used)
 
 
 @jit
 def forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work):
-    """Forces of all joints in the tiles of share ``t``; ``share_*`` (t + 1,): where the shares begin."""
+    """Forces of all joints in the tiles of share ``t``; ``share_*`` (t + 1,): first tile of each share."""
     if corners is not None:
         share = share_corners[t], share_corners[t + 1]
         point_joints.forces(
@@ -38,7 +38,8 @@ def forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_
 
 @jit
 def spring_energy(links, corners, faces, family, index, held):
-    """Energy (J) in the springs of a joint; of a convex one N and its x and y moments into its row of ``held``."""
+    """Energy (J) in the springs of a joint; for a convex one, writes N and its x and y moments into its row of
+    ``held``."""
     if corners is not None:
         if family == POINTS:
             return point_joints.spring_energy(links, corners, index, held)
@@ -48,7 +49,7 @@ def spring_energy(links, corners, faces, family, index, held):
     return 0.0
 
 
-# Work (J) that the springs of a joint would take if their forces stayed, asked by corners, faces, family, index
+# Work (J) on the springs of a joint if their forces stayed constant; called with corners, faces, family, index
 work_ahead = by_family(point_joints.work_ahead, area_joints.work_ahead, 0.0)
-# Length of the slip path (m) of a joint, asked by corners, faces, family, index
+# Length of the slip path (m) of a joint; called with corners, faces, family, index
 mean_slip = by_family(point_joints.mean_slip, area_joints.mean_slip, 0.0)

@@ -1,7 +1,7 @@
 """The compiled loop of dynamic runs: true mass, exact rotations, moving joints.
 
-Gravity and loads come as one entry a step, made by the caller for a chunk of steps: so tilting tables, shaken supports
-and load histories are all the same to the loop. Threads share the tiles of joints, then the blocks.
+The caller prepares gravity and loads for a chunk of steps, one entry per step: tilting tables, shaken supports and load
+histories are therefore all the same to the loop. Threads share the tiles of joints, then the blocks.
 """
 
 from math import sqrt
@@ -34,31 +34,31 @@ RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
 
 class Loads(NamedTuple):
-    """Forces at material points of blocks, besides gravity, gravity, supports that are moved, and pressures: one entry
-    a step, of several chunks perhaps."""
+    """Forces at material points of blocks, gravity, motions of supports, and pressures: one entry per step, perhaps for
+    several chunks."""
 
     first: ndarray  # (1,) int64, the entry of the first step of the chunk
     block: ndarray  # (k,) int64
     lever: ndarray  # (k, 3) m, from the centroid in body axes
     force: ndarray  # (s, k, 3) N, world
     gravity: ndarray  # (s, 3) m/s2, world
-    support: ndarray  # (m,) int64, fixed blocks that are moved; of each step's end, and of the step
-    place: ndarray  # (s, m, 3) m, their centroids, counted as `Bodies.position`
+    support: ndarray  # (m,) int64, moving supports; below, their state at the end of each step and motion in it
+    place: ndarray  # (s, m, 3) m, their centroids, from the origin of `Bodies.position`
     orientation: ndarray  # (s, m, 4) quaternions (w, x, y, z), body to world
     velocity: ndarray  # (s, m, 3) m/s, mean of the step
     spin: ndarray  # (s, m, 3) rad/s, likewise, world
-    moved: ndarray  # (s,) m2, square of the longest move of any of their points
-    faces: PressedFaces  # that feel a pressure
-    multiplier: ndarray  # (s,) V, of driven pressures
-    height: ndarray  # (s, 4) of a point x, counted as `Bodies.position`: the first three times x, and the fourth (m)
-    head: Head  # that finds V
+    moved: ndarray  # (s,) m2, square of the longest move of any of their points in the step
+    faces: PressedFaces  # polygons under pressure
+    multiplier: ndarray  # (s,) V, multiplier of driven pressures
+    height: ndarray  # (s, 4) height of a point x, as `Bodies.position`: the first three times x, plus the fourth (m)
+    head: Head  # that determines V
 
 
 class Limits(NamedTuple):
-    """Reasons to end a chunk before its time."""
+    """Limits at which a chunk ends early."""
 
     displacement: float  # m, of any centroid from its start
-    longest: float  # m, a step that moves a block further has diverged
+    longest: float  # m, a longer move of a block in a step is divergence
 
 
 class Course(NamedTuple):
@@ -66,23 +66,23 @@ class Course(NamedTuple):
 
     displacement: float  # m, see `Limits`
     longest: float  # m
-    damping: float  # local damping, where blocks come to rest
-    laws: int  # how the laws of joints are to answer: `swings.MOVING` or another
-    # (2,) m, what any two blocks may still move against each other before a polygon could be stale; and how far any one
-    # can have moved since the caller last put it to zero
+    damping: float  # local damping, in the search for an equilibrium
+    laws: int  # mode of the laws of joints: `swings.MOVING` or another
+    # (2,) m, how far two blocks may still move against each other before a polygon could be stale; and a bound of the
+    # motion of any block since the caller last set it to zero
     travel: ndarray
 
 
 class Contacts(NamedTuple):
-    """New contacts, and what finds their forces."""
+    """New contacts, and the kernel that computes their forces."""
 
-    touch_at: int  # the address of `touch`, zero if there are none
+    touch_at: int  # address of `touch`, zero if there are none
     touching: Touching
 
 
 @jit
 def apply_loads(loads, bodies, step):
-    """Put the loads of a step on the blocks."""
+    """Apply the loads of a step to the blocks."""
     start_head(loads.head, loads.force, loads.multiplier, step)
     block = loads.block
     for k in range(block.size):
@@ -97,19 +97,19 @@ def apply_loads(loads, bodies, step):
 
 
 class Shares(NamedTuple):
-    """Share of each of t threads, and its scratch. ``corners``, ``faces`` and ``bodies`` (t + 1,) int64: where the
-    share of each begins among tiles of point joints, of convex joints and free blocks."""
+    """Share of each of t threads, and its scratch. ``corners``, ``faces`` and ``bodies`` (t + 1,) int64: first index of
+    each share among the tiles of point joints, those of convex joints and the free blocks."""
 
     work: ndarray  # (t,) records `WORK`
     corners: ndarray
     faces: ndarray
     bodies: ndarray
-    moved: ndarray  # (t,) m2, room for what each finds: see `step_bodies`
+    moved: ndarray  # (t,) m2, results of each: see `step_bodies`
     away: ndarray  # (t,) m2
 
 
 def shares(corners, faces, bodies, threads: int) -> Shares:
-    """Equal shares for so many threads."""
+    """Equal shares for ``threads`` threads."""
     sizes = (tiles_of(corners), tiles_of(faces), bodies.free.size)
     parts = (np.arange(threads + 1) * size // threads for size in sizes)
     return Shares(rows_of_lanes(threads, WORK), *parts, np.zeros(threads), np.zeros(threads))
@@ -120,14 +120,14 @@ def advance_bodies(
 ):  # fmt: skip
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None if no joint is of that family.
 
-    Returns a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as the ``course``
-    says), STALE (polygons must be cut again before the next step), DIVERGED, or what comes of new ``contacts``: MEETING
-    (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
-    DEEP, CROWDED. ``energy_terms`` may be None.
+    Returns a status and the number of steps done: RUNNING when all are done, REACHED (a centroid has moved by the
+    displacement of the ``course``), STALE (polygons must be cut again before the next step), DIVERGED, or one caused by
+    new ``contacts``: MEETING (near pairs must be searched again), OVERLOADED (the time step may be too long for the
+    contacts that a block had last), DEEP, CROWDED. ``energy_terms`` may be None.
 
-    A joint writes its own wrench and a block gathers its joints in their order, so every number is, to the last bit,
-    the same whatever the number of threads that ``shares`` are for. New contacts, few beside the joints, are one
-    thread's.
+    A joint writes its own wrench and a block sums those of its joints in a fixed order, so every number is the same to
+    the last bit, whatever the number of threads that ``shares`` are for. New contacts, few compared with the joints,
+    are computed by one thread.
     """
     work = shares.work
     share_corners = shares.corners
@@ -170,7 +170,7 @@ def advance_bodies(
             touched = call_at(contacts.touch_at, touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, done
-        g = loads.gravity[step]  # threads are handed arrays, and tuples of arrays only
+        g = loads.gravity[step]  # threads receive only arrays and tuples of arrays
         follow_head(loads.head, loads, bodies, links.wrenches, g[0], g[1], g[2], dt, damping, step)
         if energy_terms is not None:
             joints = links, corners, faces
@@ -208,6 +208,6 @@ def advance_bodies(
     return RUNNING, n_steps
 
 
-# One source, compiled twice: without threads `prange` is `range`. Small scenes never call, nor compile, the second.
+# One source, compiled twice: without threads `prange` is `range`. Small scenes neither call nor compile the second.
 advance_bodies_together = jit_parallel(renamed(advance_bodies, "advance_bodies_together"))
 advance_bodies = entry(advance_bodies)

@@ -1,13 +1,13 @@
 """Joints that act at contact points, in real time: the point family. The law of one point is `kernels.joint.point_law`;
-the functions of a family are those of `area_joints`, and `joint_families` calls them.
+the functions have the same names as those of `area_joints`, and `joint_families` calls either.
 
-Joints of a tile have one law and equally many points, which never change; the first two points of each, then the next
-two and so on are taken side by side. Where there is an odd number the last is followed by one without an area. Shear
-memory lives in the plane's axes and turns with them. The normal force acts along the other's normal, and force and
+All joints of a tile have the same law and the same number of points, which never change; the first two points of each
+joint, then the next two and so on are evaluated side by side. An odd number is completed by a point without area. Shear
+memory is stored in the plane's axes and turns with them. The normal force acts along the other's normal, and force and
 reaction at one world point.
 
-Where any joint has strengths, all points of the scene take the law with bonds (`answer_bonded` in place of `answer`),
-and what they lose is counted there; so it is where they follow a law of the user's own (`answer_custom`).
+If any joint has strengths, all points of the scene follow the law with bonds (`answer_bonded` instead of `answer`),
+which counts their losses itself; the same applies to a user-defined law (`answer_custom`).
 """
 
 from itertools import pairwise
@@ -60,7 +60,7 @@ from dembrick.kernels.math.vectors import put_vector
 
 @entry
 def begin(tile, work):
-    """Set the sums over the points to zero, and write down what all points of a joint need."""
+    """Set the sums over the points to zero, and store the dashpot ratios for all points of each joint."""
     zero = (0.0, 0.0, 0.0)
     for lane in range(W):
         normal, damped = dashpots_of(tile, work, lane)
@@ -82,14 +82,14 @@ class PointLaw(NamedTuple):
     k_n: float  # Pa/m
     k_s: float  # Pa/m
     friction: float
-    arm: float  # where friction acts, over where the normal force does, from O
+    arm: float  # distance from O at which friction acts, over that of the normal force
 
 
 @jit
 def answer(work, pair, which, lane, law, energy, force_out):
-    """One point of the ``pair`` that `press` takes, its ``which``: its arms of the normal force and of friction, its
-    shear force in the sense in which the host slips, its normal force, what of these three its dashpots carry, whether
-    it slid or lost something else."""
+    """Forces of one point, number ``which`` of the ``pair`` of `press`: its arms of the normal force and of friction,
+    its shear force in the sense in which the host slips, its normal force, the parts of these three in its dashpots,
+    whether it slid or lost other energy."""
     own, sheared = pair
     x = own[which].x[lane]
     y = own[which].y[lane]
@@ -123,7 +123,7 @@ def answer(work, pair, which, lane, law, energy, force_out):
     if energy is not None:
         dashpot = normal - k * max(g, 0.0)
         put_three(work.before[which], lane, (b1, b2, normal))
-        # slides, or lets go of what it held, or opened or closed in the step
+        # slides, or releases its shear, or opened or closed in the step
         held = abs(b1) + abs(b2)
         loses = loses | ((normal == 0.0) & (held > 0.0)) | (g * (g - d) < 0.0)
     if force_out is not None:
@@ -133,7 +133,7 @@ def answer(work, pair, which, lane, law, energy, force_out):
 
 @jit
 def answer_by(work, pair, which, lane, law, energy, force_out, bonded, custom, ledger):
-    """`answer` by the law that the points have: dry if ``bonded`` and ``custom`` are None."""
+    """`answer` by the law of the points: dry if ``bonded`` and ``custom`` are None."""
     if custom is not None:
         return answer_custom(work, pair, which, lane, law.arm, energy, force_out, custom, ledger)
     if bonded is not None:
@@ -143,11 +143,11 @@ def answer_by(work, pair, which, lane, law, energy, force_out, bonded, custom, l
 
 @entry
 def press(work, pair, law, energy, force_out, bonded=None, custom=None, ledger=None):
-    """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
+    """Forces of two points of every joint of a tile, added to the sums in ``work``.
 
-    ``pair``: the rows of the points and of their elastic shear; ``law``: their `PointLaw`; ``energy`` is None if none
-    is counted, and ``force_out`` if the forces of single points are not wanted; the last three: see `answer_bonded` and
-    `answer_custom`. Returns whether any slides or loses something for `add_losses`.
+    ``pair``: the rows of the points and of their elastic shear; ``law``: their `PointLaw`; ``energy`` is None if no
+    energy is counted, and ``force_out`` if the forces of single points are not wanted; the last three: see
+    `answer_bonded` and `answer_custom`. Returns whether any slides or has a loss for `add_losses`.
     """
     losing = False
     for lane in range(W):
@@ -182,7 +182,7 @@ def press(work, pair, law, energy, force_out, bonded=None, custom=None, ledger=N
 
 @entry
 def add_slip(work, slipped):
-    """Add to the slip paths of two points of every joint of a tile what they slid by in the step."""
+    """Add the slip of the step to the slip paths of two points of every joint of a tile."""
     for which in range(2):
         for lane in range(W):
             slipped[which].length[lane] += work.slid[which, lane]
@@ -190,8 +190,8 @@ def add_slip(work, slipped):
 
 @jit
 def write_forces(corners, t, first, sense, work, out):
-    """Write down the forces on the host, in the world, at the points ``first`` and, where there is one, first + 1 of
-    every joint of tile ``t``."""
+    """Write the forces on the host, in the world, at the points ``first`` and, if there is one, first + 1 of every
+    joint of tile ``t``."""
     for lane in range(corners.used[t]):
         p = corners.lane[t, lane]
         count = corners.start[p + 1] - corners.start[p]
@@ -206,9 +206,9 @@ def write_forces(corners, t, first, sense, work, out):
 
 @entry
 def add_dashpot_work(work, seen, dashpots, ledger):
-    """Add what the dashpots of a tile took in a step, see `EnergyTerms.dashpots`.
+    """Add the work of the dashpots of a tile in a step, see `EnergyTerms.dashpots`.
 
-    All points of a joint slip as one rigid figure: by the slip at the foot of O, and by the turn.
+    All points of a joint slip as one rigid figure: by the slip at the foot of O, and by the rotation.
     """
     for lane in range(W):
         v1, v2, n = three(work.dashpot, lane)
@@ -226,8 +226,8 @@ def add_dashpot_work(work, seen, dashpots, ledger):
 
 @entry
 def add_losses(work, pair, law, ledger):
-    """Add what the two points of `press` of every joint of a tile lost in a step: in friction, or let go where a point
-    has opened."""
+    """Add the losses of the two points of `press` of every joint of a tile in a step: in friction, or released where a
+    point has opened."""
     own, sheared = pair
     for lane in range(W):
         g0, gx, gy = three(work.depth, lane)
@@ -261,11 +261,10 @@ def add_losses(work, pair, law, ledger):
 
 @jit
 def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, energy_terms, work):
-    """Forces of the point joints in the tiles of a ``share``, from the first to that behind the last; ``work`` is
-    scratch.
+    """Forces of the point joints in the tiles of a ``share`` (first, last + 1); ``work`` is scratch.
 
-    ``force_out``, ``strengths``, ``bonds`` and ``custom`` are those of ``corners``, given apart so that their code goes
-    where they are None; ``energy_terms`` may be None.
+    ``force_out``, ``strengths``, ``bonds`` and ``custom`` are those of ``corners``, passed separately so that numba
+    omits their code if they are None; ``energy_terms`` may be None.
     """
     for t in range(share[0], share[1]):
         like = links.like[t]
@@ -311,8 +310,8 @@ def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, e
 
 @jit
 def springs_at(corners, p, i, sense, offset, heights):
-    """Point ``i`` of joint ``p``: its place (m, along e1 and e2), its area (m2), its elastic shear force (N) and by how
-    much its normal spring is pressed (m); ``heights``: parts of O (m), e1 and e2 along the plane's normal."""
+    """Point ``i`` of joint ``p``: its position (m, along e1 and e2), its area (m2), its elastic shear force (N) and the
+    compression of its normal spring (m); ``heights``: components of O (m), e1 and e2 along the plane's normal."""
     place = place_of(corners, p, i)
     point = corners.points[place // W]
     own = place % W
@@ -326,13 +325,13 @@ def springs_at(corners, p, i, sense, offset, heights):
 
 @jit
 def spring_energy(links, corners, p, held):
-    """Energy (J) in the springs of point joint ``p``; ``held`` is for the pressure of convex joints."""
+    """Energy (J) in the springs of point joint ``p``; ``held`` is used for convex joints only."""
     return spring_energy_by(corners.custom, links, corners, p)
 
 
 @jit
 def spring_energy_by(custom, links, corners, p):
-    """`spring_energy` by the law that the points have."""
+    """`spring_energy` by the law of the points."""
     if custom is not None:
         return energy_of(custom, corners, p)
     j = corners.joint[p]
@@ -354,8 +353,8 @@ def spring_energy_by(custom, links, corners, p):
 
 @jit
 def work_ahead(corners, p, held, sense, offset, now, step, slip, turn):
-    """Work (J) that the springs of point joint ``p`` would take over a ``step`` (9) of `Links.seen` from ``now``, if
-    their forces stayed; ``slip`` (9) and ``turn`` of the feet in it, ``held`` is for the pressure of convex joints."""
+    """Work (J) on the springs of point joint ``p`` over a ``step`` (9) of `Links.seen` from ``now``, if their forces
+    stayed constant; ``slip`` (9) and ``turn`` of the feet in it, ``held`` is used for convex joints only."""
     law = corners.law[p]
     arm = corners.shear_arm[law]
     work = 0.0
@@ -380,32 +379,32 @@ def mean_slip(corners, p):
 
 
 class Corners(NamedTuple):
-    """p joints with contact points, in t tiles. What stands in tiles can be read point by point under the names
-    below, as copies; `put` writes it."""
+    """p joints with contact points, in t tiles. Data of tiles can be read point by point under the names below, as
+    copies; `put` writes them."""
 
     joint: ndarray  # (p,) uint32
     start: ndarray  # (p + 1,) uint32, first contact point of each
-    place: ndarray  # (p,) uint32, where its first point is: its lane, plus W times the points in tiles before
-    law: ndarray  # (p,) uint32, which of the following
+    place: ndarray  # (p,) uint32, place of its first point: its lane, plus W times the points in tiles before
+    law: ndarray  # (p,) uint32, index of its law in the following
     k_n: ndarray  # (l,) Pa/m
     k_s: ndarray  # (l,) Pa/m
     friction: ndarray  # (l,)
     shear_arm: ndarray  # (l,) friction acts at this times the arm of the normal force
-    lane: ndarray  # (t, W) uint32, which of the p joints each lane has; the last one again where there are no more
-    used: ndarray  # (t,) uint32, lanes that have one of their own
+    lane: ndarray  # (t, W) uint32, which of the p joints each lane has; spare lanes repeat the last one
+    used: ndarray  # (t,) uint32, lanes that are not spare
     tile_law: ndarray  # (t,) uint32
     tile_start: ndarray  # (t + 1,) int64, first point of each tile
     like: ndarray  # (t,) uint32, the tile of ``points`` that the loop reads in place of each: see `alike`
     points: ndarray  # records `POINT`, point after point of a tile
     sheared: ndarray  # records `SHEAR`, likewise
     slipped: ndarray  # records `PATH`, likewise
-    force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None if nobody asks for it
-    strengths: Strengths | None = None  # beside friction, an entry a law; None if no joint has any
+    force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None if not requested
+    strengths: Strengths | None = None  # besides friction, one entry per law; None if no joint has any
     bonds: ndarray | None = None  # records `BOND`, likewise, see `point_laws`; None if ``strengths`` is
-    custom: Custom | None = None  # what a law of the user's own works on, rows as ``place``; None if they have none
+    custom: Custom | None = None  # arrays of a user-defined law, rows as ``place``; None if there is none
 
     def where(self, joint: int | None = None) -> ndarray:
-        """Each contact point in the sense of ``place``, of all joints (c,) or of one."""
+        """The place of each contact point, as in ``place``, of all joints (c,) or of one."""
         if joint is not None:
             return int(self.place[joint]) + np.arange(int(self.start[joint + 1]) - int(self.start[joint])) * W
         count = np.diff(self.start)
@@ -424,11 +423,11 @@ class Corners(NamedTuple):
         put_in_lanes(self._tiles(name), name, where, values)
 
     def share(self) -> None:
-        """Let tiles whose points are the same to the last bit take them from one of them."""
+        """Let tiles whose points are the same to the last bit share those of one of them."""
         self.like[:] = alike(self.points[a:b] for a, b in pairwise(self.tile_start.tolist()))
 
     def _tiles(self, name: str) -> ndarray:
-        """The records that have a field of that name."""
+        """The records that have a field ``name``."""
         records = (self.points, self.sheared, self.slipped, self.bonds)
         return next(tiles for tiles in records if tiles is not None and name in tiles.dtype.names)
 

@@ -1,5 +1,5 @@
-"""Points of joints that are not dry, in real time: what such a point answers, and what it loses. With strengths by
-`kernels.joint.point_law.bonded_law`, or by a law of the user's own, called by `kernels.joint.custom_law`.
+"""Points of joints that are not dry, in real time: their forces and their losses. With strengths by
+`kernels.joint.point_law.bonded_law`, or by a user-defined law, called by `kernels.joint.custom_law`.
 """
 
 from typing import NamedTuple
@@ -26,8 +26,8 @@ class BondedPair(NamedTuple):
 
 @jit
 def answer_bonded(work, pair, which, lane, law, energy, force_out, bonded, ledger):
-    """`point_joints.answer` of a point of a scene with strengths, those of a `BondedPair`. What it loses is counted in
-    the ``ledger`` of its tile."""
+    """`point_joints.answer` of a point in a scene with strengths, those of a `BondedPair`. Its losses are added to the
+    ``ledger`` of its tile."""
     own, sheared = pair
     strengths = bonded.strengths
     i = bonded.law
@@ -92,7 +92,7 @@ def answer_bonded(work, pair, which, lane, law, energy, force_out, bonded, ledge
 
 @jit
 def bonded_pair(strengths, law, bonds, point):
-    """The `BondedPair` of two points, from number ``point`` of `Corners.bonds` on; None without any."""
+    """The `BondedPair` of two points, from index ``point`` of `Corners.bonds` on; None if there are no bonds."""
     if bonds is None:
         return None
     return BondedPair(strengths, law, bonds[point : point + 2])
@@ -100,8 +100,8 @@ def bonded_pair(strengths, law, bonds, point):
 
 @jit
 def spring_length(strengths, bonds, law, k_n, place, g):
-    """By how much the normal spring of a point is pressed (m, negative if a bond is pulled) at the penetration
-    ``g``; ``place``: see `Corners.where`."""
+    """Compression of the normal spring of a point (m, negative if a bond is pulled) at the penetration ``g``;
+    ``place``: see `Corners.where`."""
     if bonds is not None:
         own = bonds[place // W]
         lane = place % W
@@ -112,13 +112,13 @@ def spring_length(strengths, bonds, law, k_n, place, g):
 
 @jit
 def place_of(corners, p, i):
-    """Where point ``i`` of point joint ``p`` is, in the sense of `Corners.where`."""
+    """Place of point ``i`` of point joint ``p``, as in `Corners.where`."""
     return corners.place[p] + i * W
 
 
 @jit
 def rows_of(custom, point):
-    """The rows of two points in `Corners.custom`, from number ``point`` on; None without any."""
+    """The rows of two points in `Corners.custom`, from index ``point`` on; None if there is none."""
     if custom is None:
         return None
     first, last = point * W, (point + 2) * W
@@ -130,8 +130,8 @@ def rows_of(custom, point):
 
 @jit
 def answer_custom(work, pair, which, lane, arm, energy, force_out, custom, ledger):
-    """`point_joints.answer` of a point with a law of the user's own, the ``which`` of the two of ``custom``. All that
-    it does not hold counts as friction, in the ``ledger`` of its tile."""
+    """`point_joints.answer` of a point with a user-defined law, number ``which`` of the two of ``custom``. All energy
+    that it does not store counts as friction, in the ``ledger`` of its tile."""
     own, sheared = pair
     x = own[which].x[lane]
     y = own[which].y[lane]
@@ -165,7 +165,7 @@ def answer_custom(work, pair, which, lane, arm, energy, force_out, custom, ledge
 
 @jit
 def energy_of(custom, corners, p):
-    """Energy (J) that the points of joint ``p`` hold."""
+    """Energy (J) stored at the points of joint ``p``."""
     total = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
         place = place_of(corners, p, i)

@@ -1,7 +1,7 @@
-"""Contact polygons of convex joints, clipped to the face that they lie on, and all that friction on them asks for.
+"""Contact polygons of convex joints, clipped to the face on which they lie, and their properties for friction.
 
-Elastic shear is a force over the springs of the polygon: those over what is cut off let go of theirs, the others keep
-their own (`what_is_left`).
+Elastic shear is a force distributed over the springs of the polygon: those over the part cut off release theirs, the
+others keep it (`what_is_left`).
 """
 
 from math import sqrt
@@ -28,14 +28,14 @@ from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.limit_surface import edge_sums
 from dembrick.kernels.joint.pressure import cut
 
-IDLE = 1e-9  # of the joint's reach: corners that repeat another, or lie so near to the line of their neighbours
+IDLE = 1e-9  # over the joint's reach: distance within which a corner repeats another or lies between neighbours
 ORDER = 8  # of the series about pure translation
-CENTRED = 1e-15  # of the mean distance: a Newton step for its least value that gains no more
-MOST = 50  # such steps
+CENTRED = 1e-15  # of the mean distance: least gain of a Newton step towards its minimum
+MOST = 50  # of such steps
 
 
 class Clipping(NamedTuple):
-    """Scratch, as `joint.pressure.cut` takes it, and the numbers of `geometry.friction_integrals.far_moments`."""
+    """Scratch, as `joint.pressure.cut` needs it, and the numbers of `geometry.friction_integrals.far_moments`."""
 
     x: ndarray  # (v,) m
     y: ndarray  # (v,) m
@@ -48,8 +48,8 @@ class Clipping(NamedTuple):
 
 @jit
 def without_idle_corners(room, count, least):
-    """Leave out corners that repeat the one before, or lie on the line of their neighbours, within ``least`` (m);
-    returns how many are left, 0 if fewer than three."""
+    """Remove corners that repeat the one before, or lie on the line of their neighbours, within ``least`` (m); returns
+    the number of corners left, 0 if fewer than three."""
     x = room.x
     y = room.y
     k = 0
@@ -71,7 +71,7 @@ def without_idle_corners(room, count, least):
 
 @jit
 def least_mean_distance(polygon):
-    """Least mean distance (m) of the area from any centre, by Newton's method on the exact integral."""
+    """Least mean distance (m) of the area from a centre, by Newton's method on the exact integral."""
     c1 = c2 = 0.0
     best = 1e300
     for _ in range(MOST):
@@ -120,8 +120,8 @@ def what_is_left(elastic, before, step, after):
     """Elastic shear resultants (N, N, N m) about the new centroid, ``step`` (m) from the old one, of a polygon whose
     area and polar moment (m2, m4) were ``before`` and are ``after``.
 
-    The springs under (e_1, e_2, e_m) carry e / A + e_m / J (-y, x) each. Those over what is lost let go; those over
-    what is gained begin without any force.
+    The springs under (e_1, e_2, e_m) carry e / A + e_m / J (-y, x) each. Those over lost area release their force;
+    those over gained area start without force.
     """
     e1, e2, em = elastic
     area, polar = before
@@ -134,8 +134,8 @@ def what_is_left(elastic, before, step, after):
 
 @jit
 def common_part(links, j, drawn, room):
-    """What the polygon, placed in ``drawn.placed``, and the face share, into ``room`` from O of the start along e1 and
-    e2; returns how many corners it has."""
+    """Intersection of the polygon, placed in ``drawn.placed``, and the face, into ``room``, from O of the start along
+    e1 and e2; returns its number of corners."""
     o, e, g = tangents_of(links, j)
     count = drawn.placed.shape[0]
     for k in range(count):
@@ -158,8 +158,8 @@ def common_part(links, j, drawn, room):
 
 @entry
 def must_clip(links, j, drawn):
-    """Whether the polygon of convex joint ``j`` must be clipped: its corners are ``drawn.placed``. It goes on from
-    here."""
+    """Whether the polygon of convex joint ``j`` must be clipped; places its corners in ``drawn.placed``. Its motion
+    counts from here."""
     o, e, g = tangents_of(links, j)
     clipped = looked_at(links, j, drawn, o, e, g)
     let_go_on(links, j, drawn, o)
@@ -169,8 +169,8 @@ def must_clip(links, j, drawn):
 
 @entry
 def clip_area(links, faces, a, j, drawn, stiffness, room):
-    """Clip the polygon of joint ``j``, number ``a`` of the convex ones, which has one for itself, to the face that it
-    lies on; without anything left it carries nothing, else it has ``stiffness`` (Pa/m) along the normal."""
+    """Clip the polygon of joint ``j``, number ``a`` of the convex ones, which does not share it, to the face on which
+    it lies. If nothing is left it carries nothing, else it has ``stiffness`` (Pa/m) along the normal."""
     t = faces.place[a] // W
     lane = faces.place[a] % W
     stand_alone(faces.like, t)

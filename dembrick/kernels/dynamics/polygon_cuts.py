@@ -1,4 +1,4 @@
-"""Contact polygons of moving joints, cut to the face that they lie on; `simulation.dynamics.joint_polygons` says why.
+"""Contact polygons of moving joints, cut to the face on which they lie; `simulation.dynamics.joint_polygons` says why.
 
 A face is an array (m, 2) of the corners of a convex polygon, counter-clockwise, in the axes of the plane.
 """
@@ -14,31 +14,31 @@ from dembrick.kernels.dynamics.tiles import W, way_of
 from dembrick.kernels.joint.custom_law import resize
 from dembrick.kernels.joint.pressure import cut
 
-GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
-PARALLEL = 1.0 - 1e-4  # cosine: a polygon that moves so near to along an edge moves along it
+GONE = 1e-9  # part of the polygon's area at the start below which there is no contact
+PARALLEL = 1.0 - 1e-4  # cosine from which on a motion counts as parallel to an edge
 
 
 class Drawn(NamedTuple):
-    """A joint as it was drawn, and what cutting has made of it."""
+    """A joint at the start, and its state after cutting."""
 
     face: ndarray  # (m, 2) m, of the other block, in the plane's axes from its centroid
     outline: ndarray  # (k, 2) m, corners along e1 and e2 from O
-    arms: ndarray  # (c, 2) m, contact points; none of a convex joint
+    arms: ndarray  # (c, 2) m, contact points; none for a convex joint
     areas: ndarray  # (c,) m2
-    cells: ndarray  # (c, 4, 2) m, corners of what a point stands for, counter-clockwise, if points fade; as ``arms``
+    cells: ndarray  # (c, 4, 2) m, corners of the cell (tributary area) of each point, counter-clockwise, if points fade
     placed: ndarray  # (k, 2) m, scratch: the corners in the plane's axes
     cut: ndarray  # (k, 2) m, scratch: the corners that are left
     x: ndarray  # (4 + m,) m, scratch: a cell, as `joint.pressure.cut` takes it
     y: ndarray  # (4 + m,) m
     spare_x: ndarray  # (4 + m,) m
     spare_y: ndarray  # (4 + m,) m
-    shift: ndarray  # (2,) m, where O is now, from where it was on the host at the start, along e1 and e2
-    whole: ndarray  # (1,) bool, nothing of the polygon has been cut off
+    shift: ndarray  # (2,) m, shift of O on the host since the start, along e1 and e2
+    whole: ndarray  # (1,) bool, whether nothing of the polygon has been cut off
     area: float  # m2
-    bound: float  # m, how far the polygon may move before it is looked at again
-    shrink: float  # arms of the points over those of the corners
-    margin: float  # m, points this far inside an edge are not touched by it: no corner of a cell is further away
-    fades: bool  # points lose their area one by one, in place of moving with the corners
+    bound: float  # m, how far the polygon may move before it is checked again
+    shrink: float  # distance of the points from O over that of the corners
+    margin: float  # m, an edge does not cut points so far inside it: no corner of a cell is farther from its point
+    fades: bool  # whether points lose their area one by one, instead of moving with the corners
 
 
 @jit
@@ -53,7 +53,7 @@ def edge_of(face, i):
 
 @jit
 def outside(face, x, y):
-    """How far a point lies beyond the nearest edge line of a face (m); negative inside."""
+    """Greatest distance of a point beyond an edge line of a face (m); negative inside."""
     most = -1e300
     for i in range(face.shape[0]):
         a, b, t, s, _ = edge_of(face, i)
@@ -63,7 +63,7 @@ def outside(face, x, y):
 
 @jit
 def nearest(face, x, y):
-    """The point of a face that is nearest to (x, y)."""
+    """The point of a face nearest to (x, y)."""
     if outside(face, x, y) <= 0.0:
         return x, y
     least = 1e300
@@ -84,8 +84,9 @@ def nearest(face, x, y):
 
 @jit
 def room_along(points, face, t, s, change, margin):
-    """How far (m) ``points`` (k, 2) can go along a direction (t, s), either way, before the distance of one beyond an
-    edge of a face changes by more than ``change`` (m); those further inside than ``margin`` (m) do not count."""
+    """Distance (m) that ``points`` (k, 2) can move along a direction (t, s), either way, before the distance of one
+    beyond an edge of a face changes by more than ``change`` (m); points farther inside than ``margin`` (m) do not
+    count."""
     least = 1e300
     for i in range(face.shape[0]):
         a, b, f, g, _ = edge_of(face, i)
@@ -110,15 +111,15 @@ def tangents_of(links, j):
 
 @jit
 def start_of(drawn, o, e, g):
-    """Where O of the start is now (m), in the plane's axes."""
+    """Present position of O of the start (m), in the plane's axes."""
     x, y = drawn.shift[0], drawn.shift[1]
     return o[0] - x * e[0] - y * g[0], o[1] - x * e[1] - y * g[1]
 
 
 @jit
 def looked_at(links, j, drawn, o, e, g):
-    """Place the corners; whether the polygon must be cut, or is whole and inside the face, with how far it may move
-    until it is not."""
+    """Place the corners; whether the polygon must be cut, else it is whole and inside the face. Sets `Links.slack`, how
+    far it may move until the next check."""
     a, b = start_of(drawn, o, e, g)
     most = -1e300
     for k in range(drawn.outline.shape[0]):
@@ -137,7 +138,8 @@ def looked_at(links, j, drawn, o, e, g):
 
 @jit
 def let_go_on(links, j, drawn, o):
-    """Let a polygon that was `looked_at` go on as it has moved to O = ``o`` since the last time."""
+    """After `looked_at`, set `Links.glide` of a polygon, the direction in which motion counts less, from its motion to
+    O = ``o`` since it was last cut."""
     glide = links.glide[j]
     glide[0] = 1.0
     glide[1] = 0.0
@@ -166,7 +168,7 @@ def let_go_on(links, j, drawn, o):
 
 @jit
 def keep(links, j):
-    """Write down where a polygon is that has been cut."""
+    """Store the position of a polygon that has been cut."""
     o, e, _ = tangents_of(links, j)
     kept = links.kept[j]
     kept[0], kept[1] = o
@@ -175,7 +177,8 @@ def keep(links, j):
 
 @jit
 def stand_alone(like, t):
-    """Let tile ``t`` stand for no other one in ``like``, and no other one for it; as `tiles.set_apart`."""
+    """Make tile ``t`` independent in ``like``: it represents no other tile, and none represents it; as
+    `tiles.set_apart`."""
     heir = -1
     for k in range(like.size):
         if k != t and like[k] == t:
@@ -187,7 +190,7 @@ def stand_alone(like, t):
 
 @jit
 def move_origin(links, j, drawn, x, y):
-    """Put O of a joint at (x, y) from O of the start (m, along e1 and e2)."""
+    """Move O of a joint to (x, y), from O of the start (m, along e1 and e2)."""
     dx = x - drawn.shift[0]
     dy = y - drawn.shift[1]
     t = links.place[j] // W
@@ -205,8 +208,8 @@ def move_origin(links, j, drawn, x, y):
 
 @jit
 def area_and_centroid(x, y, count):
-    """Area (m2) and centroid (m) of a polygon, from its first corner, so that a distant one costs no digits; the corner
-    itself if there is no area."""
+    """Area (m2) and centroid (m) of a polygon, relative to its first corner, so that a distant one costs no digits; the
+    corner itself if there is no area."""
     double = cx = cy = 0.0
     for k in range(1, count - 1):
         ux, uy = x[k] - x[0], y[k] - y[0]
@@ -222,8 +225,8 @@ def area_and_centroid(x, y, count):
 
 @jit
 def put_area(corners, p, i, area):
-    """Give contact point ``i`` of joint ``p`` another area (m2). Springs over what it loses let go: the rest keeps its
-    share of the shear force; those over what it gains begin without any."""
+    """Give contact point ``i`` of joint ``p`` another area (m2). Springs over lost area release their force: the shear
+    force decreases in proportion; those over gained area start without force."""
     place = place_of(corners, p, i)
     law = corners.law[p]
     resize(corners.custom, place, area, corners.k_n[law], corners.k_s[law])
@@ -250,7 +253,7 @@ def project(links, corners, p, j, drawn, o, e, g):
         drawn.cut[k, 0] = (x * g[1] - y * g[0]) / det
         drawn.cut[k, 1] = (e[0] * y - e[1] * x) / det
     area, cx, cy = area_and_centroid(drawn.cut[:, 0], drawn.cut[:, 1], n)
-    stand_alone(corners.like, links.place[j] // W)  # tiles of points are the first ones of all
+    stand_alone(corners.like, links.place[j] // W)  # tiles of point joints come first
     if not area > GONE * drawn.area:
         for k in range(n):
             put_area(corners, p, k, 0.0)
@@ -297,7 +300,7 @@ def left_of_cell(drawn, k, a, b, e, g):
 
 @jit
 def fade(links, corners, p, j, drawn, o, e, g):
-    """Take from each point the part of its area that its cell has lost to the edge."""
+    """Reduce the area of each point to the part of its cell that lies on the face."""
     a, b = start_of(drawn, o, e, g)
     stand_alone(corners.like, links.place[j] // W)
     for k in range(drawn.areas.size):
@@ -306,7 +309,7 @@ def fade(links, corners, p, j, drawn, o, e, g):
 
 @entry
 def cut_points(links, corners, p, j, drawn):
-    """Cut the polygon of joint ``j``, number ``p`` of those that act at points, to the face that it lies on."""
+    """Cut the polygon of joint ``j``, number ``p`` of those that act at points, to the face on which it lies."""
     o, e, g = tangents_of(links, j)
     if looked_at(links, j, drawn, o, e, g):
         if drawn.fades:
@@ -319,10 +322,10 @@ def cut_points(links, corners, p, j, drawn):
 
 @entry
 def find_stale(links, found):
-    """Write the joints whose polygons have moved too far into ``found`` (j,); returns how many there are."""
+    """Write the joints whose polygons have moved too far into ``found`` (j,); returns their number."""
     count = 0
     for j in range(links.host.size):
-        # a little before the loop does, whose square roots may round the other way
+        # a little earlier than the loop does, whose square roots may round the other way
         if way_of(links, j) >= float(links.slack[j]) * (1.0 - 1e-9):
             found[count] = j
             count += 1

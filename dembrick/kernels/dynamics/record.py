@@ -1,7 +1,7 @@
 """The record of a run in real time: its rows, and frames of motion, into given arrays.
 
-What follows from the places and forces of a row alone is found here; loads and what is driven are Python's. Rows are
-written between the steps of the loop by one kernel, which is compiled once for all loops.
+Quantities that depend only on the positions and forces at a row are computed here; loads and drives are recorded in
+Python. Rows are written between the steps of the loop by one kernel, which is compiled once for all loops.
 """
 
 from math import inf, isnan, nan, sqrt
@@ -17,18 +17,19 @@ from dembrick.kernels.dynamics.tiles import ACTION, W, sense_of, three, wrench_a
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.math.vectors import cross, put_vector, rows_times
 
-# Steps between rows, and rows between two frames (0: no frames); the speed (m/s) of a point, and the way (m) of a block
-# since contacts were looked for last, beyond which somebody must look for them before a row is written
+# Steps between rows, and rows between two frames (0: no frames); speed (m/s) of a point, and motion (m) of a block
+# since the last contact detection, beyond which contacts must be detected again before a row is written
 NEXT = np.dtype((np.record, [("every", np.int64), ("frames_every", np.int64), ("fastest", float), ("quiet", float)]))
 
-# Numbers of a row: out-of-balance ratio, new contacts that carry a force, longest displacement (m), gravity (m/s2)
+# Numbers of a row: out-of-balance ratio, number of loaded new contacts, longest displacement (m), gravity (m/s2)
 ROW = np.dtype(
     (np.record, [("unbalanced", float), ("new_contacts", float), ("furthest", float), ("gravity", float, (3,))])
 )
 
 
 class Record(NamedTuple):
-    """Rows and frames of a run, one entry a row or frame, and scratch. What is not asked for has no entries."""
+    """Rows and frames of a run, one entry per row or frame, and scratch. Channels that are not requested have no
+    entries."""
 
     next: ndarray  # (1,) record `NEXT`
     travel: ndarray  # (2,) m, see `Course`
@@ -36,21 +37,21 @@ class Record(NamedTuple):
     step: ndarray  # (r,) int64
     row: ndarray  # (r,) records `ROW`
     joint: ndarray  # (r, j or 0, 7), see `write_resultants`
-    support: ndarray  # (n,) int64, number of each block among those that support others, -1 if it does not
+    support: ndarray  # (n,) int64, number of each block among the supports, -1 if it is none
     reaction: ndarray  # (r, s, 6) N, N m, see `write_reactions`
-    middle: ndarray  # (3,) m, what positions count from
+    middle: ndarray  # (3,) m, origin of positions
     tension: ndarray  # (r, t) N
     yielded: ndarray  # (r, t) m
     watched: ndarray  # (w,) int64, blocks of the control points
-    place: ndarray  # (r, w, 3) m, their centroids, counted as `Bodies.position`
+    place: ndarray  # (r, w, 3) m, their centroids, from the origin of `Bodies.position`
     turn: ndarray  # (r, w, 3, 3) their rotations
     energy: ndarray  # (r or 0,) records `BALANCE`
-    energy_start: ndarray  # (2,) J, kinetic energy and energy in springs when time began
+    energy_start: ndarray  # (2,) J, kinetic energy and energy in springs at time zero
     frame_step: ndarray  # (F,) int64
     frame_position: ndarray  # (F, n, 3) m
     frame_orientation: ndarray  # (F, n, 4)
     frame_shift: ndarray  # (F, j or 0, 2) m
-    shift: ndarray  # (j, 2) m, where O of each joint is now on its host, from where it was at the start
+    shift: ndarray  # (j, 2) m, shift of O of each joint on its host since the start
     held: ndarray  # (a, 3) scratch: see `take_stock`
     of_joints: ndarray  # (j,) scratch
     pulled: ndarray  # (s, 6) scratch
@@ -58,20 +59,20 @@ class Record(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """The greatest values of a run so far, noted at every row."""
+    """The greatest values of a run so far, updated at every row."""
 
     furthest: ndarray  # (n,) m, displacement of each centroid
-    quiet: ndarray  # (n,) s, when its mean acceleration from row to row was last below the threshold
+    quiet: ndarray  # (n,) s, last time when its mean acceleration from row to row was below the threshold
     last: ndarray  # (n + 1, 3) m/s, the velocities of the row before; the first number of the last row: its time (s)
     tension: ndarray  # (t,) N, of each tie
     turned: ndarray  # (n,) cosine of half the greatest turn of each block
     threshold: ndarray  # (1,) m/s2
-    upright: ndarray  # (n, 4) orientations that turns count from
+    upright: ndarray  # (n, 4) orientations from which rotations count
 
 
 class Pressing(NamedTuple):
-    """Forces of t new contacts, as rows have them: those of the 71 arrays of `Touching` that they take. Whatever is
-    handed to a kernel is compiled with it."""
+    """Forces of t new contacts, as rows need them: the few of the many arrays of `Touching`, since a kernel is compiled
+    with all arrays that it is passed."""
 
     owner: ndarray
     first: ndarray
@@ -83,7 +84,7 @@ class Pressing(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Arrays that rows are written of; ``energy_terms`` and families of joints are None where there are none."""
+    """Arrays from which rows are written; ``energy_terms`` and families of joints are None if there are none."""
 
     bodies: tuple
     links: tuple
@@ -98,7 +99,7 @@ class Scene(NamedTuple):
 def write_resultants(bodies, links, corners, faces, out):
     """N, V_1, V_2, M_T, M_1, M_2 (action on b about O) and slip of every joint into ``out`` (j, 7), of the last forces.
 
-    The axes are t1, that of the host laid into the plane, t2 and the normal from a to b; slip is the length of its
+    The axes are t1, that of the host projected on the plane, t2 and the normal from a to b; slip is the length of its
     path, averaged over the points of a joint by their areas (m).
     """
     for j in range(links.host.size):
@@ -127,7 +128,7 @@ def write_resultants(bodies, links, corners, faces, out):
         y1, y2, y3 = cross(n1, n2, n3, x1, x2, x3)
         wrench = links.wrenches[wrench_at(links, j)]
         c1, c2, c3 = cross(r1, r2, r3, wrench[0], wrench[1], wrench[2])
-        # the wrench acts on the host, which is b where sense is +1; the joint holds b against V and M
+        # the wrench acts on the host, which is b where sense is +1; it is opposite to V and M on b
         sense = sense_of(links, j)
         f1 = sense * wrench[0]
         f2 = sense * wrench[1]
@@ -151,8 +152,8 @@ def unbalanced_ratio(bodies, links, g1, g2, g3):
     """Greatest out-of-balance force or moment on a free block under gravity g, over the greatest joint force; 1 without
     any.
 
-    A moment counts as the force that makes it at the block's reach. NaN if a force is one, which no greatest value
-    would show.
+    A moment counts as the force that makes it at the block's reach. NaN if any force is NaN, which a maximum would
+    hide.
     """
     worst = largest = total = 0.0
     wrenches = links.wrenches
@@ -186,7 +187,7 @@ def unbalanced_ratio(bodies, links, g1, g2, g3):
 
 @jit_rounded
 def add_six(out, sense, a, b):
-    """Add a vector (3) and another (3), times ``sense``, to a row of six numbers."""
+    """Add ``sense`` times a (3) and b (3) to a row of six numbers."""
     for i in range(3):
         out[i] += sense * a[i]
         out[3 + i] += sense * b[i]
@@ -194,13 +195,13 @@ def add_six(out, sense, a, b):
 
 @jit_rounded
 def plain_cross(a, b):
-    """a x b, each product rounded by itself."""
+    """a x b, with each product rounded separately."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @jit_rounded
 def add_contacts(bodies, pressing, support, middle, out):
-    """Add what supports exert through new contacts: see `write_reactions`."""
+    """Add the forces of supports through new contacts: see `write_reactions`."""
     for side in range(2):
         parts = pressing.second if side else pressing.first
         sense = -1.0 if side else 1.0
@@ -211,7 +212,7 @@ def add_contacts(bodies, pressing, support, middle, out):
                 c = pressing.point[t]
                 f = pressing.force[t]
                 m = pressing.torque[t]
-                # the point of a history, which counts from the origin of the world
+                # as computed from the point in a history, whose origin is that of the world
                 a1 = c[0] + middle[0] - middle[0] - x[0]
                 a2 = c[1] + middle[1] - middle[1] - x[1]
                 a3 = c[2] + middle[2] - middle[2] - x[2]
@@ -221,7 +222,7 @@ def add_contacts(bodies, pressing, support, middle, out):
 
 @jit_rounded
 def take_pulls(ties, support, pulled, out):
-    """Take away what ties exert on the supports; ``pulled`` (s, 6) is scratch."""
+    """Subtract the forces of ties on the supports; ``pulled`` (s, 6) is scratch."""
     pulled[:] = 0.0
     for side in range(2):
         for t in range(ties.stiffness.size):
@@ -237,8 +238,8 @@ def take_pulls(ties, support, pulled, out):
 @jit
 def write_reactions(record, bodies, links, ties, pressing, out):
     """Force (N) and moment (N m, about its centroid at the start) of each support on the structure, into ``out``
-    (s, 6): through its joints, ties and new contacts, of the last forces. World axes; of a block that is held in some
-    directions what its guides exert on it, about its centroid."""
+    (s, 6): through its joints, ties and new contacts, of the last forces, world axes. For a guided block: force and
+    moment of its guides, about its centroid."""
     support = record.support
     out[:] = 0.0
     for j in range(links.host.size):
@@ -265,7 +266,7 @@ def write_reactions(record, bodies, links, ties, pressing, out):
 
 @jit_rounded
 def add_carried(bodies, b, out):
-    """Make moments about the centroid of block ``b`` now such about where it was at the start."""
+    """Transfer moments from the present centroid of block ``b`` to that at the start."""
     x = bodies.position[b]
     x0 = bodies.start[b]
     m = plain_cross((x[0] - x0[0], x[1] - x0[1], x[2] - x0[2]), out)
@@ -281,7 +282,7 @@ def length_of(a1, a2, a3):
 
 @jit_rounded
 def away(bodies, b):
-    """How far (m) the centroid of block ``b`` is from its start."""
+    """Distance (m) of the centroid of block ``b`` from its start."""
     x = bodies.position[b]
     x0 = bodies.start[b]
     return length_of(x[0] - x0[0], x[1] - x0[1], x[2] - x0[2])
@@ -289,7 +290,7 @@ def away(bodies, b):
 
 @jit_rounded
 def note(extremes, bodies, ties, time):
-    """Take the present state into the ``extremes``; at time zero, when nothing has moved, the ties alone."""
+    """Update the ``extremes`` by the present state; at time zero, when nothing has moved, only those of the ties."""
     for t in range(extremes.tension.size):
         extremes.tension[t] = max(extremes.tension[t], ties.now[t].tension)
     if time <= 0.0:
@@ -329,7 +330,7 @@ def write_frame(record, step, bodies):
 
 @jit
 def fill_row(record, bodies, links, corners, faces, ties, pressing, energy_terms, row, moment):
-    """Fill a row with what holds at a ``moment``: time step (s), gravity (3; m/s2)."""
+    """Fill a row with the present state; ``moment``: time step (s), gravity (3; m/s2)."""
     dt, g1, g2, g3 = moment
     own = record.row[row]
     own.unbalanced = unbalanced_ratio(bodies, links, g1, g2, g3)
@@ -361,10 +362,10 @@ def fill_row(record, bodies, links, corners, faces, ties, pressing, energy_terms
 
 @entry
 def write_row(record, scene, extremes, moment):
-    """Add a row of the present state of a `Scene` to the record, and a frame where one is due; there must be room.
+    """Add a row of the present state of a `Scene` to the record, and a frame if one is due; there must be room.
 
-    ``moment``: step, time step (s), gravity (3; m/s2). The matrices of rotation must be those of the orientations.
-    Returns 1; or 0, and writes nothing, if somebody must look for contacts first (`calm`).
+    ``moment``: step, time step (s), gravity (3; m/s2). The rotation matrices must be up to date. Returns 1; or 0,
+    without writing, if contacts must be detected first (`calm`).
     """
     bodies, links, corners, faces, ties, pressing, energy_terms = scene
     step, dt, g1, g2, g3 = moment
@@ -383,7 +384,7 @@ def write_row(record, scene, extremes, moment):
 
 @jit
 def calm(record, bodies):
-    """Whether nobody need look for contacts before the next row, by how fast blocks are and how far they have gone."""
+    """Whether no contact detection is needed before the next row, by the speed and the motion of the blocks."""
     following = record.next[0]
     if not record.travel[1] < following.quiet:
         return False

@@ -1,7 +1,7 @@
 """Rigid blocks of an assembly in free motion: their arrays, and the step of one block.
 
-Central difference: positions and rotations at the whole steps, velocities and momenta half a step behind. How blocks
-turn: `kernels.math.rigid_turns`.
+Central difference: positions and rotations at whole steps, velocities and momenta half a step behind. Rotation of
+blocks: `kernels.math.rigid_turns`.
 """
 
 from typing import NamedTuple
@@ -15,11 +15,11 @@ from dembrick.kernels.math.vectors import axes_of, cross, product, put_vector, t
 
 
 class Bodies(NamedTuple):
-    """n blocks. World axes and positions from the middle of the scene, so that they keep their digits."""
+    """n blocks. World axes, positions relative to the middle of the scene, so that they keep their digits."""
 
     free: ndarray  # (f,) uint32, blocks that move
     position: ndarray  # (n, 3) m, centroids now
-    rotation: ndarray  # (n, 3, 3) body to world: of the orientation, when `write_rotations` was called last
+    rotation: ndarray  # (n, 3, 3) body to world, of the orientation at the last call of `write_rotations`
     orientation: ndarray  # (n, 4) quaternions (w, x, y, z), body to world, now
     velocity: ndarray  # (n, 3) m/s, half a step back
     spin: ndarray  # (n, 3) rad/s, half a step back
@@ -27,18 +27,18 @@ class Bodies(NamedTuple):
     mass: ndarray  # (n,) kg
     inverse: ndarray  # (n, 3, 3) 1/(kg m2), inverse of the inertia in body axes
     reach: ndarray  # (n,) m, greatest distance of a vertex from the centroid
-    start: ndarray  # (n, 3) m, centroids that displacements count from
+    start: ndarray  # (n, 3) m, centroids from which displacements count
     applied: ndarray  # (n, 6) N, N m, loads besides gravity
     side_start: ndarray  # (n + 1,) uint32, first entry of each block in `side`
-    side: ndarray  # (2 j,) uint32, twice the joint's `Links.place`, and 1 more where the block is its host
-    guided: ndarray  # (g,) uint32, free blocks that are held in some directions
-    held: ndarray  # (g, 6) bool, which: along x, y, z, about x, y, z of the world
-    guide: ndarray  # (g, 6) N, N m: what their guides exert on them, zero where they are free
+    side: ndarray  # (2 j,) uint32, twice the joint's `Links.place`, plus 1 if the block is its host
+    guided: ndarray  # (g,) uint32, free blocks with guides, which fix them in some directions
+    held: ndarray  # (g, 6) bool, the fixed directions: along x, y, z, about x, y, z of the world
+    guide: ndarray  # (g, 6) N, N m: force and moment of the guides on them, zero in free directions
 
 
 @jit
 def move_support(bodies, b, x, q, v, w):
-    """Put a fixed block that is moved where it is at the end of a step: centroid x (3,), orientation q (4,); v and w
+    """Move a fixed block to its prescribed position at the end of a step: centroid x (3,), orientation q (4,); v and w
     (3,): its mean velocity and spin in the step."""
     for i in range(3):
         bodies.position[b, i] = x[i]
@@ -50,7 +50,7 @@ def move_support(bodies, b, x, q, v, w):
 
 @jit
 def write_rotation(bodies, b):
-    """Make the orientation of block ``b`` a matrix."""
+    """Write the orientation of block ``b`` as a rotation matrix."""
     q = bodies.orientation[b]
     e1, e2, e3 = axes_of((q[0], q[1], q[2], q[3]))
     R = bodies.rotation[b]
@@ -60,7 +60,7 @@ def write_rotation(bodies, b):
 
 @entry
 def write_rotations(bodies, supports):
-    """Make the orientations of all blocks that move, of which ``supports`` (m,) are moved, matrices."""
+    """Write the orientations of all moving blocks, free ones and ``supports`` (m,), as rotation matrices."""
     for b in bodies.free:
         write_rotation(bodies, b)
     for b in supports:
@@ -69,7 +69,7 @@ def write_rotations(bodies, supports):
 
 @jit
 def turn_body(bodies, b, dt):
-    """Turn block ``b`` through a step under its angular momentum; returns the square of the angle."""
+    """Rotate block ``b`` through a step under its angular momentum; returns the square of the angle."""
     spin, angle2 = turn(bodies.orientation, b, bodies.inverse[b], three_of(bodies.momentum[b]), dt)
     put_vector(bodies.spin[b], *spin)
     return angle2
@@ -77,7 +77,7 @@ def turn_body(bodies, b, dt):
 
 @entry
 def turn_slowly(work, dt):
-    """`turn_body` for the blocks in all lanes of ``work``, right for those that turn by no more than `SLOW`."""
+    """`turn_body` for the blocks in all lanes of ``work``; valid for those that rotate by no more than `SLOW`."""
     half = 0.5 * dt
     for lane in range(W):
         q = four(work.orientation, lane)
@@ -88,7 +88,7 @@ def turn_slowly(work, dt):
         l1 = dot(u, L)
         l2 = dot(w, L)
         l3 = dot(m, L)
-        # the momentum turns back by half the step's turn r
+        # the momentum turns back by half the step's rotation r
         r1 = half * (ixx * l1 + ixy * l2 + ixz * l3)
         r2 = half * (ixy * l1 + iyy * l2 + iyz * l3)
         r3 = half * (ixz * l1 + iyz * l2 + izz * l3)
@@ -106,19 +106,19 @@ def turn_slowly(work, dt):
         angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
         s = dt * (0.5 - angle2 * (1.0 / 48.0))
         a0, a1, a2, a3 = product(*q, 1.0 - 0.125 * angle2, s * w1, s * w2, s * w3)
-        # one Newton step to length 1, from next to it
+        # normalise by one Newton step: the length is already close to 1
         n = 1.5 - 0.5 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3)
         q = (n * a0, n * a1, n * a2, n * a3)
         for i in range(4):
             work.turned[i, lane] = q[i]
-        # a turn leaves its own axis alone, so this is the spin in the world before and after it
+        # a rotation does not change its own axis, so the world spin is the same before and after it
         put_three(work.spin, lane, combined((w1, w2, w3), (0.0, 0.0, 0.0), u, w, m))
         work.angle2[lane] = angle2
 
 
 @jit
 def fetch_block(bodies, b, work, lane):
-    """Bring what `turn_slowly` wants of block ``b`` into a lane of ``work``."""
+    """Copy the input of `turn_slowly` for block ``b`` into a lane of ``work``."""
     q = bodies.orientation[b]
     for i in range(4):
         work.orientation[i, lane] = q[i]
@@ -131,7 +131,8 @@ def fetch_block(bodies, b, work, lane):
 
 @jit
 def turn_block(bodies, b, work, lane, dt):
-    """Turn block ``b`` by what `turn_slowly` left in its lane, or by `turn_body`; returns the square of the angle."""
+    """Rotate block ``b`` by the result of `turn_slowly` in its lane, or by `turn_body`; returns the square of the
+    angle."""
     angle2 = work.angle2[lane]
     if not angle2 <= SLOW * SLOW:
         return turn_body(bodies, b, dt)
@@ -146,7 +147,7 @@ def turn_block(bodies, b, work, lane, dt):
 
 @jit
 def resisted(f, v, damping):
-    """A force less its local damping: ``damping`` times its size, against the motion."""
+    """A force reduced by local damping: ``damping`` times its size, against the motion."""
     if v > 0.0:
         return f - damping * abs(f)
     if v < 0.0:
@@ -156,8 +157,8 @@ def resisted(f, v, damping):
 
 @jit
 def gathered(bodies, b, wrenches, loaded, g1, g2, g3):
-    """Force and couple (6) at the centroid of block ``b``: gravity, what is applied if any block is ``loaded``, its
-    joints in their order."""
+    """Force and couple (6) at the centroid of block ``b``: gravity, applied loads if any block is ``loaded``, and its
+    joints in a fixed order."""
     mass = bodies.mass[b]
     f1 = mass * g1
     f2 = mass * g2
@@ -188,15 +189,13 @@ def gathered(bodies, b, wrenches, loaded, g1, g2, g3):
 
 @jit
 def step_bodies(bodies, wrenches, loaded, share, g, dt, damping, fallen, mean, work):
-    """Move the free blocks of a ``share``, from the first to that behind the last, through a step, under gravity
-    g (3,), loads and joints.
+    """Move the free blocks of a ``share`` (first, last + 1) through a step, under gravity g (3,), loads and joints.
 
-    Every block gathers the forces of its joints in their order, so the sums do not depend on who else works on them.
-    ``loaded``: whether there are loads besides gravity on any block.
-    ``damping`` is local damping (dead-load equilibrium only; zero in a dynamic run). ``fallen`` (n,) gets the momentum
-    times ``mean`` (3) on top, the work of gravity over the step before, unless it is None. ``work``: a
-    record of `tiles.WORK`. Returns the squares of the longest move of a material point of a block in this step and of
-    the longest displacement since the start (m2).
+    Every block sums the forces of its joints in a fixed order, so the sums do not depend on the threads. ``loaded``:
+    whether there are loads besides gravity on any block. ``damping`` is local damping (dead-load equilibrium only; zero
+    in a dynamic run). To ``fallen`` (n,), unless it is None, is added the momentum times ``mean`` (3), the work of
+    gravity over the last step. ``work``: a record of `tiles.WORK`. Returns the squares of the longest move of a
+    material point of a block in this step and of the longest displacement since the start (m2).
     """
     first, last = share
     moved = away = 0.0
@@ -241,7 +240,7 @@ def step_bodies(bodies, wrenches, loaded, share, g, dt, damping, fallen, mean, w
             x = bodies.position[b]
             reach = bodies.reach[b]
             step2 = 2.0 * (dt * dt * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + angle2 * reach * reach)
-            if step2 > moved or step2 != step2:  # what is not a number stays
+            if step2 > moved or step2 != step2:  # NaN stays
                 moved = step2
             s = bodies.start[b]
             d1 = x[0] - s[0]

@@ -1,4 +1,4 @@
-"""Energies of a row of the record of a run in real time, out of the energy terms; sums are those of numpy."""
+"""Energies of a row of the record of a run in real time, from the energy terms; sums are those of numpy."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ BALANCE = np.dtype((np.record, [(name, float) for name in (
 
 @jit_rounded
 def sum_of_losses(record, energy_terms):
-    """Sums over all joints of what friction, springs let go, steps, crushing and broken bonds took (J)."""
+    """Losses of all joints (J): by friction, release of springs, opening and closing in steps, crushing, fracture."""
     lost = energy_terms.lost
     each = record.of_joints
     halves = record.halves
@@ -39,7 +39,7 @@ def sum_of_losses(record, energy_terms):
 
 @jit_rounded
 def write_energies(record, bodies, links, corners, faces, ties, energy_terms, dt, out):
-    """Write the energies of the last forces into the record `BALANCE` ``out``."""
+    """Write the energies at the last forces into the record `BALANCE` ``out``."""
     if energy_terms.begun[0] == 0.0:
         out.kinetic = record.energy_start[0]
         out.elastic = out.external = out.friction = out.dashpots = out.released = out.stepping = 0.0

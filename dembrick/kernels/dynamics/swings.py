@@ -1,11 +1,11 @@
-"""What laws of joints keep of a step, while blocks move and while they come to rest.
+"""The memory of the laws of joints in motion and in the search for an equilibrium.
 
-Where blocks come to rest they swing past it, and nothing of the way there may stay: until they rest, every law answers
-from what it kept at the last equilibrium and from how far the blocks have moved since, as in one implicit step. Shear
-springs are stretched by all of it, beyond what friction lets them carry; what yields, crushes and lifts is found from
-there again at every evaluation. Once the blocks rest, one evaluation more, in which nothing moves and no dashpot acts,
-keeps what is so then. Bonds break at once, whatever moves. Where laws crush or dilate, or are the user's own, no
-dashpot acts before either: it would answer to the whole of what is crushed or lifted at every step.
+In the search for an equilibrium blocks swing past it, and nothing of that swing may be irreversible. So until they
+rest, every law is evaluated from its memory at the last equilibrium for all motion of the blocks since, as in one
+implicit step. Shear springs are stretched by all of it, even beyond the force that friction allows; yielding, crushing
+and lift are computed from there anew at every evaluation. Once the blocks rest, one more evaluation, without motion or
+dashpots, stores the state. Only bonds break at once. If laws crush or dilate, or are user-defined, no dashpot acts
+before that either: in every step it would respond to all that is crushed or lifted.
 """
 
 from math import inf
@@ -18,7 +18,7 @@ MOVING, SWINGING, RESTED = 0, 1, 2
 
 @jit
 def set_laws(work, laws):
-    """Have the laws of joints answer so, one of the three above."""
+    """Set the mode of the laws of joints, one of the three above."""
     for lane in range(W):
         work.undamped[lane] = 1.0 if laws == RESTED else 0.0
         work.swings[lane] = 1.0 if laws == SWINGING else 0.0

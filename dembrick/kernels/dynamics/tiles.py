@@ -1,24 +1,23 @@
 """Joint kinematics in SIMD tiles: relative position and motion of the two blocks, and joint wrenches.
 
-A processor adds eight numbers as fast as one, if they lie side by side. So joints live in *tiles* of `W` lanes, a
+A processor adds eight numbers as fast as one, if they lie side by side. So joints are stored in *tiles* of `W` lanes, a
 joint a lane. A tile is a record (`record`) each of whose fields is a number of rows of `W` lanes: ``tile.offset[lane]``
-is one number of the joint in that lane, ``tile.lever[i, lane]`` one of a vector. Where every row begins is part of the
-type of the record, and every loop over lanes is a function of its own that is not inlined: so the compiler makes such a
-loop a few wide instructions. What passes from one loop to the next stands in ``work``, a record of the same kind, one
-for each thread and small enough to stay in the cache.
+is one number of the joint in that lane, ``tile.lever[i, lane]`` one of a vector. The offsets of rows are part of the
+type of the record, and every loop over lanes is a function of its own that is not inlined: so the compiler turns such a
+loop into a few wide instructions. Data pass from one loop to the next in ``work``, a record of the same kind, one for
+each thread and small enough to stay in the cache.
 
-The contact polygon rides on one block, the *host*; the *other* block offers the plane. The frame of the plane is
+The contact polygon moves with one block, the *host*; the *other* block provides the plane. The frame of the plane is
 u1, u2 and m = u1 x u2, that of the polygon e1, e2 and e1 x e2, each a quaternion in the axes of its block. Both blocks'
-quaternions give the turn of the one frame against the other, and with it the host's O and its two tangents in the
+quaternions give the rotation of one frame against the other, and with it the host's O and its two tangents in the
 plane's axes: nine numbers, `SEEN`. A point (x, y) of the polygon is O + x e1 + y e2: its gap is linear in x and y
-however far the blocks have turned. Slip and closing of a step are differences of what was seen, so they add up to the
-total motion: nothing drifts, and a pair that moves as one rigid body sees nothing. Friction acts in the plane, at the
-foot of the point that it belongs to: where a block rocks, that point (O of a convex joint) rises from the plane while
-its toe stays.
+however far the blocks have turned. Slip and closing of a step are differences of these numbers, so they add up to the
+total motion: nothing drifts, and a pair that moves as one rigid body has neither. Friction acts in the plane, at the
+foot of its point: when a block rocks, that point (O of a convex joint) rises from the plane while the toe stays.
 
-Large scenes are bound by the memory, so what a step does not change stands apart from what it does, and tiles in which
-it is the same to the last bit take it from one of them, which stays in the cache (`alike`): a regular wall has some
-hundred kinds of tiles.
+The speed of large scenes is limited by the memory. So constants are stored apart from what a step changes, and tiles
+with the same constants, to the last bit, share those of one of them, which stays in the cache (`alike`): a regular wall
+has some hundred kinds of tiles.
 """
 
 from collections.abc import Iterable
@@ -34,35 +33,35 @@ from dembrick.kernels.math.vectors import axes_of, cross, product
 W = 16  # lanes of a tile
 LINE = 64  # bytes of a line of the cache
 ROW = 8 * W  # bytes of a row
-NONE = 1e-140  # as good as zero, in a divisor
+NONE = 1e-140  # least divisor, in place of zero
 
 
 def record(*fields: tuple[str, int | tuple[int, ...]], kind: type = float) -> np.dtype:
-    """The type of a record of rows of `W` lanes: a name and a number of rows a field, or their shape; 1 is a single
-    row (W,)."""
+    """The type of a record of rows of `W` lanes; each field is a name and a number of rows, or their shape; 1 is a
+    single row (W,)."""
     shapes = ((name, rows if isinstance(rows, tuple) else (rows,) if rows > 1 else ()) for name, rows in fields)
     own = np.dtype([(name, kind, (*shape, W)) for name, shape in shapes], align=True)
     return np.dtype((np.record, own))  # whose fields are attributes in plain Python too
 
 
-# What no step changes of the joints of a tile
+# Constants of the joints of a tile
 FIXED = record(
     ("plane", 4),  # quaternion (w, x, y, z) of the plane's frame in the axes of the other block
-    ("tangents", 4),  # of the polygon's in those of the host
+    ("tangents", 4),  # the same of the polygon's frame in those of the host
     ("lever", 3),  # m, arm of O from the host's centroid, along e1, e2 and e1 x e2
     ("sense", 1),  # +1 if the other's outward normal is m, -1 if it is -m
     ("offset", 1),  # m, distance of the plane from the other's centroid, along m
     ("viscous", 2),  # dashpot over spring force for the same increment: normal, shear
 )
 
-# How the hosts lie: O from the other's centroid (m), e1 and e2, in the plane's axes
+# Position of the hosts: O from the other's centroid (m), e1 and e2, in the plane's axes
 SEEN = record(("origin", 3), ("first", 3), ("second", 3))
 
-# Wrenches stand lane after lane, since blocks gather them one by one: nine numbers each
+# Wrenches are stored lane after lane, since blocks read them one by one: nine numbers each
 ACTION = 9
 WRENCHES = ACTION * W
 
-FOUR = 4  # vertices of a polygon of which all joints of a tile are done at once
+FOUR = 4  # vertices of polygons that are evaluated for all joints of a tile at once
 
 # Scratch, see above
 WORK = record(
@@ -74,33 +73,33 @@ WORK = record(
     ("m", 3),
     ("arm", 3),  # m, of O from the host's centroid, in the plane's axes
     ("depth", 3),  # m, penetration at O, and its slopes along e1 and e2
-    ("growth", 3),  # what they grew by in the step
+    ("growth", 3),  # their growth in the step
     ("slip", 2),  # m, slip of the step along u1 and u2 at the foot of O
     ("slip_x", 2),  # and its slopes along e1
     ("slip_y", 2),  # and e2
-    ("turn", 1),  # rad, of the step about m
+    ("turn", 1),  # rad, rotation of the step about m
     ("force", 3),  # N, sums over the polygon of the force on the host in the plane's axes
     ("x_force", 3),  # N m, and of x and y times it
     ("y_force", 3),
-    ("twisting", 1),  # N m, couple about m on top
+    ("twisting", 1),  # N m, additional couple about m
     ("wrench", (3, 3)),  # N, N m, see `Links`
     ("undamped", 1),  # 1 where no dashpot acts: `swings`
-    ("swings", 1),  # 1 where laws keep nothing of a step
+    ("swings", 1),  # 1 where laws store nothing of a step
     ("normal", 1),  # of joints that act at points: dashpot along the normal
     ("damped", 1),  # one plus that in shear
     ("damping", 1),  # one over that
-    ("last", (2, 3)),  # N, of the last two points the force in the sense in which the host slips, and normal
-    ("slid", 2),  # m, the length that they slid by in the step
-    ("dashpot", 3),  # N, N m, for the energy: sums over the points of what dashpots carry
+    ("last", (2, 3)),  # N, of the last two points: shear in the sense in which the host slips, and normal force
+    ("slid", 2),  # m, length of their slip in the step
+    ("dashpot", 3),  # N, N m, for the energy: sums over the points of dashpot forces
     ("x_dashpot", 3),
     ("y_dashpot", 3),
-    ("before", (2, 3)),  # N, of the last two points the elastic shear before the step and the normal force
+    ("before", (2, 3)),  # N, of the last two points: elastic shear before the step, and normal force
     # of convex joints
     ("rest", 1),  # whether it slides, or is not wholly closed
-    ("pressed", 3),  # m3, m4, integrals of what presses it, with their x and y moments, over k_n
-    ("still", 3),  # the same of what presses its springs
-    ("carried", 3),  # N, N m, for the energy: what dashpots carry in shear and torsion, in the polygon's axes
-    ("slipped", 3),  # m, rad, slip and turn of the step, likewise
+    ("pressed", 3),  # m3, m4, integrals of its pressure, with their x and y moments, over k_n
+    ("still", 3),  # the same of the pressure on its springs
+    ("carried", 3),  # N, N m, for the energy: dashpot forces in shear and torsion, in the polygon's axes
+    ("slipped", 3),  # m, rad, slip and rotation of the step, likewise
     ("corner_x", FOUR),  # m, its first vertices
     ("corner_y", FOUR),
     # of blocks, see `rigid_bodies`
@@ -109,10 +108,10 @@ WORK = record(
     ("inverse", 6),  # inverse of the inertia, its six parts
     ("turned", 4),  # orientation a step later
     ("spin", 3),
-    ("angle2", 1),  # square of the angle of the turn
+    ("angle2", 1),  # square of the angle of rotation
 )
 
-# Contact points, which no step changes: where they are, along e1 and e2 from O (m); tributary area (m2)
+# Constants of contact points: position along e1 and e2 from O (m); tributary area (m2)
 POINT = record(("x", 1), ("y", 1), ("area", 1))
 # Their memory, beside the slip path, which grows only where a point slides: elastic shear force in the sense in which
 # the host slips, along u1 and u2 (N)
@@ -121,8 +120,8 @@ PATH = record(("length", 1))  # m, of the slip path of a point
 
 
 def rows_of_lanes(size: int, kind: type | np.dtype = float) -> ndarray:
-    """Room (size,) for tiles or for numbers of them, all zero, that begins where a line of the cache does: then no row
-    lies across two."""
+    """Room (size,) for tiles or for numbers of them, all zero, aligned with the lines of the cache, so that no row lies
+    across two."""
     kind = np.dtype(kind)
     room = np.zeros(size * kind.itemsize + LINE, np.uint8)
     first = -room.ctypes.data % LINE
@@ -138,8 +137,8 @@ def alike(tiles: Iterable[ndarray]) -> ndarray:
 def in_lanes(tiles: ndarray, field: str, place: ndarray) -> ndarray:
     """A copy of one field of the joints at ``place`` (k,), as in `Links`: (k, rows), or (k,) if it is one row."""
     place = np.asarray(place, np.int64)
-    found = tiles[field][place // W, ..., place % W].copy()  # of a single joint it would be the lane itself
-    found.flags.writeable = False  # who writes into it means `put_in_lanes`
+    found = tiles[field][place // W, ..., place % W].copy()  # for a single joint it would be a view of the lane
+    found.flags.writeable = False  # to write, use `put_in_lanes`
     return found
 
 
@@ -150,12 +149,12 @@ def put_in_lanes(tiles: ndarray, field: str, place: ndarray, values) -> None:
 
 
 def set_apart(like: ndarray, tiles: ndarray) -> None:
-    """Let each of the ``tiles`` (k,) stand for no other one in ``like`` (t,), see `alike`, before its rows change."""
+    """Make each of the ``tiles`` (k,) represent no other one in ``like`` (t,), see `alike`, before its rows change."""
     apart = np.unique(tiles)
     if len(apart) == len(like):
         like[:] = apart
         return
-    for t in apart[np.bincount(like, minlength=len(like))[apart] != 1]:  # not those that stand for themselves alone
+    for t in apart[np.bincount(like, minlength=len(like))[apart] != 1]:  # not those that represent only themselves
         rest = np.flatnonzero(like == t)
         rest = rest[rest != t]
         like[rest] = rest[:1]  # has the same rows
@@ -168,18 +167,18 @@ def of_joints(field: str, about: str) -> Any:
 
 
 class Links(NamedTuple):
-    """j joints: which blocks, and where the polygon and the plane sit on them.
+    """j joints: their blocks, and the positions of the polygon and the plane on them.
 
     A wrench holds the force on the host (3), its torque about the host's centroid (3) and that of the reaction about
-    the other's centroid (3), world axes. What stands in tiles can be read joint by joint under the names below, as
-    copies; `put` and `put_wrench` write it.
+    the other's centroid (3), world axes. Data of tiles can be read joint by joint under the names below, as copies;
+    `put` and `put_wrench` write them.
     """
 
     host: ndarray  # (j,) uint32
     other: ndarray  # (j,) uint32
     tangents: ndarray  # (j,) uint32, e1, e2 in the host's body axes: a row of `axes`
     plane: ndarray  # (j,) uint32, u1, u2 in the other's body axes: a row of `axes`
-    axes: ndarray  # (k, 2, 3) pairs of directions in body axes, each once: blocks of a wall have few
+    axes: ndarray  # (k, 2, 3) pairs of directions in body axes, each stored once: blocks of a wall have few
     place: ndarray  # (j,) uint32, its lane: that of its tile, plus W times the tile
     tiles: ndarray  # (t,) records `FIXED`
     like: ndarray  # (t,) uint32, the tile of ``tiles`` that the loop reads in place of each: see `alike`
@@ -189,7 +188,7 @@ class Links(NamedTuple):
     kept: ndarray  # (j, 4) O and e1 along u1 and u2, of `seen`, when the polygon was last cut to the other's face
     reach: ndarray  # (j,) float32, m, greatest distance of the polygon from O
     slack: ndarray  # (j,) float32, m, how far the polygon may move along the plane before it must be cut again
-    glide: ndarray  # (j, 3) float32, a direction along u1 and u2 in which moves count only by the third number
+    glide: ndarray  # (j, 3) float32, a direction along u1 and u2; motion along it counts times the third number
 
     def field(self, name: str, joints=slice(None)) -> ndarray:
         """A copy of a field of `FIXED` or `SEEN`, (k, rows) or (k,) if it is one row; of a single joint (rows,)."""
@@ -208,13 +207,13 @@ class Links(NamedTuple):
             put_in_lanes(self.seen_tiles, field, self.place, vector)
 
     def share(self) -> None:
-        """Let tiles that are the same to the last bit take their rows from one of them."""
+        """Let tiles that are the same to the last bit share the rows of one of them."""
         self.like[:] = alike(self.tiles)
 
     def seen_of(self, joints=slice(None)) -> ndarray:
         """O, e1 and e2 of the hosts of some joints in the plane's axes, from the other's centroid: (k, 9) or (9,)."""
         found = np.concatenate([self.field(name, joints) for name in SEEN.names or ()], axis=-1)
-        found.flags.writeable = False  # who writes into it means `put_seen`
+        found.flags.writeable = False  # to write, use `put_seen`
         return found
 
     seen = property(seen_of, doc="(j, 9), `seen_of` all joints")
@@ -287,9 +286,9 @@ def combined(a, f, r, s, t):
 
 @jit
 def expect_part(tiles, t, begin, size):
-    """Have ``size`` bytes of an array, from byte ``begin`` of number ``t`` on, on their way into the cache.
+    """Prefetch ``size`` bytes of an array, from byte ``begin`` of number ``t`` on, into the cache.
 
-    A tile is too short for the processor to see by itself what comes next.
+    A tile is too short for the processor to predict by itself what comes next.
     """
     for byte in range(begin, begin + size, LINE):
         prefetch(tiles, t, byte)
@@ -303,7 +302,7 @@ def expect(tiles, t):
 
 @jit
 def fetch(links, t, bodies, work):
-    """Bring the places of the blocks of the joints in tile ``t`` into ``work``."""
+    """Copy the positions of the blocks of the joints in tile ``t`` into ``work``."""
     q = bodies.orientation
     x = bodies.position
     ends = links.ends[t]
@@ -320,7 +319,7 @@ def fetch(links, t, bodies, work):
 
 @entry
 def look(tile, seen, work):
-    """See where the hosts are now and what moved since the last step, when they were ``seen``."""
+    """Update the position of the hosts, ``seen``, and compute penetration and slip, and their change in the step."""
     for lane in range(W):
         p = product(*four(work.other, lane), *four(tile.plane, lane))
         t = product(*four(work.host, lane), *four(tile.tangents, lane))
@@ -336,7 +335,7 @@ def look(tile, seen, work):
         offset = tile.offset[lane]
         put_three(work.depth, lane, (sense * (offset - o[2]), -sense * e[2], -sense * g[2]))
         put_three(work.growth, lane, (sense * (o3 - o[2]), sense * (e3 - e[2]), sense * (g3 - g[2])))
-        # the turn of the step, exact to its cube, and to the last bit zero if nothing turns
+        # the rotation of the step, exact to its cube, and exactly zero if nothing turns
         x1 = e[0] - e1
         x2 = e[1] - e2
         x3 = e[2] - e3
@@ -346,11 +345,11 @@ def look(tile, seen, work):
         e2 += 0.5 * x2
         e3 += 0.5 * x3
         r1, r2, r3 = cross(e1, e2, e3, x1, x2, x3)
-        about = dot((e1, e2, e3), cross(g1, g2, g3, y1, y2, g[2] - g3))  # r misses the turn about e1
+        about = dot((e1, e2, e3), cross(g1, g2, g3, y1, y2, g[2] - g3))  # r lacks the rotation about e1
         r1 += about * e1
         r2 += about * e2
         r3 += about * e3
-        # feet that stand in the plane by its middle
+        # feet in the plane at the middle of the step
         h = 0.5 * (o[2] + o3) - offset
         hy = 0.5 * (g[2] + g3)
         put_two(work.slip, lane, (o[0] - o1 - h * r2, o[1] - o2 + h * r1))
@@ -368,7 +367,7 @@ def look(tile, seen, work):
 
 @entry
 def resultant(tile, seen, work):
-    """The wrenches of the sums of force and of the couple about m; what is along the plane acts in it."""
+    """The wrenches of the sums of force and of the couple about m; forces along the plane act in it."""
     for lane in range(W):
         sense = tile.sense[lane]
         a1, a2, a3 = three(work.force, lane)
@@ -406,7 +405,7 @@ def deliver(work, wrenches, t):
 
 @jit
 def wrench_at(links, j):
-    """Where the wrench of joint ``j`` is in `Links.wrenches`."""
+    """The slice of `Links.wrenches` of joint ``j``."""
     first = links.place[j] * ACTION
     return slice(first, first + ACTION)
 
