@@ -1,9 +1,9 @@
-"""A block in a scenario: its shape, its position, its material. Plain frozen data, no geometry.
+"""A block of a scenario: shape, position and material. Plain frozen data, no geometry.
 
-A shape has coordinates of its own; ``position`` is where their origin sits in the world, and ``orientation`` turns
-them about it. The origin is the centre of a box, the origin of the polygon at half height of a prism, the centre of
-the arch of a voussoir, and whatever the coordinates of ``vertices``, of a mesh file or of ``parts`` say. The centroid,
-about which a block turns and to which results refer, follows from the shape.
+A shape has its own coordinates; ``position`` is the place of their origin in the world, and ``orientation`` rotates the
+shape about it. The origin is the centre of a box, the origin of the polygon at half height of a prism, and the centre
+of the arch of a voussoir; ``vertices``, mesh files and ``parts`` have the origin of their coordinates. The centroid,
+about which a block rotates and to which results refer, follows from the shape.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ Quaternion = tuple[float, float, float, float]
 
 CONVEX_SOLIDS = ("box", "prism", "voussoir", "vertices", "mesh")
 SOLIDS = (*CONVEX_SOLIDS, "parts")
-DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of the world, in which a block may be held
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of the world; those along or about which a block may be held
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
-MOST_VERTICES = 2000  # of a convex polyhedron
+MOST_VERTICES = 2000  # limit for a convex polyhedron
 
 # keys of blocks and of their parts
 BOX = declare("3 numbers > 0", "edge lengths of a box, centred on position", "m")
@@ -47,9 +47,9 @@ ORIENTATION = declare("4 numbers (w, x, y, z)", "quaternion from body to world; 
 
 @dataclass(frozen=True, slots=True)
 class Prism:
-    """A convex ``polygon`` (corners in m, either way round) in the x-y plane, extruded by ``height`` (m) along z.
+    """A convex ``polygon`` (corners in m, in either sense) in the x-y plane, extruded by ``height`` (m) along z.
 
-    Half of the height lies below the plane of the polygon.
+    The plane of the polygon is at half height.
     """
 
     polygon: tuple[tuple[float, float], ...] = field(
@@ -67,9 +67,9 @@ class Prism:
 class Voussoir:
     """A stone of an arch: ``angle`` (deg) of a ring of mean ``radius`` and ``thickness`` (m), ``depth`` (m) along y.
 
-    The origin is the centre of the arch; the arch lies in the x-z plane and the stone's middle points along z. Its
-    faces are those of the quadrilateral between the two radial joints. Mass, centroid and inertia are the
-    quadrilateral's too, or with ``curved`` those of the piece of a ring.
+    The origin is the centre of the arch, which lies in the x-z plane; the axis of the stone points along z. The faces
+    are those of the quadrilateral between the two radial joints. So are mass, centroid and inertia, unless ``curved``
+    is set: then they are those of the ring segment.
     """
 
     radius: float = field(metadata=positive("m", "mean radius of the ring"))
@@ -88,10 +88,10 @@ class Voussoir:
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """A closed surface in a ``file`` (STL, OBJ, PLY, .msh, .vtu), beside the scenario unless the path says else.
+    """A closed surface in a ``file`` (STL, OBJ, PLY, .msh, .vtu); a relative path starts at the scenario's folder.
 
-    One that is not convex is cut into convex parts. ``unit`` of its lengths: m, cm, mm, in or ft; ``scale`` is a
-    factor of these.
+    A surface that is not convex is cut into convex parts. ``unit``: unit of its lengths (m, cm, mm, in or ft);
+    ``scale``: a further factor on them.
     """
 
     file: str = field(metadata=naming("a path", "STL, OBJ, PLY, .msh or .vtu file, beside the scenario"))
@@ -109,7 +109,7 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A convex part of a block: one shape (``box``, ``prism``, ``voussoir``, ``vertices`` or ``mesh``, as of a block),
+    """A convex part of a block: one shape (``box``, ``prism``, ``voussoir``, ``vertices`` or ``mesh``, as for a block),
     at a ``position`` (m) and with an ``orientation`` (quaternion) in the block's own coordinates."""
 
     box: Vector | None = field(default=None, metadata=BOX)
@@ -126,22 +126,22 @@ class Part:
 
     @property
     def solid(self) -> tuple[str, object]:
-        """The kind of shape and what describes it; equal shapes have equal descriptions."""
+        """Kind of the shape and its data; equal shapes have equal data."""
         return _solid(self, CONVEX_SOLIDS)
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A rigid block called ``name`` of a ``material``, with one of the shapes ``box`` (edge lengths, m), ``prism``,
-    ``voussoir``, ``vertices`` (the convex hull of the points), ``mesh``, or ``parts`` (convex parts that make one rigid
+    """A rigid block called ``name``, of a ``material``, with one of the shapes ``box`` (edge lengths, m), ``prism``,
+    ``voussoir``, ``vertices`` (convex hull of the points), ``mesh``, or ``parts`` (convex parts that form one rigid
     block).
 
-    ``position`` (m) is where the origin of the shape sits: the centre of a box; it may be left out where the shape
-    has coordinates to be meant as the world's (not for a box). ``orientation``: quaternion, body to world.
-    ``held`` guides a block as a rig does: of the world's directions ``x`` ``y`` ``z`` those in which its centroid does
-    not move, and of ``rx`` ``ry`` ``rz`` the axes about which it does not turn; all six are ``fixed``.
-    ``group`` names a set of blocks, for loads, supports and joint laws. ``velocity`` (m/s) and ``angular_velocity``
-    (rad/s), both in world axes, start a dynamic run.
+    ``position`` (m) is the place of the shape's origin, of a box its centre. If it is left out (not allowed for a box),
+    the coordinates of the shape are world coordinates. ``orientation``: quaternion, body to world.
+    ``held`` guides a block as a rig does: it lists the world directions ``x`` ``y`` ``z`` in which the centroid cannot
+    move, and the axes ``rx`` ``ry`` ``rz`` about which the block cannot rotate; all six are the same as ``fixed``.
+    ``group`` is the name of a set of blocks, for loads, supports and joint laws. ``velocity`` (m/s) and
+    ``angular_velocity`` (rad/s), both in world axes, are the initial velocities of a dynamic run.
     """
 
     name: str = field(
@@ -197,7 +197,7 @@ class Block:
         )
 
     def _check_held(self, label: str) -> None:
-        """Names of directions, each once; not beside ``fixed``, which all six of them are."""
+        """Check that each name is a direction, given once, and that ``fixed`` is not set as well (it means all six)."""
         names = present(self.held)
         require_type(isinstance(names, list | tuple), f"held{label}", names, f"a list of {', '.join(DIRECTIONS)}")
         require(len(names) > 0, f"held{label}", [], "name a direction, or leave it out")
@@ -211,12 +211,12 @@ class Block:
 
     @property
     def guides(self) -> tuple[bool, ...]:
-        """Which of `DIRECTIONS` are held: all of a fixed block."""
+        """For each of `DIRECTIONS`, whether it is held; all are for a fixed block."""
         return tuple(self.fixed or name in (self.held or ()) for name in DIRECTIONS)
 
     @property
     def solid(self) -> tuple[str, object]:
-        """The kind of shape and what describes it; equal shapes have equal descriptions."""
+        """Kind of the shape and its data; equal shapes have equal data."""
         return _solid(self, SOLIDS)
 
 
@@ -225,7 +225,7 @@ def _solid(owner, kinds: tuple[str, ...]) -> tuple[str, object]:
 
 
 def _check_solid(owner, kinds: tuple[str, ...], who: str, label: str) -> str:
-    """Exactly one shape is given, and of its type; returns its kind."""
+    """Check that exactly one shape is given and that its type is right; return its kind."""
     given = [kind for kind in kinds if getattr(owner, kind) is not None]
     if len(given) != 1:
         what = f"has {len(given)} shapes ({', '.join(given)})" if given else "has no shape"

@@ -23,19 +23,19 @@ from dembrick.scenario.generators.stacks import (
 )
 from dembrick.scenario.units import LENGTHS
 
-NEAR = 5e-3  # of the smallest solid: faces nearer than this may have been meant to touch, and a remark says so
+NEAR = 5e-3  # of the smallest solid: faces closer than this may have been meant to touch, which a remark says
 
 
 @dataclass(frozen=True, slots=True)
 class CadModel:
-    """The solids of a CAD ``file`` (OBJ, STL, glTF, COMPAS JSON and others), beside the scenario unless the path says
-    else. Each must be closed, and becomes a block called ``name``.SOLID, of the ``material`` and in the ``group``; of
-    convex parts if it is not convex.
+    """The solids of a CAD ``file`` (OBJ, STL, glTF, COMPAS JSON and others); a relative path starts at the scenario's
+    folder. Each solid must be closed and becomes a block called ``name``.SOLID, of the ``material`` and in the
+    ``group``; if it is not convex, the block consists of convex parts.
 
-    ``unit`` of its lengths: m, cm, mm, in or ft. Faces of two solids that look at each other nearer than
-    ``gap_tolerance`` (m) come to lie on one plane, so that they touch; remarks say how many. ``position`` and
-    ``heading`` move and turn the whole. ``united``: lists of solids that are one rigid block each, called by the
-    first of them, as the pieces of a stone that were drawn apart are; it is a support if the file says so of any.
+    ``unit``: unit of the lengths (m, cm, mm, in or ft). Facing faces of two solids that are closer than
+    ``gap_tolerance`` (m) are moved onto one plane, so that they touch; remarks say how many. ``position`` and
+    ``heading`` move and rotate the whole model. ``united``: lists of solids that form one rigid block each, named after
+    the first (pieces of one stone drawn separately); it is a support if the file marks any of them as one.
     """
 
     name: str = field(metadata=NAME)
@@ -76,7 +76,7 @@ class CadModel:
         return tuple(tuple(names) for names in self.united)
 
     def _block_of(self, solids, path: str) -> dict[str, tuple]:
-        """Name -> the solids of the block that it stands for, in the order of the file."""
+        """Name of each block -> its solids, in the order of the file."""
         known = {solid.name: solid for solid in solids}
         first = {name: names[0] for names in self.united for name in names}
         for name in first:
@@ -89,7 +89,7 @@ class CadModel:
         return found
 
     def build(self, path: str) -> tuple[list[Block], list[str]]:
-        """The blocks of the file at ``path``, and remarks on gaps."""
+        """Return the blocks of the file at ``path``, and remarks on gaps."""
         stamp = os.stat(path).st_mtime_ns if os.path.isfile(path) else 0
         solids, closed, near = _read(path, stamp, LENGTHS[self.unit], self.gap_tolerance)
         frame = Frame(self.position, self.heading)
@@ -118,9 +118,9 @@ class CadModel:
 
 @lru_cache(maxsize=8)
 def _read(path: str, stamp: int, scale: float, tolerance: float):
-    """Solids of a file, the gaps that were closed, and without a tolerance those that might have been meant to be;
-    ``stamp`` is when it was written."""
-    from dembrick.geometry import cad_file, closed_gaps  # only scenes with models pay for the readers
+    """Return the solids of a file, the gaps that were closed and, without a tolerance, the gaps that may be unintended;
+    ``stamp`` is the modification time of the file, for the cache."""
+    from dembrick.geometry import cad_file, closed_gaps  # imported here, as only scenarios with models need the readers
 
     solids = cad_file.read(path, scale)
     if tolerance > 0.0:
@@ -138,5 +138,5 @@ def _millimetres(gaps) -> str:
 
 
 def _enough(distance: float) -> float:
-    """A round tolerance that is a little larger."""
+    """A round tolerance that is slightly larger."""
     return float(f"{1.2 * distance:.1g}") if float(f"{1.2 * distance:.1g}") > distance else float(f"{2 * distance:.1g}")

@@ -1,9 +1,9 @@
 """Kinds of control: what is done to the blocks, as plain frozen data.
 
-A class says everything about its kind: how it is carried out (``regime``), what grows and in which unit (``curve``),
-what it ends with (``ends_with``), what it needs (``drives``, ``needs_supports``). No other module asks for the name of
-a kind. Each field declares its key (`declared`): unit, range, meaning. A new kind is a class here, an entry of
-`CONTROLS`, and, if no regime fits it, a driver in ``runs.drivers``.
+Each class contains everything about its kind: how it is carried out (``regime``), what grows and in which unit
+(``curve``), how it ends (``ends_with``), what it drives and needs (``drives``, ``needs_supports``). No other module
+checks the name of a kind. Each field declares its key (`declared`): unit, range, meaning. A new kind is a class here,
+an entry of `CONTROLS`, and, if no regime fits it, a driver in ``runs.drivers``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from dembrick.scenario.regimes import (
     Regime,
 )
 from dembrick.scenario.support_controls import BaseMotionControl, SettlementControl
-from dembrick.scenario.time_functions import Pulse, Sine  # noqa: F401 (what controls are made of)
+from dembrick.scenario.time_functions import Pulse, Sine  # noqa: F401 (parts of controls, imported from here)
 
 
 def _turning(meaning: str, unit: str) -> dict[str, Key]:
@@ -69,9 +69,9 @@ def _check_tilt_rate(key: str, value: Any, label: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class YieldControl(Control):
-    """The limit load to ``tolerance``, the relative half-width of its bracket; everything else follows from it.
+    """Compute the limit load to ``tolerance``, the relative half-width of its bracket; it needs no other settings.
 
-    With ``large_displacements`` it is that of the deformed geometry, and found from equilibrium to equilibrium.
+    With ``large_displacements`` the limit is that of the deformed geometry, found by a path of equilibria.
     """
 
     tolerance: float = field(default=1.0e-3, metadata=TOLERANCE)
@@ -88,13 +88,13 @@ class YieldControl(Control):
 
 @dataclass(frozen=True, slots=True)
 class DisplacementControl(Control):
-    """A constant-rate test as the laboratory runs it: ``rate`` (m/s) over ``travel`` (m), physical mass.
+    """A displacement-controlled test as in the laboratory: ``rate`` (m/s) over ``travel`` (m), with physical mass.
 
-    With ``large_displacements`` it goes from equilibrium to equilibrium in the deformed geometry, as a slow test would.
-    In place of the travel a cyclic test has a ``protocol``: turning points (m) of the jack's end from its start, or a
-    CSV file of a measured one with a column of displacement, and perhaps of time. ``force_protocol`` (N), in the
-    deformed geometry, has those of V. In the deformed geometry no time passes, and a ``rate`` plays no part; travel and
-    protocol are those of the points that are pushed, as there is no spring of the jack between.
+    With ``large_displacements`` it follows equilibria in the deformed geometry, as a slow test does. A cyclic test has
+    a ``protocol`` in place of the travel: turning points (m) of the jack's end from its start, or a CSV file of a
+    measured protocol with a column of displacement and optionally one of time. ``force_protocol`` (N), for the deformed
+    geometry only, has turning points of V instead. In the deformed geometry no time passes and ``rate`` has no effect;
+    travel and protocol are those of the pushed points, as there is no jack spring in between.
     """
 
     rate: float | None = field(
@@ -140,7 +140,7 @@ class DisplacementControl(Control):
 
 @dataclass(frozen=True, slots=True)
 class StaticsControl(Control):
-    """Whether the blocks stand under their dead loads; nothing is driven, and actuators carry nothing.
+    """Check whether the blocks stand under their dead loads; nothing is driven, and actuators carry nothing.
 
     ``large_displacements``: in the deformed geometry.
     """
@@ -156,12 +156,13 @@ class StaticsControl(Control):
 
 @dataclass(frozen=True, slots=True)
 class TiltControl(Control):
-    """A table with the supports that turns about ``axis`` (right-hand rule), to the angle at which the blocks fall.
+    """Tilt a table with the supports about ``axis`` (right-hand rule) to the angle at which the blocks collapse.
 
-    ``quasi_static``, which is the default without a ``rate``, looks for that limit to ``tolerance`` and follows it
-    until a block has moved ``displacement`` (m), if one is given. Else the table turns at ``rate`` (deg/s) in real time
-    until a block has moved ``displacement`` against it since it was at rest. ``damping``: of critical, of a contact's
-    dashpot against the two blocks it joins. ``large_displacements``: the limit is that of the deformed geometry.
+    ``quasi_static``, the default without a ``rate``, finds that limit to ``tolerance`` and follows the path beyond it
+    until a block has moved ``displacement`` (m), if that is given. Otherwise the table turns at ``rate`` (deg/s) in
+    real time until a block has moved ``displacement`` relative to the table since equilibrium. ``damping``: dashpot of
+    a contact as a fraction of critical damping for its two blocks. ``large_displacements``: limit of the deformed
+    geometry.
     """
 
     axis: Vector = field(metadata=unit_vector("axis of the table through the origin, right-hand rule"))
@@ -195,7 +196,7 @@ class TiltControl(Control):
 
     @property
     def curve(self) -> Curve:
-        """A search drives the blocks by their weights, as actuators would."""
+        """Curve of a quasi-static search: it drives the blocks by their weights, as actuators would."""
         about = "load factor: the tangent of the angle of the table"
         return Curve(TILT_LOAD, "1", about, DRIVEN if self.quasi_static else FURTHEST)
 
@@ -226,12 +227,12 @@ class TiltControl(Control):
 
 @dataclass(frozen=True, slots=True)
 class PushoverControl(Control):
-    """Every block pushed along ``direction`` by the same share of its weight, the load factor, to its limit.
+    """Push every block along ``direction`` by the same share of its weight, the load factor, up to the limit.
 
-    ``tolerance`` is the relative half-width of the bracket of that limit. The curve goes on past it until a block has
-    moved ``displacement`` (m) since the dead-load equilibrium, if given. With ``quasi_static`` false the blocks are
-    pushed in real time, their mean displacement by ``rate`` (m/s), with contact ``damping`` as in `TiltControl`.
-    ``large_displacements``: the limit is that of the deformed geometry.
+    ``tolerance`` is the relative half-width of the bracket of the limit. If ``displacement`` (m) is given, the curve
+    continues until a block has moved that far from the dead-load equilibrium. With ``quasi_static`` false the blocks
+    are pushed in real time, at the ``rate`` (m/s) of their mean displacement, with contact ``damping`` as in
+    `TiltControl`. ``large_displacements``: limit of the deformed geometry.
     """
 
     direction: Vector = field(metadata=unit_vector("along which every block is pushed by the same share of its weight"))
@@ -275,9 +276,9 @@ class PushoverControl(Control):
 
 @dataclass(frozen=True, slots=True)
 class DynamicControl(Control):
-    """Free motion for ``duration`` (s), from the velocities of the blocks, under gravity and loads.
+    """Free motion for ``duration`` (s) from the initial velocities of the blocks, under gravity and loads.
 
-    ``restitution``: speed after over speed before the impact of two blocks face to face.
+    ``restitution``: ratio of the speeds after and before a face-to-face impact of two blocks.
     """
 
     duration: float = field(metadata=DURATION)
@@ -300,7 +301,7 @@ def _searched(control: TiltControl | PushoverControl) -> Regime:
 
 
 def _check_end(control: Control, end: float | None) -> None:
-    """An end of the path is not asked for in the deformed geometry: a load path ends at its limit."""
+    """Refuse an end displacement in the deformed geometry: such a load path ends at its limit."""
     if control.in_deformed_geometry and end is not None:
         raise ScenarioError(
             f"displacement = {end:g}: a search in the deformed geometry ends where the blocks come down; leave it out, "

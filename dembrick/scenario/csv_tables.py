@@ -1,16 +1,16 @@
-"""The one reader of CSV files: motions of supports, load histories, laboratory curves, measured yield points, studies.
+"""Reader of all CSV files: motions of supports, load histories, laboratory curves, measured yield points, studies.
 
-The first line that is no remark (``#``) names the columns, with their units in brackets::
+The first line that is not a comment (``#``) names the columns, with their units in brackets::
 
     time [s], acceleration [g]
     0.00, 0.000
     0.01, 0.012
 
-Columns are divided by commas, semicolons or tabs, whichever the first line has; between semicolons or tabs decimals may
-have a comma, and numbers that may have marks of thousands are refused. A byte order mark, either kind of line end and
-empty lines do no harm. Every column of numbers states its unit, ``[mm]`` or ``(mm)``: see `units`. A
-column is found by its unit; where several have a unit that fits, by its name. Records of the PEER data base (``.AT2``,
-``.VT2``, ``.DT2``) are read as well.
+The delimiter is a comma, semicolon or tab, whichever the first line uses. With semicolons or tabs, a decimal comma is
+allowed; numbers that may contain thousands separators are refused. Byte order marks, both kinds of line ends and empty
+lines are accepted. Every column of numbers states its unit, ``[mm]`` or ``(mm)``: see `units`. A column is found by its
+unit, and by its name where several have a suitable unit. Records of the PEER database (``.AT2``, ``.VT2``, ``.DT2``)
+are read too.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from dembrick.scenario import units
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.text_files import read_text
 
-PEER = {".at2": "acceleration", ".vt2": "velocity", ".dt2": "displacement"}  # endings of records of the data base
+PEER = {".at2": "acceleration", ".vt2": "velocity", ".dt2": "displacement"}  # suffixes of PEER records
 _TITLE = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\]|\(\s*([^()]*?)\s*\))?\s*", re.DOTALL)
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?")
-_WITH_MARK = re.compile(r"\s*[-+]?\d*([.,])\d+(?:[eE][-+]?\d+)?\s*")  # a number with a point or a comma
-_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # or three decimals
-_ALSO = {"time": "t", "force": "load"}  # other names of columns
+_WITH_MARK = re.compile(r"\s*[-+]?\d*([.,])\d+(?:[eE][-+]?\d+)?\s*")  # a number with a decimal point or comma
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or a number with three decimals
+_ALSO = {"time": "t", "force": "load"}  # alternative names of columns
 _EXAMPLES = {"time": "time [s]", "displacement": "displacement [mm]", "velocity": "velocity [m/s]",
              "acceleration": "acceleration [m/s2]", "force": "force [N]", "factor": "factor [1]"}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Table:
-    """A CSV file as text: ``titles`` of the columns, and the other lines as (number in the file, cells)."""
+    """A CSV file as text: ``titles`` of the columns, and the other lines as (line number, cells)."""
 
     path: str
     titles: tuple[str, ...]
@@ -49,7 +49,7 @@ class Table:
     decimal_comma: bool
 
     def number(self, line: int, title: str, cell: str) -> float:
-        """A finite number out of a cell; ScenarioError names the line and the column."""
+        """Convert a cell to a finite float; a ScenarioError names the line and the column."""
         text = cell.strip()
         if self.decimal_comma:
             text = text.replace(",", ".")
@@ -64,7 +64,7 @@ class Table:
 
 
 def read_table(path: str | os.PathLike, what: str) -> Table:
-    """The cells of a CSV file; ``what`` names it in messages, "a measured curve". ScenarioError names the line."""
+    """Read the cells of a CSV file, called ``what`` in messages ("a measured curve"). ScenarioError names the line."""
     path = os.fsdecode(path)
     text = read_text(path, f"{what} (CSV)")
     titles: tuple[str, ...] = ()
@@ -78,7 +78,7 @@ def read_table(path: str | os.PathLike, what: str) -> Table:
             continue
         cells = _cells(path, number, line, divider)
         if not any(cell.strip() for cell in cells):
-            continue  # what a spreadsheet leaves of an empty line
+            continue  # an empty line as spreadsheets write it
         if len(cells) != len(titles):
             raise ScenarioError(f"{path}, line {number}: {len(cells)} values for {len(titles)} columns")
         lines.append((number, cells))
@@ -90,7 +90,7 @@ def read_table(path: str | os.PathLike, what: str) -> Table:
 
 
 def _check_decimals(path: str, lines: Sequence[tuple[int, tuple[str, ...]]]) -> None:
-    """ScenarioError where the commas of all numbers may mark thousands, or the points beside commas."""
+    """Raise a ScenarioError if all commas may be thousands separators, or all points beside decimal commas."""
     seen: dict[str, list[tuple[int, str]]] = {",": [], ".": []}
     for number, cells in lines:
         for cell in cells:
@@ -108,7 +108,7 @@ def _check_decimals(path: str, lines: Sequence[tuple[int, tuple[str, ...]]]) -> 
 
 
 def _cells(path: str, number: int, line: str, divider: str) -> tuple[str, ...]:
-    """The cells of one line; a quoted cell ends in the line where it begins."""
+    """Split one line into cells; a quoted cell cannot span lines."""
     if '"' not in line:
         return tuple(line.split(divider))
     try:
@@ -118,12 +118,12 @@ def _cells(path: str, number: int, line: str, divider: str) -> tuple[str, ...]:
 
 
 def name_of(title: str) -> str:
-    """The name in the title of a column, without its unit."""
+    """Name in the title of a column, without the unit."""
     return _parts(title)[0]
 
 
 def _parts(title: str) -> tuple[str, str | None]:
-    """Name and unit of a column; no unit is None."""
+    """Name and unit of a column; the unit is None if there is none."""
     name, square, round_ = present(_TITLE.fullmatch(title)).groups()
     return name, square if square is not None else round_
 
@@ -131,10 +131,10 @@ def _parts(title: str) -> tuple[str, str | None]:
 def read_columns(
     path: str | os.PathLike, what: str, quantities: Sequence[str], columns: Sequence[str] | None = None
 ) -> tuple[dict[str, np.ndarray], list[int]]:
-    """One column for each of the ``quantities`` (of `units.UNITS`), in SI, and the lines of the file they stand in.
+    """Read one column for each of the ``quantities`` (of `units.UNITS`), in SI, and the line numbers of its values.
 
-    ``columns`` picks them by name, in the order of the quantities; else each is the column whose unit fits. Raises
-    ScenarioError with the line and with what to write, also for a single line of numbers.
+    ``columns`` picks them by name, in the order of the quantities; otherwise a column is found by its unit. Raises a
+    ScenarioError that names the line and says what to write, also for a single line of numbers.
     """
     path = os.fsdecode(path)
     ending = os.path.splitext(path)[1].lower()
@@ -154,12 +154,12 @@ def read_columns(
 
 
 def example(quantities: Sequence[str]) -> str:
-    """A header that would be right, for a message."""
+    """Example of a correct header, for a message."""
     return f'write a first line such as "{", ".join(_EXAMPLES[quantity] for quantity in quantities)}"'
 
 
 def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | None) -> dict[str, tuple[int, float]]:
-    """For each quantity, the number of its column and what its unit is worth in SI."""
+    """For each quantity, the number of its column and the factor of its unit to SI."""
     parts = [_parts(title) for title in table.titles]
     names = [name for name, _ in parts]
     if columns is not None:
@@ -180,7 +180,7 @@ def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | No
         called = [i for i, name in enumerate(names) if name.lower() in (quantity, _ALSO.get(quantity))]
         if called and not any(i in sizes for i in called):
             other = next((i for i in called if parts[i][1] is not None and _is_unit(present(parts[i][1]))), None)
-            if other is not None:  # what is called so has the unit of something else
+            if other is not None:  # a column of that name has a unit of another quantity
                 raise ScenarioError(_unfit(table, *parts[other], quantity))
         if len(fitting) > 1:
             named = [i for i in fitting if i in called]
@@ -199,7 +199,7 @@ def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | No
 
 
 def _missing(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str, quantities: Sequence[str]) -> str:
-    """Message if no column has a unit of the quantity, and what to write."""
+    """Message that no column has a unit of the quantity, with what to write."""
     if all(_NUMBER.fullmatch(title.strip()) for title in table.titles):
         return f"{table.path}: the first line must name the columns and their units; {example(quantities)}"
     named = [i for i, (name, _) in enumerate(parts) if _stem(name) == _stem(quantity)]
@@ -225,7 +225,7 @@ def _missing(table: Table, parts: Sequence[tuple[str, str | None]], quantity: st
 
 
 def _stem(name: str) -> str:
-    """Beginning that names of one quantity have in common: "acc", "Acceleration x" and "acceleration" begin alike."""
+    """Common beginning of the names of a quantity: that of "acc", "Acceleration x" and "acceleration" is the same."""
     name = name.strip().lower()
     return next((quantity for quantity, other in _ALSO.items() if name == other), name)[:3]
 
@@ -235,7 +235,7 @@ def _is_unit(unit: str) -> bool:
 
 
 def _picked(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str, name: str) -> tuple[int, float]:
-    """The column of that name, with or without its unit, which must fit the quantity."""
+    """Find the column of that name, given with or without unit; its unit must fit the quantity."""
     names = [own for own, _ in parts]
     found = [i for i, own in enumerate(names) if name.strip() in (own, table.titles[i].strip())]
     if not found:
@@ -251,7 +251,7 @@ def _picked(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str
 
 
 def _unfit(table: Table, name: str, unit: str | None, quantity: str) -> str:
-    """Message on a column whose unit is not of its quantity."""
+    """Message about a column whose unit does not fit the quantity."""
     state = "has no unit" if unit is None else f"has the unit {show(unit)}, which is none of {quantity}"
     return (
         f"{table.path}: the column {show(name)} {state}; write one of {units.known(quantity)} in brackets behind its "
@@ -262,10 +262,10 @@ def _unfit(table: Table, name: str, unit: str | None, quantity: str) -> str:
 def cells_by_name(
     table: Table, known: Mapping[str, bool], forces: Sequence[str], hint: str = ""
 ) -> dict[str, tuple[int, float]]:
-    """Columns of a table of texts and numbers by name: (number, what its unit is worth).
+    """Find the columns of a table of texts and numbers by name: (number, factor of its unit to SI).
 
-    ``known``: names that may be there, and whether they must; those of ``forces`` state a unit of force. ``hint``: what
-    to say of others.
+    ``known``: allowed names, and whether each is required; those in ``forces`` have a unit of force. ``hint``: end of
+    the message about other names.
     """
     columns: dict[str, tuple[int, float]] = {}
     for i, title in enumerate(table.titles):
@@ -292,8 +292,8 @@ def cells_by_name(
 
 
 def _read_peer(path: str, what: str, quantities: Sequence[str]) -> tuple[dict[str, np.ndarray], list[int]]:
-    """A record of the PEER data base: four lines of header, the third with the unit, the fourth with the number of
-    values and their step in seconds, then the values."""
+    """Read a record of the PEER database: four header lines, the third with the unit, the fourth with the number of
+    values and their time step in seconds, then the values."""
     lines = read_text(path, f"{what} (PEER record)").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if len(lines) < 5:
         raise ScenarioError(f"{path}: a PEER record has four lines of header and its values below them")

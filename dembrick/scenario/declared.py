@@ -1,6 +1,7 @@
-"""Keys of a scenario, each declared once, in the metadata of its dataclass field: unit, what is allowed, what it means.
+"""Keys of a scenario, each declared once in the metadata of its dataclass field: unit, allowed values, meaning.
 
-A class checks by them what it is given (`check_keys`); the reference and the JSON schema are made of them (`keys`).
+Classes check their values against these (`check_keys`); the reference and the JSON schema are generated from them
+(`keys`).
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ METADATA = "key"
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """Declaration of a key: its ``unit`` ("" if it has none), what is ``allowed`` and what it is about (``meaning``) in
-    words; of a text, the ``choices`` if there are few.
+    """Declaration of a key: its ``unit`` ("" if it has none), the ``allowed`` values and the ``meaning`` in words; the
+    ``choices`` of a text if there are few.
 
-    ``check`` of a key, its value and a label (of whom it is) gives what is stored, or raises ScenarioError; None where
-    the class checks it together with others.
+    ``check`` takes a key, its value and a label (naming the owner); it returns the value to store, or raises a
+    ScenarioError. It is None if the class checks the key together with others.
     """
 
     unit: str
@@ -44,7 +45,7 @@ class Key:
 
 
 def declare(allowed: str, meaning: str, unit: str = "", check: Check | None = None) -> dict[str, Key]:
-    """Metadata of a field with a check of its own, or none."""
+    """Metadata of a field, with an optional check of its own."""
     return {METADATA: Key(unit, allowed, meaning, check)}
 
 
@@ -54,17 +55,17 @@ def number(unit: str, meaning: str) -> dict[str, Key]:
 
 
 def positive(unit: str, meaning: str, bound: str = "") -> dict[str, Key]:
-    """Metadata of a number above 0; ``bound`` says so in a message."""
+    """Metadata of a number above 0; ``bound``: how a message puts it."""
     return declare("> 0", meaning, unit, partial(_above, unit=_named(unit), bound=bound))
 
 
 def not_negative(unit: str, meaning: str, most: str = "") -> dict[str, Key]:
-    """Metadata of a number of at least 0; ``most``: what its class holds it below, in words."""
+    """Metadata of a number of at least 0; ``most``: the upper bound that its class sets, in words."""
     return declare(f"0 to {most}" if most else ">= 0", meaning, unit, partial(_least, unit=_named(unit)))
 
 
 def within(least: float, most: float, unit: str, meaning: str, bound: str) -> dict[str, Key]:
-    """Metadata of a number from ``least`` to ``most``; ``bound`` says so in a message."""
+    """Metadata of a number from ``least`` to ``most``; ``bound``: how a message puts it."""
     allowed = " to ".join(f"{end:g}".replace("e-0", "e-") for end in (least, most))
     return declare(allowed, meaning, unit, partial(_within, least=least, most=most, bound=bound))
 
@@ -75,17 +76,17 @@ def count(least: int, meaning: str) -> dict[str, Key]:
 
 
 def truth(meaning: str) -> dict[str, Key]:
-    """Metadata of true or false."""
+    """Metadata of a boolean."""
     return declare("true, false", meaning, "", _truth)
 
 
 def choice(choices: tuple[str, ...], meaning: str) -> dict[str, Key]:
-    """Metadata of one of few texts."""
+    """Metadata of a text from a list of choices."""
     return {METADATA: Key("", ", ".join(choices), meaning, partial(_choice, choices=choices), choices)}
 
 
 def naming(allowed: str, meaning: str) -> dict[str, Key]:
-    """Metadata of a text of one line that is not empty."""
+    """Metadata of a non-empty text of one line."""
     return declare(allowed, meaning, "", lambda key, value, label: check_name(key + label, value))
 
 
@@ -95,7 +96,7 @@ def vector_of(unit: str, meaning: str) -> dict[str, Key]:
 
 
 def unit_vector(meaning: str) -> dict[str, Key]:
-    """Metadata of three numbers that are scaled to length 1."""
+    """Metadata of three numbers, scaled to length 1."""
     return declare("3 numbers", meaning, "1", direction)
 
 
@@ -110,13 +111,13 @@ def table(kind: type, meaning: str) -> dict[str, Key]:
 
 
 def key_of(field: Any) -> Key | None:
-    """Declaration of a field of a dataclass; None if it is no key."""
+    """Declaration of a dataclass field; None if it is not a key."""
     return field.metadata.get(METADATA)
 
 
 def check_keys(instance: Any, label: str = "") -> None:
-    """Check and store the keys of a frozen dataclass, in its ``__post_init__``; ``label`` says whose they are, " of
-    block 'upper'". None stays where it is the default. Raises ScenarioError."""
+    """Check and store the keys of a frozen dataclass, in its ``__post_init__``; ``label`` names the owner, as in " of
+    block 'upper'". A None that is the default is kept. Raises ScenarioError."""
     for key, check, optional in _checks(instance.__class__):
         value = getattr(instance, key)
         if value is not None or not optional:
@@ -130,7 +131,7 @@ def _checks(kind: type) -> list[tuple[str, Check, bool]]:
 
 
 def _named(unit: str) -> str:
-    """A unit as messages have it: none of a plain number."""
+    """A unit as messages write it; empty for a plain number."""
     return "" if unit == "1" else f" {unit}"
 
 

@@ -1,4 +1,4 @@
-"""The files that a scenario names, as paths: they are looked for beside the scenario, and are never written over."""
+"""Paths of the files that a scenario names: relative ones start at the scenario's folder; none is ever overwritten."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dembrick.scenario.stages import controls_of
 
 
 def names_of(scenario: Scenario) -> list[str]:
-    """Names of every mesh, model and record in time that it reads, each once."""
+    """Names of all meshes, models and time histories that the scenario reads, each once."""
     named = [load.history for load in scenario.loads]
     named += [name for control in controls_of(scenario) for name in control.files]
     for block in scenario.all_blocks:
@@ -22,7 +22,7 @@ def names_of(scenario: Scenario) -> list[str]:
 
 
 def companions_of(path: str) -> list[str]:
-    """Files that the file at a path reads, by their paths from its folder: the buffers of a glTF scene."""
+    """Files that the file at a path refers to, relative to its folder: the buffers of a glTF scene."""
     if os.path.splitext(path)[1].lower() not in (".gltf", ".glb"):
         return []
     from dembrick.geometry.gltf_file import buffers_beside
@@ -30,10 +30,10 @@ def companions_of(path: str) -> list[str]:
     try:
         return buffers_beside(path)
     except ScenarioError:
-        return []  # whoever reads the scene says why
+        return []  # the reader of the scene reports the error
 
 
 def inputs_of(scenario: Scenario) -> list[str]:
-    """The scenario's own file, and every mesh and history in time that it names."""
+    """The scenario's own file, and every mesh and time history that it names."""
     own = [scenario.path] if scenario.path else []
     return own + [scenario.path_of(name) for name in names_of(scenario)]

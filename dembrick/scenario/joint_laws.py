@@ -1,8 +1,7 @@
-"""Joints in a scenario: their law, and the law of the joints between some blocks.
+"""Joint laws of a scenario: the default law and overrides for joints between some blocks; and custom laws.
 
-A joint law of the user's own: a function of Python, and what it remembers and is told.
-
-No scenario file names one, since a scenario runs no code; it is given to `runs.simulate.simulate`.
+A custom law is a Python function with its memory and parameters. A scenario file cannot name one, since scenarios run
+no code; it is given to `runs.simulate.simulate`.
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ class JointLaw:
     """Contact law of a joint: ``formulation``, coefficient of ``friction``, stiffness per area (``normal_stiffness``,
     ``shear_stiffness``, Pa/m).
 
-    ``points`` (n along t1, m along t2) belongs to ``distributed`` only; None lets the tolerance choose.
-    ``pressure`` belongs to ``convex`` only. Strengths in Pa: ``cohesion`` and ``tensile_strength`` of a bond;
-    ``residual_cohesion`` and ``residual_friction`` after it broke, by slip or by opening (None: no cohesion, and the
-    same friction); ``compressive_strength`` (None: nothing crushes). ``dilation``: rise over slip.
+    ``points`` (n along t1, m along t2) is for ``distributed`` only; None: chosen from the tolerance.
+    ``pressure`` is for ``convex`` only. Strengths in Pa: ``cohesion`` and ``tensile_strength`` of a bond;
+    ``residual_cohesion`` and ``residual_friction`` after it has broken, by slip or by opening (None: no cohesion, and
+    the same friction); ``compressive_strength`` (None: no crushing). ``dilation``: uplift per slip.
     """
 
     formulation: str = field(
@@ -134,17 +133,17 @@ class JointLaw:
 
     @property
     def bonded(self) -> bool:
-        """Whether there is a bond that may break: a strength that is lost by the first slip or opening."""
+        """Whether there is a bond that can break: a strength that is lost at the first slip or opening."""
         return self.cohesion > 0.0 or self.tensile_strength > 0.0 or self.friction_after < self.friction
 
     @property
     def weakens(self) -> bool:
-        """Whether some of its strength is lost by the first slip or opening."""
+        """Whether part of the strength is lost at the first slip or opening."""
         return self.cohesion > self.cohesion_after or self.tensile_strength > 0.0 or self.friction > self.friction_after
 
     @property
     def dry(self) -> bool:
-        """Whether there is nothing but friction, the same before and after slip."""
+        """Whether the law is friction alone, equal before and after slip."""
         return not (self.bonded or self.dilation > 0.0 or self.compressive_strength is not None)
 
     def _check_points(self):
@@ -165,8 +164,8 @@ class JointLaw:
 class JointOverride:
     """A ``law`` for the joints ``between`` two named blocks or groups, in place of the default.
 
-    A group named twice means the joints inside it. Of several that name a joint the last one holds. ``stages``: numbers
-    of the stages in which it holds, None for all.
+    A group given twice means the joints inside it. If several overrides apply to a joint, the last one holds.
+    ``stages``: numbers of the stages in which the override holds, None for all.
     """
 
     between: tuple[str, str] = field(metadata=declare("2 names", "the two blocks or groups whose joints have this law"))
@@ -191,14 +190,14 @@ ANSWER = ("normal", "shear_1", "shear_2", "energy")  # N, N, N, J
 
 @dataclass(frozen=True, slots=True)
 class CustomLaw:
-    """A law of contact points, given to `simulate` in place of that of the scenario's joints; made by `joint_law`.
+    """A user-defined law of contact points, made by `joint_law` and given to `simulate` to replace the scenario's laws.
 
-    ``function``: of (move, law, memory), plain Python that numba can compile, or compiled already (numba.njit). It
-    returns the normal force (N, pressing positive), the two shear forces (N, in the sense of the slip that they oppose)
-    and the energy that its springs hold (J), without dashpots, which the program adds.
+    ``function``: a function of (move, law, memory), in plain Python that numba can compile, or compiled already
+    (numba.njit). It returns the normal force (N, compression positive), the two shear forces (N, positive in the sense
+    of the slip that they oppose) and the elastic energy of its springs (J). Dashpots are added by the program.
 
-    ``memory``: names of the numbers that it remembers at each point, zero at the start. ``parameters``: numbers by name
-    that it finds in ``law``. Raises ScenarioError for names and numbers that are none.
+    ``memory``: names of the history variables of each point, zero at the start. ``parameters``: numbers by name, which
+    the function finds in ``law``. Raises ScenarioError for invalid names and numbers.
     """
 
     function: Callable
@@ -216,7 +215,7 @@ class CustomLaw:
         assign(self, memory=names, parameters={name: real(name, value) for name, value in self.parameters.items()})
 
     def with_parameters(self, **changed: float) -> CustomLaw:
-        """The same law with other numbers for some of its parameters: it is not compiled again."""
+        """The same law with some parameters changed; it is not recompiled."""
         for name in changed:
             known = ", ".join(self.parameters) or "none"
             require(name in self.parameters, "parameters", name, f"this law has no such parameter; it has {known}")
@@ -233,7 +232,7 @@ class CustomLaw:
         return getattr(self.plain, "__name__", "law")
 
     def as_dict(self) -> dict:
-        """Record of it in a history: name, memory, parameters, and a hash of the function's own code."""
+        """Record of the law for a history: name, memory, parameters, and a hash of the function's code."""
         code = getattr(self.plain, "__code__", None)
         parts = () if code is None else (code.co_code, repr(code.co_names), repr(code.co_varnames), _constants(code))
         digest = hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:16]
@@ -241,7 +240,7 @@ class CustomLaw:
 
 
 def described(told: Mapping) -> str:
-    """A law in a line, from what `CustomLaw.as_dict` or a history says of it."""
+    """One-line description of a law, from `CustomLaw.as_dict` or the record in a history."""
     given = told.get("parameters")
     numbers = ", ".join(f"{name} = {value:g}" for name, value in given.items()) if isinstance(given, Mapping) else ""
     return f"{told.get('name')}, of Python{f' ({numbers})' if numbers else ''}"
@@ -252,7 +251,7 @@ def joint_law(function: Callable, /, *, memory: str | Iterable[str] = (), **para
 @overload
 def joint_law(*, memory: str | Iterable[str] = (), **parameters: float) -> Callable[[Callable], CustomLaw]: ...
 def joint_law(function=None, /, *, memory=(), **parameters):
-    """Make a `CustomLaw` of a function, or be its decorator.
+    """Make a `CustomLaw` of a function, directly or as a decorator.
 
     >>> @dembrick.joint_law(memory=["slipped"], slip_distance=1e-3, lost=0.4)
     ... def weakening(move, law, memory): ...
@@ -263,7 +262,7 @@ def joint_law(function=None, /, *, memory=(), **parameters):
 
 
 def _constants(code) -> str:
-    """The constants of a function, without the addresses of functions in it."""
+    """The constants of a function's code, without memory addresses of inner functions."""
     return repr([None if hasattr(one, "co_code") else one for one in code.co_consts])
 
 

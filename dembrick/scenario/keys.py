@@ -1,6 +1,6 @@
-"""The keys of a scenario, table by table, for pages and editors: the reference, and the JSON schema.
+"""Keys of a scenario, table by table, as the reference pages and the JSON schema list them.
 
-All of it comes from the dataclasses: types and defaults, and what their fields declare (`declared`).
+Everything is derived from the dataclasses: types, defaults and the declarations of the fields (`declared`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from dembrick.scenario.pressures import Fill, Pressure
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.scenario.time_functions import Pulse, Sine, SupportPath, Turn
 
-NOT_KEYS = {"text", "path", "files", "among"}  # fields of dataclasses that no file writes
+NOT_KEYS = {"text", "path", "files", "among"}  # fields of dataclasses that files cannot contain
 
 
 @cache
@@ -55,7 +55,7 @@ def tables() -> dict[str, type]:
 
 
 def tables_with(key: str) -> list[str]:
-    """The headings of the tables that have a key of this name, without the kinds of control."""
+    """Headings of the tables that have a key of this name; all kinds of control count as one."""
     having = (heading for heading, table in tables().items() if heading and key in keys_of(table))
     return list(dict.fromkeys(heading.partition(" kind")[0] for heading in having))
 
@@ -68,7 +68,7 @@ def default_of(field) -> Any:
 
 
 def written_fields(table: type) -> list:
-    """The fields of a table that a file may write."""
+    """The fields of a table that a file may contain."""
     return [field for field in fields(table) if field.init and field.name not in NOT_KEYS]
 
 
@@ -76,7 +76,7 @@ def written_fields(table: type) -> list:
 
 
 def json_schema() -> dict:
-    """JSON schema (draft 2020-12) of a scenario file, for editors that complete and check TOML."""
+    """JSON schema (draft 2020-12) of a scenario file, for completion and checks in editors."""
     schema = _object(Scenario)
     control = {"oneOf": [_object(control) for control in CONTROLS.values()]}
     schema["properties"] |= {"control": control, "stages": {"type": "array", "items": control}}
@@ -114,7 +114,7 @@ def _object(kind: Any) -> dict:
     if issubclass(kind, Control):
         properties = {"kind": {"const": kind.kind}, **properties}
         required.insert(0, "kind")
-    if kind is JointLaw:  # what the file may say in place of two numbers
+    if kind is JointLaw:  # alternatives to two numbers in a file
         properties["points"] = {"anyOf": [properties["points"], {"const": "auto"}]}
     return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
 

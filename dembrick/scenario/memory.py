@@ -1,4 +1,4 @@
-"""How much memory a scene takes and how much there is, asked before anything is allocated."""
+"""Memory that a scene needs and memory that is available, compared before anything is allocated."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import sys
 
 from dembrick.errors import ScenarioError
 
-# Bytes that a block of a wall takes at the peak of building, with its joints and the state of a run: 5.6 kB measured
-# with four-point joints, 8.9 kB with convex ones; rounded up. What a run keeps is a good part less.
+# Bytes per block of a wall at the peak of the build, with joints and the state of a run: measured 5.6 kB with
+# four-point joints and 8.9 kB with convex ones; rounded up. After that peak a run needs much less.
 BYTES_PER_BLOCK = 10_000
-_CHECKED_ABOVE = 10_000  # blocks: fewer fit anywhere
-MOST_BLOCKS = 1_000_000  # of a scene; the largest that was run has a tenth of them
+_CHECKED_ABOVE = 10_000  # blocks: fewer fit on any machine
+MOST_BLOCKS = 1_000_000  # blocks in a scene; the largest scene run so far has a tenth of this
 
 
 def available() -> int | None:
-    """Bytes of memory that a process may still take here, as far as the system says; None if it does not."""
+    """Bytes of memory that this process may still allocate, as reported by the system; None if unknown."""
     found = [amount for amount in (_meminfo(), _group_limit()) if amount is not None]
     if found:
         return min(found)
-    if sys.platform == "win32":  # knows no sysconf
+    if sys.platform == "win32":  # has no sysconf
         return None
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -28,8 +28,8 @@ def available() -> int | None:
 
 
 def check_memory(asked: list[tuple[str, int]], others: int = 0) -> None:
-    """ScenarioError if the structures ``asked`` for (their keys, blocks) and ``others`` blocks are more than
-    `MOST_BLOCKS` or exceed the memory."""
+    """Raise a ScenarioError if the structures ``asked`` for (their keys, numbers of blocks) and ``others`` blocks
+    exceed `MOST_BLOCKS` or the available memory."""
     total = others + sum(count for _, count in asked)
     if total <= _CHECKED_ABOVE:
         return
@@ -60,7 +60,7 @@ def _meminfo() -> int | None:
 
 
 def _group_limit() -> int | None:
-    """Memory that a container may still take (control groups, version 2)."""
+    """Memory that the container may still use (control groups, version 2)."""
     try:
         with open("/sys/fs/cgroup/memory.max", encoding="ascii") as file:
             limit = int(file.read())

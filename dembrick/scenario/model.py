@@ -1,8 +1,8 @@
-"""A scenario as plain frozen data: the same names as in the TOML file, SI units, no files, no physics.
+"""A scenario as plain frozen data: the names of the TOML file, SI units, no files, no physics.
 
-``toml.load`` makes a :class:`Scenario` out of a TOML file; it can as well be written in Python, with lists or
-arrays for vectors, which become tuples of floats. Types, lengths, bounds and names are checked where they are made:
-a negative friction, a number given as text or a load on a block that is not there never gets further than this module.
+``toml.load`` makes a :class:`Scenario` from a TOML file; one can also be written in Python, with lists or arrays for
+vectors, which are converted to tuples of floats. Types, lengths, bounds and names are checked on construction: a
+negative friction, a number given as text or a load on a block that does not exist is an error here.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from dembrick.scenario.checks import (
     show,
     vector,
 )
-from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is made of can be imported from here)
+from dembrick.scenario.controls import (  # noqa: F401 (all parts of a scenario can be imported from here)
     BaseMotionControl,
     Control,
     DisplacementControl,
@@ -60,7 +60,7 @@ from dembrick.scenario.stages import check_stages, controls_of, in_deformed_geom
 from dembrick.scenario.ties import Tie
 from dembrick.scenario.time_functions import checked_columns
 
-if TYPE_CHECKING:  # a bare Scenario is one of any control; typing knows defaults from Python 3.13 on
+if TYPE_CHECKING:  # the control of a bare Scenario may be of any kind; typing has default= from Python 3.13 on
     from typing_extensions import TypeVar
 
     AControl = TypeVar("AControl", bound=Control, covariant=True, default=Control)
@@ -69,7 +69,7 @@ else:
 
     AControl = TypeVar("AControl", bound=Control, covariant=True)
 
-CHANNELS = ("joints", "energy", "frames", "velocity", "contacts")  # of the record; the last three are of frames
+CHANNELS = ("joints", "energy", "frames", "velocity", "contacts")  # of the record; the last three are per frame
 
 
 def _weight(key: str, value, label: str) -> float:
@@ -104,10 +104,10 @@ class Material:
 class Load:
     """A dead load: ``force`` (N, world) on ``block`` at ``point`` (m, world at the start; None: the centroid).
 
-    ``block`` may name a group: then each of its blocks bears that force, at its centroid. In runs of kind
-    dynamic and base-motion, and of a settlement in real time, ``sine``, or the values of a CSV file ``history``
-    ("time [s], factor [1]"; ``columns`` picks two by name), multiply the force, straight between the lines of the file.
-    ``stages``: numbers of the stages in which it acts, None for all.
+    ``block`` may name a group: then the whole force acts on each of its blocks, at the centroid. In runs of kind
+    dynamic and base-motion, and in a settlement in real time, the force may vary: it is multiplied by a ``sine``, or by
+    the values of a CSV file ``history`` ("time [s], factor [1]"; ``columns`` picks two by name), linear between its
+    lines. ``stages``: numbers of the stages in which the load acts, None for all.
     """
 
     block: str = field(
@@ -137,7 +137,7 @@ class Load:
 
     @property
     def varies(self) -> bool:
-        """Whether it changes with time."""
+        """Whether the load changes with time."""
         return self.sine is not None or self.history is not None
 
 
@@ -146,8 +146,8 @@ class Actuator:
     """An actuator (``name``) on a ``block``: a spring at a material ``point`` (m, world at the start), along a
     ``direction`` fixed in the world.
 
-    ``direction`` is stored at length 1. The actuator carries ``weight`` times the load of the system of all actuators
-    of a stage; ``stages``: numbers of those in which it does, None for all that drive actuators.
+    ``direction`` is stored at length 1. All actuators of a stage are one load system; this one carries ``weight`` times
+    its load V. ``stages``: numbers of the stages in which it acts, None for all that drive actuators.
     """
 
     name: str = field(metadata=naming("text", "its name"))
@@ -169,7 +169,7 @@ class Actuator:
 @dataclass(frozen=True, slots=True)
 class ControlPoint:
     """A material ``point`` (m, world at the start; None: the centroid) of a ``block``, whose displacement is recorded
-    under a ``name``."""
+    as ``name``."""
 
     name: str = field(metadata=naming("text", "its name"))
     block: str = field(metadata=naming("a block", "the block it belongs to"))
@@ -196,10 +196,10 @@ class Solver:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Output of a run. ``channels``: "joints" (resultants, a row each), "energy", "frames" (motion of the blocks),
-    "velocity" and "contacts" (contact forces) in every frame; time, load and displacement always are recorded.
+    """Output of a run. ``channels``: "joints" (resultants, one row each), "energy", "frames" (motion of the blocks),
+    "velocity" and "contacts" (contact forces) in every frame; time, load and displacement are always recorded.
 
-    ``rows`` and ``frames``: about how many of a run in time; a search keeps a row of every step.
+    ``rows`` and ``frames``: approximate numbers for a run in time; a search records a row at every step.
     ``checkpoint``: seconds between two checkpoints of a run that writes a history.
     """
 
@@ -231,24 +231,24 @@ class Output:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Scenario(Generic[AControl]):
-    """One test, complete: the blocks and how they touch, the loads, and what is done to them.
+    """One complete test: the blocks and their joints, the loads, and what is done to them.
 
-    ``title`` in a line, ``gravity`` (m/s2); ``joint`` is the law of all joints but those that ``joints`` tell of,
-    ``materials`` by their names. ``loads``, ``pressures``, ``ties`` and ``fills`` act on the blocks, ``actuators`` push
-    them; ``control_points`` are watched. ``walls``, ``stacks``, ``arches`` and ``domes`` are generators of blocks.
-    ``solver`` and ``output``: how fine the steps are, and what is recorded.
+    ``title`` is one line, ``gravity`` a vector (m/s2); ``joint`` is the law of all joints that no entry of ``joints``
+    overrides, ``materials`` maps names to materials. ``loads``, ``pressures``, ``ties`` and ``fills`` act on the
+    blocks, ``actuators`` push them; displacements of ``control_points`` are recorded. ``walls``, ``stacks``, ``arches``
+    and ``domes`` are generators of blocks. ``solver`` sets the step size, ``output`` what is recorded.
 
-    ``text`` is the TOML it came from, ``path`` its file (both None when written in Python). ``files``: paths of the
-    files that it names, by their names, if they came with it out of a history; others are looked for beside ``path``.
+    ``text`` is the TOML source and ``path`` its file (both None for a scenario written in Python). ``files`` maps names
+    of files to paths, for those restored from a history; other files are found relative to ``path``.
 
-    Two scenarios are equal when they say the same, wherever they come from. ``all_blocks`` holds ``blocks`` and then
-    what the generators lay: walls, stacks, arches, domes, and what ``models`` from CAD hold, in the order in which they
-    are written; ``remarks`` are those on the gaps of the models. ``supports`` names blocks and groups that are fixed.
-    ``groups`` maps the name of every group to the numbers of its blocks in ``all_blocks``: what ``group`` keys say, and
-    for a name with dots in it, "wall.3.7", the parts before each dot, "wall" and "wall.3" (unless a block is named so).
-    ``stages``: controls that are carried out before ``control``. ``as_read``: the materials of a scenario that was read
-    from its ``text``, the one part of it that can be changed in place; None if it was made otherwise. ``among``: the
-    controls of all stages, of a scenario that is one of them; joints and contact points are those of all.
+    Two scenarios are equal if their contents are, whatever their source. ``all_blocks`` holds ``blocks``, then those of
+    the generators (walls, stacks, arches, domes) and of the CAD ``models``, in the order in which they are written;
+    ``remarks`` concern gaps of the models. ``supports`` names blocks and groups that are fixed.
+    ``groups`` maps the name of every group to the indices of its blocks in ``all_blocks``. Groups come from ``group``
+    keys and from dots in names: "wall.3.7" is in "wall" and "wall.3" (unless a block has that name).
+    ``stages``: controls carried out before ``control``. ``as_read``: the materials of a scenario that was read from its
+    ``text`` (the one part of it that can be changed in place); None if it was made otherwise. ``among``: for a scenario
+    that is one stage of another, the controls of all stages; joints and contact points are those of all.
     """
 
     title: str = field(metadata=declare("one line", "what is shown on plots and pages"))
@@ -260,7 +260,7 @@ class Scenario(Generic[AControl]):
     blocks: tuple[Block, ...] = field(default=(), metadata=declare("tables", "single blocks"))
     control: AControl = field(
         default=None, metadata=declare("table", "what is done to the blocks; its kind decides which keys it has")
-    )  # type: ignore[assignment]  # is required, and only stands after a key that is not
+    )  # type: ignore[assignment]  # required, but must stand after a field with a default
     joints: tuple[JointOverride, ...] = field(
         default=(), metadata=declare("tables", "joint laws of some pairs, in place of the default")
     )
@@ -345,7 +345,7 @@ class Scenario(Generic[AControl]):
         return f"<Scenario {self.title!r}: {self.control.kind}, {self.joint.formulation}, {blocks}>"
 
     def _lay(self):
-        """Build what the generators describe, if memory holds it, and gather the groups."""
+        """Build the blocks of the generators, if memory is sufficient, and collect the groups."""
         counts = [
             (f"{key}.{one.name}: {sizes_of(one)}", one.count()) for key in GENERATORS for one in getattr(self, key)
         ]
@@ -369,18 +369,18 @@ class Scenario(Generic[AControl]):
             assign(self, all_blocks=tuple(blocks))
 
     def path_of(self, name: str) -> str:
-        """The path of a file that the scenario names: the one that came with it, or beside the scenario's own."""
+        """Path of a file that the scenario names: the one in ``files``, or relative to the scenario's own file."""
         return self.files.get(name) or os.path.join(os.path.dirname(self.path or ""), name)
 
     def members(self, name: str) -> tuple[int, ...]:
-        """Numbers in ``all_blocks`` of the blocks that ``name`` stands for, a group or a single block."""
+        """Indices in ``all_blocks`` of the blocks that ``name``, a group or a single block, refers to."""
         if name in self.groups:
             return self.groups[name]
         return tuple(i for i, block in enumerate(self.all_blocks) if block.name == name)
 
 
 def _groups(blocks: list[Block]) -> dict[str, tuple[int, ...]]:
-    """Groups by ``group`` keys and by the dots in names, each with the numbers of its blocks."""
+    """Groups, from ``group`` keys and from dots in names, each with the indices of its blocks."""
     found: dict[str, list[int]] = {}
     names = {block.name for block in blocks}
     for i, block in enumerate(blocks):

@@ -1,8 +1,8 @@
-"""``--set key.path=value``: changes to a parsed scenario document, before it is checked like any other.
+"""``--set key.path=value``: changes to a parsed scenario document, made before its checks.
 
 The path follows the file: ``joint.friction``, ``blocks.upper.position`` or ``blocks.1.position``. The entry of a list
-is addressed by its ``name``, by the ``block`` it acts on where only one does, or by its index, counted from 0. The
-value is TOML; a bare word counts as a text, so that ``joint.formulation=concave`` needs no second pair of quotes.
+is identified by its ``name``, by the ``block`` that it alone acts on, or by its index, counted from 0. The value is
+TOML; a bare word is taken as a text, so that ``joint.formulation=concave`` needs no second pair of quotes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _BARE_WORD = re.compile(r"""(?:[^\W\d]|[.~]*/)[^\[\]{}"'\n]*""")  # a word, or a
 
 
 def apply_overrides(document: dict, assignments: Iterable[str]) -> None:
-    """Carry out ``key.path=value`` assignments in a document, in the order given."""
+    """Apply ``key.path=value`` assignments to a document, in the given order."""
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         if not equals or not key.strip():
@@ -33,8 +33,8 @@ def apply_overrides(document: dict, assignments: Iterable[str]) -> None:
 
 
 def assign(document: dict, changes: Mapping[str, object]) -> None:
-    """Set keys of a document, given by their path, to values that are no text any more; its tables are not touched,
-    those on the way to a key are replaced by copies."""
+    """Set keys of a document, given by their paths, to values that are already parsed. Its tables are not modified;
+    those on the path to a key are replaced by copies."""
     for key, value in changes.items():
         try:
             _assign(document, _parse_path(key), value)
@@ -43,7 +43,7 @@ def assign(document: dict, changes: Mapping[str, object]) -> None:
 
 
 def resolved(document: dict, key: str) -> tuple[str | int, ...]:
-    """The path of a key of a ``document``, entries of lists by their index, whatever way they are named."""
+    """Path of a key of a ``document`` in a unique form: entries of lists are given by their index."""
     node: Any = document
     path: list[str | int] = []
     parts = _parse_path(key)
@@ -56,7 +56,7 @@ def resolved(document: dict, key: str) -> tuple[str | int, ...]:
 
 @lru_cache(maxsize=256)
 def _parse_path(key: str) -> list[str]:
-    """Split at the dots; quotes work as in TOML, for names with dots in them."""
+    """Split at the dots; as in TOML, quotes protect dots in names."""
     path: list[str] = []
     try:
         node: object = tomllib.loads(f"{key} = 0")
@@ -64,7 +64,7 @@ def _parse_path(key: str) -> list[str]:
             (part,) = node
             path.append(part)
             node = node[part]
-    except (ValueError, RecursionError):  # a name with blanks, typed without quotes
+    except (ValueError, RecursionError):  # a name with blanks, given without quotes
         return key.split(".")
     return path if node == 0 else key.split(".")
 
@@ -74,7 +74,7 @@ def _parse_value(text: str) -> object:
         document = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
         document = {}
-    if list(document) == ["value"]:  # anything more came in by a line break
+    if list(document) == ["value"]:  # further keys can come from a line break in the text
         return document["value"]
     if _BARE_WORD.fullmatch(text):
         return text
@@ -86,11 +86,11 @@ def _assign(document: dict, path: list[str], value: object) -> None:
     for depth, part in enumerate(path[:-1]):
         step = _find(node, part, path[:depth])
         if isinstance(node, dict) and step not in node:
-            node[step] = {}  # a table the file leaves out, such as [solver]; a wrong name is found by the decoder
+            node[step] = {}  # a table that the file omits, such as [solver]; the decoder reports wrong names
         inner = node[step]
         if not isinstance(inner, dict | list):
             raise ScenarioError(f"{'.'.join(path[: depth + 1])} = {show(inner)} has no parts to set")
-        node[step] = inner = inner.copy()  # whoever shares the document with others keeps it as it was
+        node[step] = inner = inner.copy()  # documents may share tables, which stay unchanged
         node = inner
     node[_find(node, path[-1], path[:-1])] = value
 

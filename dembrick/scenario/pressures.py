@@ -1,5 +1,5 @@
-"""Surface pressures: constant, or of a fluid or a fill below its surface; dead, or driven by the load factor;
-and fills on the backs of arches and vaults: the weight of the earth above, and what it presses sideways.
+"""Surface pressures (constant, or of a fluid or fill below its surface; dead, or driven by the load factor) and fills
+on the backs of arches and vaults (weight of the earth above, and its horizontal pressure).
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from dembrick.scenario.stages import stages_of
 class Pressure:
     """A pressure on the bare faces of ``block`` (or of a group) whose outward normal is ``direction``.
 
-    Either ``value`` (Pa) everywhere, or that of a fluid: ``weight`` (N/m3) times the depth below ``surface`` (m, height
-    along +z). It acts along the normals of the faces, against ``direction``, on what of a face no joint covers. In the
-    geometry of the start area, direction and centre of pressure stay: the force rides with the block and keeps its
-    direction. In real time and in the deformed geometry it follows the faces.
+    The pressure is a constant ``value`` (Pa), or that of a fluid: ``weight`` (N/m3) times the depth below ``surface``
+    (m, height along +z). It acts along the face normals, against ``direction``, on the part of a face that no joint
+    covers. With small displacements, area, direction and centre of pressure are those of the start: the force moves
+    with the block and keeps its direction. In real time and in the deformed geometry it follows the faces.
     ``actuator``: the pressure is the driven load, and V its multiplier. ``stages``: numbers of the stages in which it
     acts, None for all.
     """
@@ -66,7 +66,7 @@ class Pressure:
 
     @property
     def at_height(self) -> tuple[float, float]:
-        """Pressure p = c0 + c1 z as (c0 in Pa, c1 in Pa/m), where it is not negative."""
+        """Coefficients (c0 in Pa, c1 in Pa/m) of the pressure p = c0 + c1 z, which acts where it is positive."""
         if self.weight is None:
             return present(self.value), 0.0
         return self.weight * present(self.surface), -self.weight
@@ -83,13 +83,13 @@ def _angle(key: str, value, label: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Fill:
-    """A fill on all bare faces of ``block`` (or of a group) that look up: dead loads, which ride with the blocks.
+    """A fill on all upward bare faces of ``block`` (or of a group): dead loads, which move with the blocks.
 
-    The vertical stress at depth h below the height ``surface`` (m, along +z) is ``weight`` (N/m3) times h, and the
-    horizontal one K times that. A face bears the column of fill above it, and K times the stress on what it shows of
-    itself from the side. ``pressure`` says which K: "none" (0), "at-rest" (1 - sin phi, Jaky 1944), "active" or
+    The vertical stress at depth h below the height ``surface`` (m, along +z) is ``weight`` (N/m3) times h, the
+    horizontal stress K times that. A face carries the column of fill above it, and K times the vertical stress on its
+    horizontally projected area. ``pressure`` selects K: "none" (0), "at-rest" (1 - sin phi, Jaky 1944), "active" or
     "passive" ((1 - sin phi) / (1 + sin phi) and its inverse, Rankine 1857), with phi = ``friction_angle`` (deg); or
-    ``coefficient`` is K. A passive pressure as a dead load takes for granted that the blocks push into the fill.
+    ``coefficient`` is K. A passive pressure as a dead load presumes that the blocks push into the fill.
     ``stages``: numbers of the stages in which it acts, None for all.
     """
 
@@ -129,7 +129,7 @@ class Fill:
 
     @property
     def ratio(self) -> float:
-        """K, horizontal over vertical stress."""
+        """K, ratio of horizontal to vertical stress."""
         if self.coefficient is not None:
             return self.coefficient
         if self.pressure == NONE:
@@ -140,5 +140,5 @@ class Fill:
 
     @property
     def at_height(self) -> tuple[float, float]:
-        """Vertical stress c0 + c1 z as (c0 in Pa, c1 in Pa/m), where it is not negative."""
+        """Coefficients (c0 in Pa, c1 in Pa/m) of the vertical stress c0 + c1 z, which acts where it is positive."""
         return self.weight * self.surface, -self.weight

@@ -1,7 +1,7 @@
-"""Protocols of a test by displacement: turning points of the jack's end, and how long each way between them takes.
+"""Protocols of displacement-controlled tests: turning points of the jack's end, and the time between them.
 
-A protocol is a list of turning points, or a CSV file of a measured one: a column of displacement, of which the turning
-points are the extremes, and perhaps one of time, by which the jack moves then.
+A protocol is a list of turning points, or a CSV file of a measured protocol: a column of displacement, whose extremes
+are the turning points, and optionally a column of time, which then sets the speed.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from dembrick.scenario.controls import DisplacementControl
     from dembrick.scenario.model import Scenario
 
-MOST = 10_000  # turning points
-NOISE = 0.02  # of the range of a measured protocol: a turn by less is noise
+MOST = 10_000  # limit on the number of turning points
+NOISE = 0.02  # of the range of a measured protocol: smaller reversals are noise
 
 
 class Protocol(NamedTuple):
-    """``turns`` (t,) m, the first one the start, or N where the force is driven; ``seconds`` (t - 1,) that the ways
-    between them take."""
+    """Turning points ``turns`` (t,), from the start on, in m, or in N if the force is driven; ``seconds`` (t - 1,):
+    duration of each path between two of them."""
 
     turns: np.ndarray
     seconds: np.ndarray
@@ -34,26 +34,26 @@ class Protocol(NamedTuple):
 
     @classmethod
     def one_way(cls, travel: float, rate: float) -> Protocol:
-        """A way of ``travel`` (m) at ``rate`` (m/s), without a turn."""
+        """Protocol of one path of ``travel`` (m) at ``rate`` (m/s), without a turn."""
         import numpy as np
 
         return cls(np.array([0.0, travel]), np.array([travel / rate]))
 
     @property
     def ways(self) -> np.ndarray:
-        """From each turning point to the next (t - 1,)."""
+        """Changes from each turning point to the next (t - 1,)."""
         import numpy as np
 
         return np.diff(self.turns)
 
     @property
     def cycles(self) -> bool:
-        """Whether it turns at all."""
+        """Whether there is any turn."""
         return len(self.turns) > 2
 
 
 def checked(key: str, value: object) -> tuple[float, ...] | str:
-    """A protocol as a scenario has it: numbers of which no two that follow each other are equal, or a file."""
+    """Check a protocol of a scenario: numbers that alternate in direction, or the name of a file."""
     if isinstance(value, str):
         return check_name(key, value)
     value = value.tolist() if hasattr(value, "tolist") else value
@@ -70,15 +70,15 @@ def checked(key: str, value: object) -> tuple[float, ...] | str:
 
 
 def protocol_of(scenario: Scenario) -> Protocol:
-    """The protocol of a scenario whose control is ``displacement``; that of a ``travel`` has no turn.
+    """The protocol of a scenario whose control is ``displacement``; for a ``travel`` it has no turn.
 
-    Raises ScenarioError for a file that cannot be read, or has no turning point.
+    Raises ScenarioError for a file that cannot be read or has no turning point.
     """
     import numpy as np
 
     control: DisplacementControl = scenario.control  # type: ignore[assignment]
     given = control.protocol if control.force_protocol is None else control.force_protocol
-    by_force, rate = control.force_protocol is not None, control.rate or 1.0  # without one no time passes
+    by_force, rate = control.force_protocol is not None, control.rate or 1.0  # without a rate no time passes
     if given is None:
         return Protocol.one_way(present(control.travel), rate)
     if isinstance(given, str):
@@ -110,13 +110,13 @@ def _measured(path: str, rate: float, by_force: bool) -> Protocol:
 
 
 def _units(title: str) -> list[str]:
-    """Parts of the title of a column that may be its unit."""
+    """Parts of a column title that may be its unit."""
     return [part.rstrip(")] ") for part in title.replace("(", "[").split("[")[1:]]
 
 
 def turning_points(values: np.ndarray) -> np.ndarray:
-    """Numbers of the first value, of the extremes between which it goes by more than `NOISE` of the range, and of the
-    last one that is further from the last extreme than that."""
+    """Indices of the first value, of the extremes after which the values reverse by more than `NOISE` of the range, and
+    of the last extreme if it differs from these."""
     import numpy as np
 
     least = NOISE * float(np.ptp(values))

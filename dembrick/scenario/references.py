@@ -1,4 +1,4 @@
-"""Names in a scenario: each thing has its own, and whatever is referred to is there."""
+"""Checks of names in a scenario: names are unique, and whatever is referred to exists."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Fault(NamedTuple):
-    """One error: its message, and the table (with its number among those of the name) that it is about."""
+    """One error: its message, the heading of the table that it concerns, and the number of the table among those."""
 
     message: str
     table: str = ""
@@ -24,7 +24,7 @@ class Fault(NamedTuple):
 
 
 class ScenarioErrors(ScenarioError):
-    """All that is wrong among the tables of a scenario; a line each."""
+    """All errors among the tables of a scenario, one per line."""
 
     def __init__(self, faults: list[Fault]):
         super().__init__("\n".join(fault.message for fault in faults))
@@ -32,7 +32,7 @@ class ScenarioErrors(ScenarioError):
 
 
 def check_references(scenario: Scenario) -> None:
-    """ScenarioErrors for names that two things have, and for references to what is not there or cannot be meant."""
+    """Raise ScenarioErrors for duplicate names, and for references to things that do not exist or are unsuitable."""
     faults = [*_names(scenario), *_blocks(scenario)]
     numbers = {block.name: i for i, block in enumerate(scenario.all_blocks)}
     faults += [*_loads(scenario, numbers), *_support_paths(scenario, numbers), *_others(scenario, numbers)]
@@ -41,7 +41,7 @@ def check_references(scenario: Scenario) -> None:
 
 
 def unknown(label: str, name: str, blocks, groups) -> str | None:
-    """The message about a ``name`` that is neither a block nor a group; None if it is one."""
+    """Message about a ``name`` that is neither a block nor a group; None if it is one."""
     if name in blocks or name in groups:
         return None
     kind = "block or a group" if groups else "block"
@@ -49,7 +49,7 @@ def unknown(label: str, name: str, blocks, groups) -> str | None:
 
 
 def _names(scenario: Scenario) -> Iterator[Fault]:
-    """Names that two blocks, actuators or control points have, or a block and a group."""
+    """Names shared by two blocks, actuators or control points, or by a block and a group."""
     named: dict[str, tuple] = {
         "block": scenario.all_blocks,
         "actuator": scenario.actuators,
@@ -69,7 +69,7 @@ def _names(scenario: Scenario) -> Iterator[Fault]:
 
 
 def _blocks(scenario: Scenario) -> Iterator[Fault]:
-    """Blocks that are fixed and move, and materials that there are not, each with the first block that has it."""
+    """Fixed or held blocks with a velocity, and undefined materials, each with the first block that uses it."""
     for i, block in enumerate(scenario.all_blocks, 1):
         if block.fixed and any((*block.velocity, *block.angular_velocity)):
             message = (
@@ -95,7 +95,7 @@ def _rates(block: Block) -> tuple[float, ...]:
 
 
 def _of_block(scenario: Scenario, number: int) -> tuple[str, int]:
-    """Table and number of a block, or of the generator that lays it; the top of the file if neither is there."""
+    """Table and number of a block, or of the generator that makes it; the top of the file if there is neither."""
     if number <= len(scenario.blocks):
         return "blocks", number
     name = scenario.all_blocks[number - 1].name
@@ -107,7 +107,7 @@ def _of_block(scenario: Scenario, number: int) -> tuple[str, int]:
 
 
 def _loads(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:
-    """Loads on what is not there, what is fixed, or that vary where nothing does."""
+    """Loads on something that does not exist or is fixed, and varying loads in runs without time."""
     for i, load in enumerate(scenario.loads, 1):
         if message := unknown(f"block of load number {i}", load.block, numbers, scenario.groups):
             yield Fault(message, "loads", i)
@@ -130,7 +130,7 @@ def _loads(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:
 
 
 def _support_paths(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:
-    """Supports that the control moves: they are there, are fixed, and move in one way."""
+    """Supports that the control moves but that do not exist, are not fixed, or are moved in two ways."""
     moved: dict[int, tuple] = {}
     for path in scenario.control.support_paths:
         for name in path.supports:
@@ -155,7 +155,7 @@ def _support_paths(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Faul
 
 
 def _others(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:
-    """Pressures, fills, ties, actuators, control points and joints between blocks that are not there."""
+    """Pressures, fills, ties, actuators, control points and joint overrides that name blocks which do not exist."""
     groups = scenario.groups
     for i, pressure in enumerate(scenario.pressures, 1):
         if message := unknown(f"block of pressure number {i}", pressure.block, numbers, groups):

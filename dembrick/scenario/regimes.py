@@ -1,4 +1,4 @@
-"""Properties of every kind of control: its regime, its curve, its end, what it drives, what it needs."""
+"""Base class of all controls: regime, recorded curve, end of the run, what is driven and what is needed."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dembrick.scenario.blocks import Vector
 from dembrick.scenario.declared import check_keys, positive, truth, within
 from dembrick.scenario.time_functions import SupportPath
 
-STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
+STEEPEST = 90.0  # deg: a tilt without collapse ends there
 
-# what a control drives, and what it ends with: the status of its result
+# what a control drives, and how it ends: the status of its result
 ACTUATORS, EVERY_BLOCK, SUPPORTS, NOTHING = "actuators", "every block", "supports", "nothing"
 YIELD, COLLAPSE, COMPLETED = "yield", "collapse", "completed"
 
@@ -18,12 +18,12 @@ YIELD, COLLAPSE, COMPLETED = "yield", "collapse", "completed"
 class Regime(NamedTuple):
     """How a control is carried out; a driver in ``runs.drivers`` registers for it.
 
-    ``quasi_static``: every block needs a chain of joints to a support. ``real_time``: blocks move in time, part and
-    meet again. ``counts_equilibria``: the times of the record are the numbers of equilibria. ``small_displacements``:
-    it stays in the geometry of the start, and adds up small rotations. ``balances_energy``: its record has energies.
-    ``stands_or_falls``: that is what a run answers, as opposed to a load.
+    ``quasi_static``: every block needs a chain of joints to a support. ``real_time``: blocks move in time, separate and
+    meet again. ``counts_equilibria``: the record is numbered by equilibria instead of times. ``small_displacements``:
+    the geometry stays that of the start, and small rotations are added up. ``balances_energy``: energies are recorded.
+    ``stands_or_falls``: the result is whether the blocks stand, and not a load.
 
-    What is quasi-static and in real time goes from equilibrium to equilibrium in the deformed geometry.
+    A regime that is both quasi-static and in real time follows equilibria in the deformed geometry.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Regime(NamedTuple):
 
     @property
     def kinematics(self) -> str:
-        """The same in words, as histories have it."""
+        """The kinematics in words, as written in histories."""
         return "small displacements" if self.small_displacements else "finite rotations"
 
 
@@ -64,8 +64,9 @@ REGIMES = (
 
 
 class Curve(NamedTuple):
-    """The curve that a control records: ``load`` and ``displacement`` name its axes, ``unit`` is that of the load as a
-    history has it, ``about`` describes the load. ``load`` is None if none grows: displacement is then shown over time.
+    """The curve that a control records: ``load`` and ``displacement`` name its axes, ``unit`` is the unit of the load
+    in histories, ``about`` describes the load. ``load`` is None if no load grows: then displacement is plotted over
+    time.
     """
 
     load: str | None
@@ -75,21 +76,21 @@ class Curve(NamedTuple):
 
 
 DRIVEN = "driven displacement"
-TILT_LOAD = "load factor tan(angle)"  # name of the load of a table that tilts
+TILT_LOAD = "load factor tan(angle)"  # name of the load of a tilting table
 FURTHEST = "displacement of the block that moved furthest"
 OF_ACTUATORS = Curve("load V", "N", "load multiplier V: the force of an actuator of weight 1", DRIVEN)
 OF_PRESSURES = Curve("load factor V", "1", "load multiplier V: of the driven pressures", DRIVEN)
 
 
 class Limit(NamedTuple):
-    """When a run in real time ends at the latest (s), the key that says so, and what a user may do about it."""
+    """Latest end of a run in real time (s), the key that sets it, and the remedy to suggest to the user."""
 
     seconds: float
     key: str
     remedy: str
 
 
-# keys that several kinds have
+# keys that several kinds share
 TOLERANCE = within(
     1e-8, 0.1, "1", "relative half-width of the error bar of the limit",
     "it is a relative error between 1e-8 and 0.1; 1e-3 is usual",
@@ -107,46 +108,46 @@ RESTITUTION = within(
 
 
 class Control:
-    """Properties of a kind of control; a subclass states what differs."""
+    """Base class of the kinds of control; a subclass overrides what differs."""
 
     __slots__ = ()
 
     kind: ClassVar[str]
-    ends_with: ClassVar[str] = COMPLETED  # the status of its result: YIELD, COLLAPSE or COMPLETED
+    ends_with: ClassVar[str] = COMPLETED  # status of its result: YIELD, COLLAPSE or COMPLETED
     drives: ClassVar[str] = NOTHING  # or ACTUATORS, EVERY_BLOCK, SUPPORTS
-    needs_supports: ClassVar[bool] = True  # a block must be fixed
-    shakes: ClassVar[bool] = False  # the supports follow a history
+    needs_supports: ClassVar[bool] = True  # whether a block must be fixed
+    shakes: ClassVar[bool] = False  # whether the supports follow a base motion
 
-    # keys that not every kind has
-    tolerance: float | None = None  # relative error of what it finds; None if it has none to choose
-    rate: float | None = None  # how fast it goes, in the units of its kind; None without time
-    duration: float = 0.0  # how long it lasts (s); zero if that follows from the blocks
-    travel: float | None = None  # how far actuators move, one way (m); None if they do not
-    damping: float | None = None  # of a contact, as a part of critical; None if it follows from a restitution
-    restitution: float | None = None  # speed after over speed before an impact; None if contacts are damped otherwise
-    large_displacements: bool = False  # the deformed geometry was asked for
+    # keys that only some kinds have
+    tolerance: float | None = None  # relative error of the result; None if it cannot be chosen
+    rate: float | None = None  # speed, in the units of the kind; None without time
+    duration: float = 0.0  # duration of the run (s); zero if it follows from the blocks
+    travel: float | None = None  # travel of the actuators, one way (m); None without actuators
+    damping: float | None = None  # of a contact, as a fraction of critical; None if it follows from a restitution
+    restitution: float | None = None  # speed after over speed before an impact; None if contacts have another damping
+    large_displacements: bool = False  # whether the deformed geometry was requested
 
     def __post_init__(self):
         check_keys(self)
 
     @property
     def regime(self) -> Regime:
-        """How it is carried out."""
+        """How the control is carried out."""
         return REAL_TIME
 
     @property
     def in_deformed_geometry(self) -> bool:
-        """Whether it goes from equilibrium to equilibrium in the deformed geometry."""
+        """Whether it follows equilibria in the deformed geometry."""
         return self.regime.quasi_static and self.regime.real_time
 
     @property
     def curve(self) -> Curve:
-        """Curve that the record shows."""
+        """The recorded curve."""
         return OF_ACTUATORS
 
     @property
     def cyclic(self) -> bool:
-        """Whether it goes to and fro, by a protocol."""
+        """Whether the load reverses, by a protocol."""
         return False
 
     @property
@@ -156,39 +157,39 @@ class Control:
 
     @property
     def support_paths(self) -> tuple[SupportPath, ...]:
-        """Which supports move against the others, and how."""
+        """Supports that move relative to the others, and their motions."""
         return ()
 
     @property
     def pushes_as_tilted(self) -> bool:
-        """Whether it is a tilt in the geometry of the start, which pushes the blocks by the tangent of its angle."""
+        """Whether it is a tilt with small displacements, which pushes the blocks by the tangent of its angle."""
         return self.tilt_axis is not None and self.regime.small_displacements
 
     @property
     def tilt_axis(self) -> Vector | None:
-        """The axis of a table that tilts."""
+        """Axis of a tilting table; None for other kinds."""
         return None
 
     @property
     def push_direction(self) -> Vector | None:
-        """The direction in which every block is pushed."""
+        """The direction in which every block is pushed; None for other kinds."""
         return None
 
     @property
     def limit(self) -> Limit | None:
-        """When a run in real time ends at the latest; None if that follows from the blocks."""
+        """Latest end of a run in real time; None if it follows from the blocks."""
         return None
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of the files that it reads."""
+        """Names of the files that the control reads."""
         return ()
 
     @property
     def furthest(self) -> float | None:
-        """Displacement of a block (m) that ends the run; None if none does."""
+        """Displacement of a block (m) at which the run ends; None if there is no such end."""
         return None
 
     def angle(self, load_factor: float) -> float | None:
-        """The angle (deg) of a load factor, of a table that tilts."""
+        """Angle (deg) of a tilting table at a load factor; None for other kinds."""
         return None

@@ -1,7 +1,7 @@
-"""The scenarios that ship with the package: where they are, how they are called, and what each says of itself.
+"""Scenarios that ship with the package: their files, names, titles and descriptions.
 
-A shipped scenario goes by its file name without ``.toml``: ``dembrick run set4a`` finds it wherever the package is
-installed. Studies, templates, verification and validation cases lie in folders of their own.
+The name of a shipped scenario is its file name without ``.toml``: ``dembrick run set4a`` finds it wherever the package
+is installed. Studies, templates, verification and validation cases are in folders of their own.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ VERIFICATION = "verification"
 VALIDATION = "validation"
 
 
-SCHEMA = "scenario.schema.json"  # beside the scenarios, which name it in their first line
+SCHEMA = "scenario.schema.json"  # beside the scenarios, which refer to it in their first line
 
 
 def folder() -> Path:
-    """Where the scenario files are: inside the installed package, or beside it in a checkout."""
+    """Folder of the scenario files: in the installed package, or beside it in a checkout."""
     package = Path(__file__).parents[1]
     inside = package / "scenarios"
     return inside if inside.is_dir() else package.parent / "scenarios"
 
 
 def examples() -> dict[str, Path]:
-    """Name -> file of every shipped scenario and study that is meant to be run as it is, sorted by name."""
+    """Name -> file of every shipped scenario and study that can be run as it is, sorted by name."""
     found = {path.stem: path for path in folder().glob("*.toml")}
     found |= {f"{STUDIES}/{path.stem}": path for path in (folder() / STUDIES).glob("*.toml")}
     return dict(sorted(found.items()))
@@ -39,7 +39,7 @@ def templates() -> dict[str, Path]:
 
 
 def find(name: str) -> Path | None:
-    """The file of a shipped scenario or study by its name, with or without ``.toml``; None if there is no such one."""
+    """File of a shipped scenario or study by its name, with or without ``.toml``; None if there is none."""
     stem = name.removesuffix(".toml")
     for place in ("", STUDIES, VERIFICATION, VALIDATION):
         path = folder() / place / f"{stem}.toml"
@@ -49,14 +49,14 @@ def find(name: str) -> Path | None:
 
 
 def table(path: str | os.PathLike) -> Path:
-    """A CSV file, or the shipped one of that name where there is no such file."""
+    """Path of a CSV file; if there is no such file, of the shipped one of that name."""
     inside = folder() / os.path.basename(path)
     named = os.path.basename(path) == os.fspath(path) and not os.path.exists(path)
     return inside if named and inside.suffix == ".csv" and inside.is_file() else Path(path)
 
 
 def kind_and_title(path: Path) -> dict[str, str]:
-    """Of a shipped scenario or study which ``kind`` of run it is, and its ``title``, which says what it shows."""
+    """The ``kind`` of run of a shipped scenario or study, and its ``title``."""
     data = tomllib.loads(path.read_text(encoding="utf-8"))
     control = data.get("control", {"kind": "study"})
     kind = f"{control['kind']}, search" if control.get("quasi_static") else control["kind"]
@@ -64,10 +64,10 @@ def kind_and_title(path: Path) -> dict[str, str]:
 
 
 def description(path: Path) -> str:
-    """The remarks at the head of a scenario file as one text; empty if it has none."""
+    """Comments at the head of a scenario file as one text; empty if there are none."""
     lines = []
     for line in path.read_text(encoding="utf-8").splitlines():
-        if line.startswith("#:"):  # for editors
+        if line.startswith("#:"):  # a directive for editors
             continue
         if not line.startswith("#"):
             break

@@ -1,7 +1,7 @@
-"""Stages: controls that are carried out one after the other, each on the state that the one before has left.
+"""Stages: controls carried out one after the other, each starting from the state at the end of the one before.
 
-``[[stages]]`` come first, ``[control]`` is the last. Loads, actuators, pressures and fills act in all of them, ties and
-the laws of ``[[joints]]`` are in force in all of them, or in those whose numbers they list.
+``[[stages]]`` come first, ``[control]`` is the last. Loads, actuators, pressures, fills, ties and the laws of
+``[[joints]]`` are active in all stages, or in those whose numbers they list.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from dembrick.scenario.regimes import ASK_FOR_REST
 if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
-# lists of a scenario whose entries may name their stages
+# lists of a scenario whose entries may be limited to some stages
 IN_STAGES = ("loads", "actuators", "pressures", "fills", "ties", "joints")
 
 
 def stage_numbers(key: str, value: Any) -> tuple[int, ...] | None:
-    """Numbers of stages, counted from 1; None for all of them."""
+    """Check numbers of stages, counted from 1; None means all of them."""
     if value is None:
         return None
     whole = isinstance(value, list | tuple) and all(isinstance(n, Integral) and not isinstance(n, bool) for n in value)
@@ -35,7 +35,7 @@ def stage_numbers(key: str, value: Any) -> tuple[int, ...] | None:
 
 
 def stages_of(meaning: str) -> dict[str, Key]:
-    """Metadata of the stages in which something is there."""
+    """Metadata of the stages in which something is active."""
     return declare("whole numbers >= 1", meaning, "", lambda key, value, label: stage_numbers(key + label, value))
 
 
@@ -45,7 +45,7 @@ def controls_of(scenario: Scenario) -> tuple[Control, ...]:
 
 
 def in_deformed_geometry(controls: tuple[Control, ...]) -> tuple[Control, ...]:
-    """The controls of all stages, those that search after a settlement in the geometry that it has left."""
+    """The controls of all stages; searches after a settlement in the deformed geometry are set to that geometry."""
     found: list[Control] = []
     for control in controls:
         deformed = bool(found) and found[-1].in_deformed_geometry
@@ -56,7 +56,7 @@ def in_deformed_geometry(controls: tuple[Control, ...]) -> tuple[Control, ...]:
 
 
 def check_stages(scenario: Scenario) -> None:
-    """ScenarioError for stages that cannot follow one another, and for numbers of stages that there are not."""
+    """Raise a ScenarioError for stages that cannot follow one another, and for numbers of stages that do not exist."""
     controls = controls_of(scenario)
     for number, control in enumerate(controls[:-1], 1):
         if control.regime.real_time and not control.regime.quasi_static:
@@ -90,8 +90,8 @@ def check_stages(scenario: Scenario) -> None:
 
 
 def _check_driven(scenario: Scenario, controls: tuple[Control, ...]) -> None:
-    """ScenarioError for an actuator, or a pressure that is one, that no stage drives; in those of kind statics it is
-    only said to carry nothing."""
+    """Raise a ScenarioError for an actuator, or a driven pressure, that no stage drives; where all its stages are of
+    kind statics a remark suffices, that it carries nothing."""
     for entry in driven_entries(scenario):
         acting = acting_in(entry, controls)
         if any(one.drives == ACTUATORS for one in acting) or all(one.regime in ASK_FOR_REST for one in acting):
@@ -107,12 +107,12 @@ def _check_driven(scenario: Scenario, controls: tuple[Control, ...]) -> None:
 
 
 def driven_entries(scenario: Scenario) -> tuple[Any, ...]:
-    """The actuators of a scenario, and the pressures that are some."""
+    """The actuators of a scenario, and its driven pressures."""
     return (*scenario.actuators, *(pressure for pressure in scenario.pressures if pressure.actuator))
 
 
 def acting_in(entry: Any, controls: tuple[Control, ...]) -> tuple[Control, ...]:
-    """The controls of the stages in which an entry of a list takes part."""
+    """The controls of the stages in which an entry of a list is active."""
     return tuple(control for number, control in enumerate(controls, 1) if number in (entry.stages or (number,)))
 
 
@@ -121,8 +121,8 @@ def _of_stage(entries: tuple, number: int) -> tuple:
 
 
 def at_stage(scenario: Scenario, number: int) -> Scenario:
-    """One stage (counted from 1, `len(scenario.stages) + 1` is the last) as a scenario by itself: its control, the
-    loads and actuators that act in it, its ties and joint laws. Actuators are there only where the control drives
+    """One stage (counted from 1; `len(scenario.stages) + 1` is the last) as a scenario by itself: its control, and the
+    loads, actuators, ties and joint laws that are active in it. Actuators are included only if the control drives
     them."""
     if not scenario.stages:
         return scenario
@@ -133,7 +133,7 @@ def at_stage(scenario: Scenario, number: int) -> Scenario:
     }
     laws = parts["joints"]
     named = [frozenset(law.between) for law in laws]
-    parts["joints"] = tuple(law for i, law in enumerate(laws) if named[i] not in named[i + 1 :])  # the last one holds
+    parts["joints"] = tuple(law for i, law in enumerate(laws) if named[i] not in named[i + 1 :])  # the last holds
     if control.drives != ACTUATORS:
         parts["actuators"] = ()
         parts["pressures"] = tuple(pressure for pressure in parts["pressures"] if not pressure.actuator)
@@ -141,15 +141,15 @@ def at_stage(scenario: Scenario, number: int) -> Scenario:
 
 
 class TiesBefore(NamedTuple):
-    """The ties of a stage beside those of the one before: how many those were (``total``), and which of them each tie
-    of the stage is (``of``), -1 for one that was not there."""
+    """Relation between the ties of a stage and of the one before: the number before (``total``), and for each tie of
+    the stage its index before (``of``), -1 for a new one."""
 
     total: int
     of: tuple[int, ...]
 
 
 def ties_before(scenario: Scenario, number: int) -> TiesBefore | None:
-    """The ties of the stage ``number`` beside those of the one before; None if they are the same."""
+    """Relation of the ties of the stage ``number`` to those of the stage before; None if they are the same."""
     before, now = (
         [k for k, tie in enumerate(scenario.ties) if tie.stages is None or n in tie.stages]
         for n in (number - 1, number)
@@ -160,5 +160,5 @@ def ties_before(scenario: Scenario, number: int) -> TiesBefore | None:
 
 
 def laws_change(scenario: Scenario) -> bool:
-    """Whether any joint has another law in one stage than in another."""
+    """Whether the law of any joint differs between stages."""
     return any(entry.stages is not None for entry in scenario.joints)

@@ -1,4 +1,4 @@
-"""Controls that move the supports: they shake, or they settle."""
+"""Controls that move the supports: base motion and settlement."""
 
 from __future__ import annotations
 
@@ -39,13 +39,14 @@ QUANTITIES = ("acceleration", "velocity", "displacement")
 
 @dataclass(frozen=True, slots=True)
 class BaseMotionControl(Control):
-    """Supports that shake along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a ``file``, whose
+    """Shake the supports along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a ``file``, whose
     ``quantity`` is an acceleration, velocity or displacement, times ``scale``; ``restitution`` as in `DynamicControl`.
 
     The file is a CSV whose first line names columns and units, "time [s], acceleration [g]", or a PEER record (.AT2,
-    .VT2, .DT2). ``columns`` picks two of its columns by name, time first. Up to three directions have a component each:
-    of a file each, or of one, whose ``columns`` are time and one for each. All is at rest before time zero; a record
-    is zero after its end. ``baseline``: accelerations without the line that would leave the supports moving or moved.
+    .VT2, .DT2). ``columns`` picks two of its columns by name, time first. Up to three directions have one component
+    each: from one file each, or from one file whose ``columns`` are time and one for each direction. Everything is at
+    rest before time zero; a record is zero after its end. ``baseline``: subtract from the accelerations the straight
+    line that makes the supports end at rest and undisplaced.
     """
 
     duration: float = field(metadata=DURATION)
@@ -116,7 +117,7 @@ class BaseMotionControl(Control):
 
     @property
     def components(self) -> tuple[tuple[Vector, str | None, tuple[str, str] | None], ...]:
-        """Direction, file, and its columns of time and values, of every component."""
+        """Direction, file, and the file's columns of time and values, for every component."""
         directions: Any = self.direction if isinstance(self.direction[0], tuple) else (self.direction,)
         files = self.file if isinstance(self.file, tuple) else (self.file,) * len(directions)
         columns: Any = self.columns
@@ -129,12 +130,12 @@ class BaseMotionControl(Control):
 
 @dataclass(frozen=True, slots=True)
 class SettlementControl(Control):
-    """Supports that settle: named ``supports`` move by ``displacement`` (m) and turn by ``rotation``, all else loaded
-    as it is. ``motions`` has further supports that move differently at the same time.
+    """Settle supports: the named ``supports`` are displaced by ``displacement`` (m) and rotated by ``rotation`` under
+    constant loads. ``motions`` has further supports with other motions at the same time.
 
-    ``quasi_static`` goes from equilibrium to equilibrium in the deformed geometry, until the motion is complete or the
-    structure comes down, whose settlement it finds to ``tolerance``. Else the supports move in real time at ``rate``
-    (m/s, of the point that moves furthest), with contact ``damping`` as in `TiltControl`.
+    ``quasi_static`` follows equilibria in the deformed geometry until the motion is complete or the structure
+    collapses; the settlement at collapse is found to ``tolerance``. Otherwise the supports move in real time at
+    ``rate`` (m/s, of the point that moves furthest), with contact ``damping`` as in `TiltControl`.
     """
 
     supports: tuple[str, ...] = field(default=(), metadata=SUPPORTS_OF)

@@ -1,12 +1,10 @@
-"""Text files that a user names: read whole, of bounded size, and only where they are regular files.
+"""Text files that a user names: read whole, limited in size, regular files only; and line numbers for messages.
 
-A scenario may come from a stranger and name any path: a device that never ends, a pipe that nobody writes to and a file
-of gigabytes are refused before they are read.
+A scenario may come from a stranger and may name any path: endless devices, pipes without a writer and files of
+gigabytes are refused before they are read.
 
-Lines of a scenario file: where in the text a table and a key stand, for the messages of errors.
-
-The library that reads TOML tells no positions. Headers and keys are found line by line; a table that is written in
-some other way (inline, or by dotted keys) has no line, and the message goes without.
+The TOML library reports no positions of tables and keys. Headers and keys are found here line by line; for a table in
+another notation (inline, or with dotted keys) no line is found, and the message contains none.
 """
 
 from __future__ import annotations
@@ -19,15 +17,15 @@ import stat
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
 
-PATIENCE = 10.0  # s, for which a pipe may be silent
+PATIENCE = 10.0  # s: longest silence of a pipe
 LARGEST_FILE = 16 << 20  # bytes; a scenario of some hundred thousand blocks, or a million lines of numbers
 
 
 def read_bytes(path: str | os.PathLike, what: str, regular: bool = True) -> bytes:
-    """The bytes of a file; ``what`` names it in messages, "a scenario file".
+    """Read the bytes of a file; messages call it ``what``, "a scenario file".
 
-    ScenarioError for a file that is not there, cannot be read, is larger than ``LARGEST_FILE`` or, if it has to be
-    ``regular``, is a device, a pipe or a socket. A pipe through which nothing comes for `PATIENCE` is refused as well.
+    Raises ScenarioError if the file does not exist, cannot be read, is larger than ``LARGEST_FILE`` or, where it must
+    be ``regular``, is a device, a pipe or a socket. A pipe that is silent for `PATIENCE` is refused as well.
     """
     path = os.fsdecode(path)
     try:
@@ -52,7 +50,7 @@ def read_bytes(path: str | os.PathLike, what: str, regular: bool = True) -> byte
 
 
 def read_text(path: str | os.PathLike, what: str, regular: bool = True) -> str:
-    """The text of a file in UTF-8, with or without a byte order mark; ScenarioError as `read_bytes`."""
+    """Read the text of a file in UTF-8, with or without a byte order mark; errors as in `read_bytes`."""
     data = read_bytes(path, what, regular)
     try:
         return data.decode("utf-8-sig")
@@ -62,11 +60,11 @@ def read_text(path: str | os.PathLike, what: str, regular: bool = True) -> str:
 
 
 def _through_pipe(handle: int, path: str, what: str) -> bytes:
-    """Bytes that come through a pipe that does not block, until its writer ends."""
+    """Read from a non-blocking pipe until its writer closes it."""
     found, waited = b"", False
     while True:
         try:
-            part = os.read(handle, 1 << 20)  # empty: nobody writes, or no more
+            part = os.read(handle, 1 << 20)  # empty: no writer yet, or no longer
             if not part and (found or waited):
                 return found
         except BlockingIOError:
@@ -87,8 +85,8 @@ _HEADER = re.compile(r"\s*\[\[?\s*([A-Za-z_]\w*(?:\s*\.\s*(?:[\w-]+|\"[^\"]*\"|'
 
 
 def line_of(text: str, table: str, number: int = 1, key: str = "") -> int | None:
-    """Line, from 1, of a ``key`` in the ``number``-th table of that name ("" is the top of the file), else of the
-    header of the table, else None."""
+    """Line, from 1, of a ``key`` in the ``number``-th table of that name ("" is the top of the file); of the header of
+    the table if the key is not found; None if the table is not."""
     begin, end = _extent(text.split("\n"), table, number)
     if begin is None:
         return None
@@ -100,7 +98,7 @@ def line_of(text: str, table: str, number: int = 1, key: str = "") -> int | None
 
 
 def _extent(lines: list[str], table: str, number: int) -> tuple[int | None, int]:
-    """Where the body of a table begins (the number of the line of its header) and where it ends."""
+    """Line number of a table's header, and of the last line of its body."""
     begin = 0 if not table else None
     for i, line in enumerate(lines, 1):
         header = _HEADER.match(line)
@@ -115,7 +113,7 @@ def _extent(lines: list[str], table: str, number: int) -> tuple[int | None, int]
 
 
 def hint_of(text: str, error: str) -> str:
-    """The line of a text that an error of TOML names, and what it lacks where that is a pair of quotes or a point."""
+    """The line of a text that a TOML error names, and a hint if quotes or a decimal point seem to be missing."""
     found = re.search(r"at line (\d+)", error)
     lines = text.split("\n")
     if found is None or not 1 <= int(found.group(1)) <= len(lines):

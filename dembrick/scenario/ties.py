@@ -27,9 +27,9 @@ class TieEnd:
 @dataclass(frozen=True, slots=True)
 class Tie:
     """A bar between two points of two blocks: ``stiffness`` (N/m) along the line between them, ``prestress`` (N) from
-    the start, yielding without end at ``strength`` (N; None: it never yields). With ``tension_only`` it is slack where
-    it would push. ``stages``: numbers of the stages in which it is there, None for all; it has its prestress at the
-    length with which it comes.
+    the start, perfectly plastic at ``strength`` (N; None: elastic). With ``tension_only`` it goes slack instead of
+    carrying compression. ``stages``: numbers of the stages in which it is active, None for all; it has its prestress at
+    its length on installation.
     """
 
     between: tuple[TieEnd, TieEnd] = field(metadata=declare("2 tables", "the ends of the tie"))

@@ -1,5 +1,5 @@
-"""Functions of time that a scenario may name: sines, pulses, and the columns of a file; and how supports are moved, by
-a displacement and a turn, straight from the start to the end.
+"""Functions of time in a scenario (sines, pulses, columns of a file), and linear motions of supports, by a displacement
+and a rotation.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Sine:
 @dataclass(frozen=True, slots=True)
 class Pulse:
     """``amplitude`` from ``start`` for ``duration`` (s), then -``rebound`` times ``amplitude`` for ``duration`` over
-    ``rebound``, so that the integral of both is zero; else zero. Without a rebound there is the first part only."""
+    ``rebound``, so that the total integral is zero; zero otherwise. Without a rebound there is only the first part."""
 
     amplitude: float = field(metadata=number("of the motion", "height of a rectangular pulse"))
     duration: float = field(metadata=positive("s", "its length", "it must be longer than 0 s"))
@@ -63,14 +63,14 @@ class Pulse:
 
 
 def check_baseline(baseline, file: str | tuple[str, ...] | None, quantity: str) -> None:
-    """ScenarioError if there is no baseline to correct: only recorded accelerations have one."""
+    """Raise a ScenarioError if a requested baseline correction is impossible: only recorded accelerations have one."""
     require_type(isinstance(baseline, bool), "baseline", baseline, "true or false")
     recorded = file is not None and quantity == "acceleration"
     require(recorded or not baseline, "baseline", baseline, "only accelerations of a file have one to correct")
 
 
 def checked_columns(columns, file: str | tuple[str, ...] | None, values: int = 1) -> tuple[str, ...] | None:
-    """Names of the columns of time and of so many ``values`` in a ``file``, None if it does not need them."""
+    """Check the names of the columns of time and of ``values`` columns in a ``file``; None if none are needed."""
     if columns is None:
         return None
     require(file is not None, "columns", columns, "they belong to a file, and none is named")
@@ -92,9 +92,9 @@ def _check_turn(key: str, value, _: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A turn by ``angle`` (deg) about ``axis`` (right-hand rule) through ``point`` (m, world, at the start).
+    """A rotation by ``angle`` (deg) about ``axis`` (right-hand rule) through ``point`` (m, world, at the start).
 
-    Without a ``point`` each support turns about its own centroid.
+    Without a ``point`` each support rotates about its own centroid.
     """
 
     axis: Vector = field(metadata=unit_vector("axis of the turn, right-hand rule"))
@@ -115,8 +115,8 @@ TURNED = table(Turn, "how far they have turned at the end")
 
 @dataclass(frozen=True, slots=True)
 class SupportPath:
-    """The motion of ``supports``, blocks or groups: ``displacement`` (m, at the end) and ``rotation``, which grow
-    together; the point of the rotation moves with the displacement."""
+    """Motion of ``supports``, blocks or groups: ``displacement`` (m, at the end) and ``rotation``, which grow in
+    proportion; the point of the rotation moves with the displacement."""
 
     supports: tuple[str, ...] = field(metadata=SUPPORTS_OF)
     displacement: Vector | None = field(default=None, metadata=MOVED)

@@ -1,8 +1,8 @@
-"""Scenario files: TOML text to :class:`dembrick.scenario.model.Scenario` and back, with every key checked.
+"""Scenario files: conversion of TOML to :class:`dembrick.scenario.model.Scenario` and back, with all keys checked.
 
-The tables of the file are the dataclasses of :mod:`dembrick.scenario.model`, key for field. This module knows which
-keys there are; types, bounds and names are checked by the classes themselves. Errors name the file, the table, the key,
-the value and what would be right. Reading runs no code and opens no file but the scenario.
+The tables of a file are the dataclasses of :mod:`dembrick.scenario.model`, with a key for each field. This module
+checks that keys exist; the classes themselves check types, bounds and names. Errors name the file, the table, the key,
+the value and what is allowed. Reading runs no code, and opens no file but the scenario and its CAD models.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from dembrick.scenario.text_files import hint_of, line_of, read_text
 
 
 def _keys_of(kind: type) -> dict[str, bool]:
-    """The keys of a table and whether each is required: what a file may write of its class, and has no default."""
+    """Keys of a table, with whether each is required: the fields that files may contain; required without a default."""
     return {field.name: default_of(field) is MISSING for field in written_fields(kind)}
 
 
 @cache
 def _inner(kind: type) -> dict[str, tuple[type, bool]]:
-    """Field -> the dataclass that it holds, and whether it holds a list of them; of the fields that hold any."""
+    """Field -> (dataclass that it holds, whether it is a list of them), for the fields that hold dataclasses."""
     found: dict[str, tuple[type, bool]] = {}
     hints = get_type_hints(kind)
     for name in _keys_of(kind):
@@ -49,17 +49,17 @@ def _inner(kind: type) -> dict[str, tuple[type, bool]]:
     return found
 
 
-NAMELESS = "the scenario"  # a text that came from no file
-TOP = ("title", "gravity", "supports")  # keys that stand in no table
-_INSTEAD = {"blocks": f"give blocks, {', '.join(GENERATORS)} or models"}  # of a key that is missing
+NAMELESS = "the scenario"  # name, in messages, of a text without a file
+TOP = ("title", "gravity", "supports")  # keys outside of all tables
+_INSTEAD = {"blocks": f"give blocks, {', '.join(GENERATORS)} or models"}  # remedies for a missing key
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
 def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool = False) -> Scenario:
     """Read a scenario file, or a shipped scenario by its name if there is no such file.
 
-    ``overrides`` are ``key.path=value`` texts, as for ``--set``. ``regular``: refuse a pipe, which a user may well read
-    from, but which no other file may name.
+    ``overrides`` are ``key.path=value`` texts, as for ``--set``. ``regular``: refuse pipes, which a user may name but
+    other files must not.
     """
     path = os.fsdecode(path)
     if not os.path.exists(path):
@@ -79,8 +79,8 @@ def loads(
     overrides: Iterable[str] = (),
     files: Mapping[str, str] | None = None,
 ) -> Scenario:
-    """Decode the text of a scenario; ``path`` is the file it came from, for messages and for the record, ``files`` are
-    those that came with it: see `Scenario`."""
+    """Decode the text of a scenario; ``path`` is its file, for messages and for the record; for ``files`` see
+    `Scenario`."""
     name = None if path is None else os.fsdecode(path)
     document = _parse(text, name or NAMELESS)
     assignments = list(overrides)
@@ -93,9 +93,9 @@ def loads(
 
 
 def varied(text: str, path: str | os.PathLike | None, changes: Mapping[str, Any]) -> Scenario:
-    """The scenario of a text with keys changed, for many variations of one text: it is parsed only once.
+    """The scenario of a text with changed keys; the text is parsed only once for many variations.
 
-    ``changes`` has key paths, as for ``--set``, and values as TOML would give them.
+    ``changes`` maps key paths, as for ``--set``, to values as parsed from TOML.
     """
     name = NAMELESS if path is None else os.fsdecode(path)
     like = _parsed(text, name)
@@ -105,7 +105,7 @@ def varied(text: str, path: str | os.PathLike | None, changes: Mapping[str, Any]
 
 
 def dumps(scenario: Scenario) -> str:
-    """TOML text that :func:`loads` reads back as an equal scenario, floats to the last bit."""
+    """TOML text that :func:`loads` reads back as an equal scenario, with floats exact to the last bit."""
     document: dict[str, Any] = {"title": scenario.title, "gravity": scenario.gravity}
     document["joint"] = _plain_law(scenario.joint)
     document["joints"] = [
@@ -125,7 +125,7 @@ def dumps(scenario: Scenario) -> str:
 
 
 def text_of(scenario: Scenario) -> str:
-    """The scenario as TOML: the text it came from while that is still what it says, else :func:`dumps`."""
+    """The scenario as TOML: its source text if nothing has changed since it was read, else :func:`dumps`."""
     text, name, files = scenario.text, scenario.path or NAMELESS, tuple(scenario.files.items())
     if text and (scenario.as_read == scenario.materials or _parsed(text, name, files)[1] == scenario):
         return text
@@ -136,8 +136,8 @@ def text_of(scenario: Scenario) -> str:
 
 
 class _Place(NamedTuple):
-    """Where in which file something stands, for messages. ``table`` is empty at the top of the file; ``header`` and
-    ``number`` find it in the ``text``, which is None where that is not what was read."""
+    """Position in a file, for messages. ``table`` is empty at the top of the file; ``header`` and ``number`` locate it
+    in the ``text``, which is None if the document was changed after parsing."""
 
     file: str
     table: str = ""
@@ -146,19 +146,19 @@ class _Place(NamedTuple):
     number: int = 1
 
     def inside(self, table: str, header: str | None = None, number: int = 1) -> _Place:
-        """A table in it; without a ``header`` it has none of its own."""
+        """Place of a table within this one; without a ``header``, lines are those of this table."""
         if header is None:
             return self._replace(table=table)
         return self._replace(table=table, header=header, number=number)
 
     def fail(self, message: str) -> NoReturn:
-        """ScenarioError at the line of the key with which the message begins, if it does."""
+        """Raise a ScenarioError at the line of the key with which the message begins, if it begins with one."""
         named = re.match(r"[a-z_]+", message)
         key = named.group() if named else ""
         raise ScenarioError(f"{self.at(key)}: {self.table}{': ' if self.table else ''}{message}")
 
     def at(self, key: str = "") -> str:
-        """The file, with the line of a key or of the table where there is one."""
+        """The file, with the line of the key or else of the table, if it is known."""
         line = None if self.text is None else line_of(self.text, self.header, self.number, key)
         if line is None:
             return self.file
@@ -171,14 +171,14 @@ class _Place(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _parsed(text: str, file: str, files: tuple[tuple[str, str], ...] = ()) -> tuple[dict[str, Any], Scenario]:
-    """A parsed text, which must not be changed, and its scenario."""
+    """A parsed text (shared: callers must not change it) and its scenario."""
     document = _parse(text, file)
     return document, _decode(document, _Place(file, text=text), file, None, files=dict(files))
 
 
 def _parse(text: str, file: str) -> dict[str, Any]:
     try:
-        text.encode()  # a lone surrogate, which only a text made in Python can hold, could not be stored
+        text.encode()  # a lone surrogate, possible only in a text made in Python, cannot be stored
         return tomllib.loads(text)
     except UnicodeEncodeError:
         raise ScenarioError(f"{file}: the text cannot be written as UTF-8") from None
@@ -196,8 +196,8 @@ def _decode(
     like: tuple[dict[str, Any], Scenario] | None = None,
     files: Mapping[str, str] | None = None,
 ) -> Scenario:
-    """The scenario of a document. What it shares with the document ``like``, table by table, has been checked already
-    and is taken from its scenario."""
+    """The scenario of a document. Tables that are identical to those of the document ``like`` have been checked already
+    and are taken from its scenario."""
     if not document:
         raise ScenarioError(f"{place.file}: this file is empty; 'dembrick new' writes a scenario to start from")
     if isinstance(document.get("base"), str):
@@ -223,7 +223,7 @@ def _decode(
         if key == "joint":
             return _law(_table(document[key], there), there)
         if key == "joints":
-            base = values["joint"] if isinstance(values.get("joint"), JointLaw) else None  # which has its own error
+            base = values["joint"] if isinstance(values.get("joint"), JointLaw) else None  # whose own error is reported
             return [] if base is None else each(key, lambda entry, where: _joint_override(entry, base, where))
         if key == "materials":
             tables = {name: f"{key}.{_key(name)}" for name in _table(document[key], there)}
@@ -259,7 +259,7 @@ def _decode(
 
 
 def _law(data: dict[str, Any], place: _Place, base: JointLaw | None = None) -> JointLaw:
-    """A joint law; with a ``base``, that law with the keys that ``data`` names put in place of its own."""
+    """A joint law; with a ``base``, a copy of that law with the keys in ``data`` changed."""
     keys, faults = _keys_of(JointLaw), Faults()
     data = _known(data, keys if base is None else dict.fromkeys(keys, False), place, faults)
     given = {key: value for key, value in data.items() if (key, value) != ("points", "auto")}
@@ -299,15 +299,15 @@ def _control(data: Any, place: _Place) -> Any:
     existing = ", ".join(show(name) for name in CONTROLS)
     from difflib import get_close_matches
 
-    likely = 0.7 if len(str(kind)) < 8 else 0.8  # of the letters: a short word is soon half another
+    likely = 0.7 if len(str(kind)) < 8 else 0.8  # fraction of equal letters: short words are alike by chance
     close = get_close_matches(kind, CONTROLS, 1, likely) if isinstance(kind, str) else []
     hint = f"; did you mean {show(close[0])}?" if close else ""
     place.fail(f"kind = {show(kind)} is not a kind of control; the kinds are {existing}{hint}")
 
 
 def _record(kind: type, data: Any, place: _Place, faults: Faults | None = None, *more: str) -> Any:
-    """An instance of a dataclass and of those that it holds; ``faults`` are errors that were found in it before,
-    ``more`` keys that were taken out of it."""
+    """Make an instance of a dataclass, with those nested in it; ``faults`` are errors already found in the table,
+    ``more`` its keys that the caller has handled."""
     faults = faults or Faults()
     table = _known(_table(data, place), _keys_of(kind), place, faults, *more)
     for key, (inner, several) in _inner(kind).items():
@@ -329,7 +329,7 @@ def _record(kind: type, data: Any, place: _Place, faults: Faults | None = None, 
 def _known(
     data: dict[str, Any], known: Mapping[str, bool], place: _Place, faults: Faults, *more: str
 ) -> dict[str, Any]:
-    """The keys of a table that exist; those that do not, and those that are missing, are added to the ``faults``."""
+    """The known keys of a table; errors for unknown and for missing keys are added to the ``faults``."""
     meant = ""
     for key in data:
         if key not in known:
@@ -346,8 +346,8 @@ def _known(
 
 
 def _make(kind: type, values: Mapping[str, Any], place: _Place, faults: Faults | None = None) -> Any:
-    """An instance of a dataclass. A value that is wrong and may be left out is, so that what is wrong beside it is told
-    as well; ``faults`` are errors that were found in it before."""
+    """Make an instance of a dataclass. If an optional value is wrong, try again without it to find further errors;
+    ``faults`` are errors already found in the table."""
     faults, left, keys = faults or Faults(), dict(values), _keys_of(kind)
     made, again = None, all(key in left for key, required in keys.items() if required)
     while again:
@@ -362,7 +362,7 @@ def _make(kind: type, values: Mapping[str, Any], place: _Place, faults: Faults |
             words = re.findall(r"[a-z_]+", str(error))
             key = words[0] if words else ""
             missed = len(left) < len(values) and (key not in left or (values.keys() - left.keys()) & set(words))
-            if not missed:  # what was left out
+            if not missed:  # else the error is due to the value left out
                 with faults.kept():
                     place.fail(str(error))
             again = kind is not Scenario and key in left and not keys[key]
@@ -391,13 +391,13 @@ def _entries(document: dict[str, Any], key: str, place: _Place) -> Iterable[tupl
 
 
 def _plain(instance: Any, short: bool = False) -> dict[str, Any]:
-    """The fields of a dataclass that have a value; ``short`` leaves out those at their default."""
+    """The fields of a dataclass that have a value; ``short`` omits those at their default."""
     pairs = ((f, getattr(instance, f.name)) for f in fields(instance))
     return {f.name: value for f, value in pairs if value is not None and not (short and value == f.default)}
 
 
 def _plain_law(law: JointLaw) -> dict[str, Any]:
-    """The law with the keys that belong to its formulation; ``auto`` undoes a count of points in a default law."""
+    """The law with the keys that apply to its formulation; ``auto`` overrides a number of points in the default law."""
     plain = {"points": "auto", **_plain(law)}
     return {key: value for key, value in plain.items() if _OWN_KEYS.get(key, law.formulation) == law.formulation}
 
@@ -432,7 +432,7 @@ def _key(key: str) -> str:
 
 
 def _format(value: Any) -> str:
-    """One value of a checked scenario as TOML; ``repr`` writes the shortest text that reads back as the same float."""
+    """One value of a checked scenario as TOML; ``repr`` gives the shortest text that reads back as the same float."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

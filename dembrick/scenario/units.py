@@ -1,9 +1,9 @@
-"""Units that a table of numbers may be written in, by the quantity, and what each is worth in SI; and magnitudes.
+"""Units of tables of numbers, by quantity, with their factors to SI; and checks of magnitudes.
 
-`check_magnitudes` refuses numbers so large or small that no structure has them, and that squares and products of
-doubles do not hold. The bounds are far beyond what anyone builds, and far within what a double holds: a slip of the
-hand, such as a digit too many in an exponent, is told as such instead of coming out as an overflow somewhere.
-`unit_slips` has a remark on numbers that are possible but look like a slip of units.
+`check_magnitudes` refuses numbers too large for any structure, whose squares and products could overflow. The bounds
+are far beyond what anyone builds, and far within the range of a double: a typing error, such as an extra digit in an
+exponent, is reported as such instead of causing an overflow later.
+`unit_slips` remarks on numbers that are possible but suggest a wrong unit.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
 
-STANDARD_GRAVITY = 9.80665  # m/s2: the unit "g", whatever the gravity of a scenario
+STANDARD_GRAVITY = 9.80665  # m/s2: the unit "g", independent of the gravity of a scenario
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}  # units of drawings, in metres
 UNITS: dict[str, dict[str, float]] = {
@@ -36,7 +36,7 @@ _SPELLED = {"sec": "s", "m/s/s": "m/s2", "cm/s/s": "cm/s2", "mm/s/s": "mm/s2", "
 
 
 def size_of(quantity: str, unit: str) -> float | None:
-    """Factor of a unit of the quantity to SI; None if it is no unit of that quantity."""
+    """Factor from a unit of the quantity to SI; None if it is not a unit of that quantity."""
     unit = unit.translate(_SAME)
     return UNITS[quantity].get(_SPELLED.get(unit, unit))
 
@@ -60,7 +60,7 @@ GREATEST = {  # by key
 
 
 def check_magnitudes(scenario: Scenario) -> None:
-    """ScenarioError if a number of the scenario is beyond what can be computed with."""
+    """Raise a ScenarioError if a number of the scenario is beyond what can be computed with."""
     _check("gravity", scenario.gravity, "")
     for block in scenario.all_blocks:
         whose = f" of block {show(block.name)}"
@@ -91,13 +91,13 @@ def _check(key: str, values, whose: str) -> None:
 
 
 STEEPEST_FRICTION = 1.5
-DENSITIES = (500.0, 8000.0)  # kg/m3, of wood and of steel
+DENSITIES = (500.0, 8000.0)  # kg/m3, from wood to steel
 GRAVITIES = (9.0, 10.0)  # m/s2
 LARGEST_BLOCK = 20.0  # m
 
 
 def unit_slips(scenario: Scenario, shapes: Sequence[Shape]) -> list[str]:
-    """A sentence for each number of a scenario that is likely to be meant in another unit; ``shapes`` of its blocks."""
+    """Remarks on numbers of a scenario that are probably in another unit; ``shapes``: shapes of its blocks."""
     found = []
     laws = [("joint", scenario.joint), *((f"joint between {show(one.between)}", one.law) for one in scenario.joints)]
     for where, law in laws:

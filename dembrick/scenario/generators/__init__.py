@@ -1,7 +1,7 @@
-"""Structures that a scenario describes as a whole: walls, stacks, arches, domes. Each makes named blocks.
+"""Generators of whole structures: walls, stacks, arches, domes. Each makes named blocks.
 
-A generator is frozen data like everything a scenario says; ``build()`` lays its blocks, ``count()`` says beforehand
-how many there will be at most. Walls are laid together, by ``corners.lay``, as they may meet.
+A generator is frozen data like the rest of a scenario; ``build()`` makes its blocks, ``count()`` gives an upper bound
+of their number in advance. Walls are built together, by ``corners.lay``, as they may meet.
 """
 
 from dembrick.scenario.generators.arches import Arch, Dome
@@ -11,10 +11,10 @@ from dembrick.scenario.generators.walls import Opening, Return, Wall
 __all__ = ["GENERATORS", "Arch", "Dome", "Opening", "Return", "Stack", "Wall", "sizes_of"]
 
 GENERATORS = {"walls": Wall, "stacks": Stack, "arches": Arch, "domes": Dome}  # key of the scenario: class
-SIZES = ("courses", "rings", "voussoirs", "blocks")  # keys that count stones, of any generator
+SIZES = ("courses", "rings", "voussoirs", "blocks")  # keys that set numbers of blocks, of all generators
 
 
 def sizes_of(generator: Wall | Stack | Arch | Dome) -> str:
-    """The keys of a generator that say how many blocks it has, for a message."""
+    """The keys of a generator that set its number of blocks, for a message."""
     values = ((key, getattr(generator, key, None)) for key in SIZES)
     return " and ".join(f"{key} = {value}" for key, value in values if value is not None) or "its pattern"

@@ -1,4 +1,4 @@
-"""Arches and domes: stones between radial joints, and the fixed stones that they spring from."""
+"""Arches and domes: stones between radial joints, and the fixed springers that carry them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dembrick.scenario.generators.stacks import (
 
 
 def degrees(most: float, meaning: str, bound: str, closed: bool = False) -> dict[str, Key]:
-    """Metadata of an angle (deg) between 0 and ``most``, which is taken if the range is ``closed``."""
+    """Metadata of an angle (deg) between 0 and ``most``, including ``most`` if the range is ``closed``."""
 
     def check(key: str, value, label: str) -> float:
         angle = real(key + label, value)
@@ -35,7 +35,7 @@ def degrees(most: float, meaning: str, bound: str, closed: bool = False) -> dict
 
 
 def _reach(radius: float, thickness: float) -> float:
-    """How far the stones of a springing reach beyond those that rest on them, on either side (m)."""
+    """How far the springers extend on either side beyond the stones that they carry (m)."""
     return min(0.5 * thickness, 0.5 * (radius - 0.5 * thickness))
 
 
@@ -44,13 +44,13 @@ class Arch:
     """A circular arch of ``voussoirs`` equal stones: mean ``radius``, ``thickness`` and ``depth`` in m.
 
     ``angle`` (deg) is the angle of embrace, 180 for a semicircle. ``position`` is the centre of the circle; the arch
-    stands in the x-z plane (or along ``heading``, deg) with its crown above the centre, and its ``depth`` lies across,
-    along y, half on either side of the centre. ``curved``: mass, centroid and inertia of the stones are those of pieces
-    of a ring (:class:`dembrick.scenario.blocks.Voussoir`). ``abutments`` puts a fixed stone under
-    each springing, wider than the arch; without them something else must carry it.
+    stands in the x-z plane (or along ``heading``, deg) with its crown above the centre; its ``depth`` extends along y,
+    half on either side of the centre. ``curved``: mass, centroid and inertia of the stones are those of ring segments
+    (:class:`dembrick.scenario.blocks.Voussoir`). ``abutments`` puts a fixed stone, wider than the arch, under each
+    springing; without them something else must carry the arch.
 
-    Stones of ``material``, and of a ``group``, are called ``name``.1, ``name``.2, ... from the left springing (towards
-    -x) to the right; the abutments name.left and name.right.
+    The stones, of ``material`` and in the ``group`` if one is given, are called ``name``.1, ``name``.2, ... from the
+    left springing (towards -x) to the right; the abutments name.left and name.right.
     """
 
     name: str = field(metadata=NAME)
@@ -93,7 +93,7 @@ class Arch:
             reach = _reach(self.radius, self.thickness)
             edges = (self.thickness, self.depth + 2.0 * reach, self.thickness + 2.0 * reach)
             for side, sign in (("left", -1.0), ("right", 1.0)):
-                # in the plane of the springing, x points out of the arch at the right and into it at the left
+                # in the plane of the springing, x points out of the arch at the right springing and into it at the left
                 sine, cosine = math.sin(sign * half), math.cos(sign * half)
                 out = sign * 0.5 * self.thickness
                 centre = frame.point(self.radius * sine + out * cosine, 0.0, self.radius * cosine - out * sine)
@@ -106,15 +106,16 @@ class Arch:
 class Dome:
     """A spherical dome: ``rings`` of ``blocks`` equal stones each; mean ``radius`` and ``thickness`` in m.
 
-    ``angle`` (deg) reaches from the vertical axis down to the springing, 90 for a hemisphere; ``oculus`` (deg) from
-    the axis to the rim of the open eye. Without an eye, rings end at a ``key`` (deg) and one key stone closes the
-    dome. All joints are planes through the centre and stones of neighbouring rings stand above each other: only so
-    do plane faces meet. The stones have plane faces: their corners lie on the two spheres. ``position`` is the centre
-    of the sphere. A ring of fixed stones, thicker than the dome, carries the lowest ring (``springing`` = false
+    ``angle`` (deg) is measured from the vertical axis to the springing, 90 for a hemisphere; ``oculus`` (deg) from the
+    axis to the rim of the oculus. Without an oculus, the rings end at the angle ``key`` (deg) and one keystone closes
+    the dome. The corners of the stones lie on the two spheres, and their faces are plane: therefore all joints are
+    planes through the centre, and stones of neighbouring rings stand directly above each other. ``position`` is the
+    centre of the sphere. A ring of fixed stones, thicker than the dome, carries the lowest ring (``springing`` = false
     leaves it out).
 
-    The dome is turned by ``heading`` (deg). Stones of ``material``, and of a ``group``, are called
-    ``name``.ring.number, rings from the springing up; the key stone name.key; the fixed ones name.springing.number.
+    The dome is rotated by ``heading`` (deg). Stones, of ``material`` and in the ``group`` if one is given, are called
+    ``name``.ring.number, with rings counted from the springing up; the keystone name.key; the fixed ones
+    name.springing.number.
     """
 
     name: str = field(metadata=NAME)
@@ -156,7 +157,7 @@ class Dome:
         return self.blocks * (self.rings + self.springing) + (self.key is not None)
 
     def build(self) -> list[Block]:
-        """The rings from the springing to the eye, the key stone, the fixed ring."""
+        """The rings from the springing to the oculus, the keystone, the fixed ring."""
         frame = Frame(self.position, self.heading)
         rim = math.radians(present(self.key if self.oculus is None else self.oculus))
         low, step = math.radians(self.angle), (math.radians(self.angle) - rim) / self.rings

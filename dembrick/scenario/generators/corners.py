@@ -1,7 +1,7 @@
-"""Walls that meet at a corner: laid in bond, one running through in the courses in which the other stops, on one slab.
+"""Walls that meet at a corner: laid in bond on one slab; in each course one wall runs through and the other stops.
 
-Which walls meet follows from where they stand: two walls that lie in one another with their ends, outer face at outer
-face. Walls that lie in one another in any other way are refused, with the place where the second would fit.
+Position decides which walls meet: the ends of two walls overlap, each ending at the outer face of the other. Walls that
+overlap in any other way are refused, with the position at which the second would fit.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from dembrick.scenario.checks import present
 from dembrick.scenario.generators.stacks import Frame, stone_of
 from dembrick.scenario.generators.walls import Corner, Corners, Wall
 
-SAME = 1e-6  # of a block's length, in which two faces are one
-LEAST_LAP = 0.1  # of a block's length: by how much it reaches beyond a corner at least, and beyond the head joint below
+SAME = 1e-6  # of a block's length: faces closer than this coincide
+LEAST_LAP = 0.1  # of a block's length: least lap of a block beyond a corner, and beyond the head joint below
 
 Plan = tuple[float, float, float, float]  # least and greatest x, least and greatest y (m)
 Ends = dict[int, list[Corner | None]]
 
 
 def lay(walls: Sequence[Wall]) -> list[Block]:
-    """The blocks of walls: each from the bottom to the top, its returns after it, then its slab.
+    """The blocks of all walls: each wall from the bottom to the top, then its returns, then its slab.
 
-    ScenarioError for walls that lie in one another and are not in bond.
+    Raises a ScenarioError for walls that overlap and are not in bond.
     """
     every = [part for wall in walls for part in (wall, *wall.branches())]
     ends: Ends = {i: [None, None] for i in range(len(every))}
@@ -52,12 +52,12 @@ def lay(walls: Sequence[Wall]) -> list[Block]:
 
 
 def _lie_in_one_another(one: Wall, other: Wall) -> bool:
-    """Whether two walls take up the same space, in plan and in height."""
+    """Whether two walls overlap, in plan and in height."""
     near = SAME * one.block[0]
     low, high = max(one.position[2], other.position[2]), min(_top(one), _top(other))
     if high - low <= near:
         return False
-    for seen, by in ((one, other), (other, one)):  # axes of both: two rectangles are apart if they are along one
+    for seen, by in ((one, other), (other, one)):  # separating axes: two rectangles are apart if they are along one
         plan, own = _plan(seen, by), _plan(by, by)
         if min(plan[1], own[1]) - max(plan[0], own[0]) <= near or min(plan[3], own[3]) - max(plan[2], own[2]) <= near:
             return False
@@ -69,7 +69,7 @@ def _top(wall: Wall) -> float:
 
 
 def _plan(wall: Wall, of: Wall) -> Plan:
-    """The rectangle that a wall fills, along the axis of another and across it, from the left end of that."""
+    """The rectangle of a wall, along and across the axis of another wall ``of``, from the left end of that."""
     frame, half = Frame(wall.position, wall.heading), 0.5 * wall.block[1]
     own = Frame((0.0, 0.0, 0.0), -of.heading)
     xs, ys = [], []
@@ -83,7 +83,7 @@ def _plan(wall: Wall, of: Wall) -> Plan:
 
 
 def _join(every: Sequence[Wall], i: int, j: int, ends: Ends) -> None:
-    """Give both walls their corner; ScenarioError if they are not in bond there."""
+    """Give both walls their corner; raise a ScenarioError if they are not in bond there."""
     first, second = every[i], every[j]
     label = f"walls '{first.name}' and '{second.name}'"
     across = (second.heading - first.heading) % 180.0
@@ -123,7 +123,7 @@ def _join(every: Sequence[Wall], i: int, j: int, ends: Ends) -> None:
 
 
 def _check_lap(wall: Wall, other: Wall) -> None:
-    """ScenarioError where blocks of ``wall`` cannot be toothed into ``other``."""
+    """Raise a ScenarioError if blocks of ``wall`` cannot be toothed into ``other``."""
     length, thickness = wall.block[0], other.block[1]
     least, most = LEAST_LAP * length, (1.0 - LEAST_LAP) * length
     if not least <= thickness <= most:
@@ -138,14 +138,15 @@ def _check_lap(wall: Wall, other: Wall) -> None:
 
 
 def _end_of(wall: Wall, other: Wall) -> tuple[int, float]:
-    """At which end of ``wall`` (0 left, 1 right) ``other`` crosses it, and how far (m, along the wall) that is off."""
+    """End of ``wall`` (0 left, 1 right) at which ``other`` crosses it, and its offset (m, along the wall)."""
     start, stop, _, _ = _plan(other, wall)
     left, right = start, stop - wall.length
     return (0, left) if abs(left) <= abs(right) else (1, right)
 
 
 def _misplaced(first: Wall, second: Wall, along: float, across: float) -> str:
-    """Remedy where the second wall lies in the first, off its end by ``along`` and its own by ``across`` (m)."""
+    """Error message with a remedy for a second wall that is off the end of the first by ``along``, and the first off
+    its end by ``across`` (m)."""
     lead = f"walls '{first.name}' and '{second.name}' lie in one another"
     if max(abs(along), abs(across)) > max(first.block[0], second.block[0]):
         return (
@@ -166,7 +167,7 @@ def _misplaced(first: Wall, second: Wall, along: float, across: float) -> str:
 
 
 def _check_openings(wall: Wall, corners: Corners) -> None:
-    """ScenarioError for an opening that reaches into a corner."""
+    """Raise a ScenarioError for an opening that extends into a corner."""
     left, right = (0.0 if corner is None else corner.thickness for corner in corners)
     near = SAME * wall.block[0]
     for opening in wall.openings:
@@ -182,8 +183,8 @@ def _check_openings(wall: Wall, corners: Corners) -> None:
 
 
 def _slabs(every: Sequence[Wall], meeting: Sequence[tuple[int, int]]) -> dict[int, Block]:
-    """The fixed bases, by the number of the wall whose name they have: one below all walls that meet, or whose slabs
-    would overlap, the first of those that state a base."""
+    """The fixed bases, by the number of the wall they are named after: one for all walls that meet, or whose slabs
+    would overlap, named after the first of these that states a base."""
     groups = [{i} for i in range(len(every))]
     for i, j in meeting:
         _unite(groups, i, j)
@@ -208,7 +209,7 @@ def _unite(groups: list[set[int]], i: int, j: int) -> None:
 
 
 def _based(every: Sequence[Wall], group: set[int]) -> int | None:
-    """The first wall of a group that states a base; ScenarioError if another states a different one."""
+    """The first wall of a group that states a base; raise a ScenarioError if another states a different one."""
     stated = [i for i in sorted(group) if every[i].base is not None]
     for i in stated[1:]:
         if every[i].base != every[stated[0]].base:
@@ -221,11 +222,11 @@ def _based(every: Sequence[Wall], group: set[int]) -> int | None:
 
 
 def _slabs_overlap(every: Sequence[Wall], one: set[int], a: int, other: set[int], b: int) -> bool:
-    """Whether the slabs of two groups are at one height, of one direction, and would overlap."""
+    """Whether the slabs of two groups have one height and direction, and would overlap."""
     first, second = every[a], every[b]
     turned = (second.heading - first.heading) % 90.0
     if min(turned, 90.0 - turned) > 1e-6 or first.position[2] != second.position[2] or first.base != second.base:
-        return False  # two that overlap nevertheless are refused like any two blocks
+        return False  # if they overlap nevertheless, they are refused like any two blocks
     reach = present(first.base)
     p, q = _around(every, one, first, reach), _around(every, other, first, reach)
     near = SAME * first.block[0]
@@ -233,7 +234,7 @@ def _slabs_overlap(every: Sequence[Wall], one: set[int], a: int, other: set[int]
 
 
 def _around(every: Sequence[Wall], group: set[int], of: Wall, reach: float) -> Plan:
-    """The rectangle around walls, ``reach`` (m) wider on each side, along the axis of a wall and across it."""
+    """Bounding rectangle of walls, along and across the axis of a wall, ``reach`` (m) wider on each side."""
     left, right, front, back = zip(*(_plan(every[i], of) for i in group), strict=True)
     return min(left) - reach, max(right) + reach, min(front) - reach, max(back) + reach
 

@@ -1,5 +1,5 @@
-"""Stacks, equal blocks on one another; and where any generated structure stands: a frame of its own, turned about the
-vertical and moved.
+"""Stacks of equal blocks; and the local frame in which any generated structure is placed, rotated about the vertical
+and translated.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dembrick.scenario.blocks import Block, Prism, Quaternion, Vector
 from dembrick.scenario.checks import check_name, one_line, present, require, vector
 from dembrick.scenario.declared import Key, check_keys, count, declare, naming, number, positive, table, vector_of
 
-# keys of every generator
+# keys that all generators have
 NAME = naming("text", "name of the structure, and the beginning of the names of its blocks")
 MATERIAL = naming("a material", "what its blocks are made of")
 POSITION = vector_of("m", "where it stands")
@@ -21,7 +21,7 @@ GROUP = naming("text", "a further group that its blocks belong to")
 
 
 def edges(meaning: str) -> dict[str, Key]:
-    """Metadata of the lengths of the edges of a box (m)."""
+    """Metadata of the edge lengths of a box (m)."""
 
     def check(key: str, value, label: str) -> Vector:
         x, y, z = found = vector(key, value, label=label)
@@ -33,12 +33,12 @@ def edges(meaning: str) -> dict[str, Key]:
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """``blocks`` equal blocks on one another: a ``box`` (edges, m) or a ``prism`` each, a column of drums.
+    """A stack of ``blocks`` equal blocks, each a ``box`` (edges, m) or a ``prism``, such as a column of drums.
 
     ``position`` is the foot of the stack: the origin of the shape, at the bottom of the lowest block. ``base`` (m)
-    adds a fixed slab, so thick and reaching so far beyond the stack. The whole is turned
-    by ``heading`` (deg). Blocks of ``material``, and of a ``group``, are called ``name``.1, ``name``.2, ... from the
-    bottom, the slab name.base.
+    adds a fixed slab of that thickness, which extends as far beyond the stack. The whole is rotated by ``heading``
+    (deg). Blocks, of ``material`` and in the ``group`` if one is given, are called ``name``.1, ``name``.2, ... from the
+    bottom up, the slab name.base.
     """
 
     name: str = field(metadata=NAME)
@@ -83,17 +83,17 @@ class Stack:
 
 
 def about_z(angle: float) -> Quaternion:
-    """Quaternion of a turn by ``angle`` (rad) about the vertical."""
+    """Quaternion of a rotation by ``angle`` (rad) about the vertical."""
     return (math.cos(0.5 * angle), 0.0, 0.0, math.sin(0.5 * angle))
 
 
 def about_y(angle: float) -> Quaternion:
-    """Quaternion of a turn by ``angle`` (rad) about y, which takes z towards x."""
+    """Quaternion of a rotation by ``angle`` (rad) about y, which takes z towards x."""
     return (math.cos(0.5 * angle), 0.0, math.sin(0.5 * angle), 0.0)
 
 
 def product(p: Quaternion, q: Quaternion) -> Quaternion:
-    """The turn ``q`` followed by the turn ``p``."""
+    """The rotation ``q`` followed by the rotation ``p``."""
     (a, b, c, d), (w, x, y, z) = p, q
     return (
         a * w - b * x - c * y - d * z,
@@ -104,11 +104,11 @@ def product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 class Frame:
-    """Coordinates of a structure: origin at ``position``, x along ``heading`` (deg, from the world's x towards y)."""
+    """Local frame of a structure: origin at ``position``, x along ``heading`` (deg, from the world's x towards y)."""
 
     def __init__(self, position: Vector, heading: float):
         quarters, rest = divmod(heading, 90.0)
-        if rest == 0.0:  # a wall along y is straight to the last bit
+        if rest == 0.0:  # multiples of 90 deg are exact
             cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(quarters) % 4]
         else:
             cosine, sine = math.cos(math.radians(heading)), math.sin(math.radians(heading))
@@ -116,18 +116,18 @@ class Frame:
         self.turn = about_z(math.radians(heading))
 
     def point(self, x: float, y: float, z: float) -> Vector:
-        """World coordinates of a point of the structure."""
+        """World coordinates of a point in local coordinates."""
         (ox, oy, oz), c, s = self.origin, self.cosine, self.sine
         return (ox + c * x - s * y, oy + s * x + c * y, oz + z)
 
 
 def check_generator(generator, kind: str) -> str:
-    """Check the keys of a generator of a ``kind``; returns the label for messages, which has its name."""
+    """Check the keys of a generator of a ``kind``; return the label for messages, which contains its name."""
     label = f" of {kind} '{one_line('name', check_name('name', generator.name))}'"
     check_keys(generator, label)
     return label
 
 
 def stone_of(generator, name: str, **description) -> Block:
-    """A block of a generator, of its material and group, with its name before its own."""
+    """A block of a generator, with its material and group, and its name as a prefix."""
     return Block(f"{generator.name}.{name}", generator.material, group=generator.group, **description)
