@@ -1,4 +1,4 @@
-"""Points attached to blocks, and what is there: actuators that push them, control points that are watched."""
+"""Points attached to blocks, and their uses: actuators, and control points whose displacement is recorded."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dembrick.scenario.controls import Control
     from dembrick.scenario.model import Scenario
 
-ON_FACE = 1e-6  # of the block's diameter: a point so little outside is on the face, as files give coordinates
+ON_FACE = 1e-6  # of the block's diameter: a point this little outside is on the face, within the digits of a file
 
 
 # kinds of actuators
@@ -31,8 +31,8 @@ KINDS = (ACTUATOR, PRESSURE, BODY_FORCE)
 
 @dataclass(frozen=True, eq=False)
 class Attached:
-    """Material points of blocks: ``block`` (k,) which each belongs to; ``arm`` (k, 3) m from the centroid to the point
-    at the start, world axes; ``lever`` (k, 3) m the same in the block's axes. Ends of ties are k by 2 points."""
+    """Material points of blocks: ``block`` (k,), index of the block of each; ``arm`` (k, 3) m, from the centroid to the
+    point at the start, world axes; ``lever`` (k, 3) m, the same in body axes. For ends of ties, k is (number, 2)."""
 
     block: np.ndarray
     arm: np.ndarray
@@ -40,7 +40,7 @@ class Attached:
 
     @classmethod
     def to(cls, bare: Assembly, block, arm) -> Attached:
-        """Points of the blocks numbered ``block`` (k,) at ``arm`` (k, 3) of an assembly."""
+        """Points at ``arm`` (k, 3) from the centroids of the blocks with indices ``block`` (k,)."""
         block = np.array(block, np.int64)
         arm = np.array(arm, float).reshape(*block.shape, 3)
         return cls(block, arm, np.einsum("...ji,...j->...i", bare.rotation[block], arm))
@@ -52,24 +52,24 @@ class Attached:
         return Attached(self.block[which], self.arm[which], self.lever[which])
 
     def and_then(self, more: Attached) -> Attached:
-        """These points and ``more``."""
+        """These points followed by ``more``."""
         parts = zip(vars(self).values(), vars(more).values(), strict=True)
         return Attached(*(np.concatenate(part) for part in parts))
 
     def start(self, position: np.ndarray) -> np.ndarray:
-        """The points (k, 3) m at the start, world; ``position`` (n, 3) of the centroids then."""
+        """The points (k, 3) m at the start, world; ``position`` (n, 3): centroids at the start."""
         return position[self.block] + self.arm
 
     def arms(self, rotation: np.ndarray) -> np.ndarray:
-        """From the centroids to the points (k, 3) m, world, where blocks stand as ``rotation`` (n, 3, 3)."""
+        """Vectors from the centroids to the points (k, 3) m, world; ``rotation`` (n, 3, 3): rotation of the blocks."""
         return np.einsum("...ij,...j->...i", rotation[self.block], self.lever)
 
     def wrenches(self, force: np.ndarray) -> np.ndarray:
-        """Forces (k, 3) N at the points at the start and their moments about the centroids (k, 6): N and N m."""
+        """Wrenches (k, 6) of forces (k, 3) at the points at the start: force (N), moment about the centroid (N m)."""
         return np.concatenate([force, np.cross(self.arm, force)], axis=1)
 
     def on_blocks(self, force: np.ndarray, count: int) -> np.ndarray:
-        """Sums of the wrenches (n, 6) on each of so many blocks."""
+        """Sum of the wrenches on each of ``count`` blocks (n, 6)."""
         found = np.zeros((count, 6))
         np.add.at(found, self.block, self.wrenches(force))
         return found
@@ -77,8 +77,8 @@ class Attached:
 
 @dataclass(frozen=True, eq=False)
 class ActuatorTable:
-    """Actuators: ``names``; points of blocks, ``at``, that they push; ``direction`` (k, 3) unit, world; ``weight``
-    (k,); ``kind`` (k,), of `KINDS`."""
+    """Actuators: ``names``; points ``at`` which they push; ``direction`` (k, 3) unit, world; ``weight`` (k,); ``kind``
+    (k,), one of `KINDS`."""
 
     names: tuple[str, ...]
     at: Attached
@@ -94,17 +94,17 @@ class ActuatorTable:
 
 @dataclass(frozen=True, eq=False)
 class ControlPoints:
-    """Material points whose displacement is recorded: ``names``, and where they are, ``at``."""
+    """Material points whose displacement is recorded: ``names``, and the points ``at`` which they are."""
 
     names: tuple[str, ...]
     at: Attached
 
     def displacement(self, moved: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Of the points (w, 3) where the centroids have ``moved`` (n, 3) and blocks stand as ``rotation`` (n, 3, 3)."""
+        """Displacement of the points (w, 3) for ``moved`` (n, 3), that of the centroids, and ``rotation`` (n, 3, 3)."""
         return self.displaced(moved[self.at.block], rotation[self.at.block])
 
     def displaced(self, moved: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """The same, ``moved`` (..., w, 3) and ``rotation`` (..., w, 3, 3) being those of the block of each point."""
+        """The same from ``moved`` (..., w, 3) and ``rotation`` (..., w, 3, 3) of the block of each point."""
         return moved + np.einsum("...wij,wj->...wi", rotation, self.at.lever) - self.at.arm
 
 
@@ -115,7 +115,7 @@ NO_CONTROL_POINTS = ControlPoints((), NOWHERE)
 
 
 def check_inside(what: str, point, bare: Assembly, block: int) -> np.ndarray:
-    """The arm (3,) of a point from the centroid of its block; ScenarioError if it lies outside."""
+    """The arm (3,) of a point from the centroid of its block; raise a ScenarioError if it lies outside."""
     outside = _outside(point, bare, block)
     if outside > 0.0:
         name = show(bare.names[block])
@@ -131,7 +131,7 @@ def check_inside(what: str, point, bare: Assembly, block: int) -> np.ndarray:
 
 
 def _outside(point, bare: Assembly, block: int) -> float:
-    """How far (m) a point lies outside a block, 0 if it is in it or on a face."""
+    """Distance (m) of a point outside a block; 0 inside and on a face."""
     shape = bare.shapes[block]
     local = bare.rotation[block].T @ (np.array(point, float) - bare.position[block])
     far = min(float((part.face_normals @ (local - place) - part.face_offsets).max()) for place, part in parts_of(shape))
@@ -139,9 +139,9 @@ def _outside(point, bare: Assembly, block: int) -> float:
 
 
 def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) -> ActuatorTable:
-    """The actuators of a scenario and its driven pressures; ``number`` of every block by name.
+    """The actuators of a scenario and its driven pressures; ``number``: index of every block by name.
 
-    ScenarioError if an actuator cannot push its block, or no face feels a pressure.
+    Raises ScenarioError if an actuator cannot push its block, or a pressure acts on no face.
     """
     rows: list[tuple] = []
     for actuator in scenario.actuators:
@@ -151,7 +151,7 @@ def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) 
         arm = check_inside(what, actuator.point, bare, block)
         rows.append((actuator.name, block, arm, actuator.direction, actuator.weight, ACTUATOR))
     for pressure in scenario.pressures:
-        if pressure.actuator:  # it pushes at its centre, by its force for V = 1
+        if pressure.actuator:  # it acts at the centre of pressure, with its force for V = 1
             for face in face_forces(pressure, scenario.groups.get(pressure.block) or (number[pressure.block],), bare):
                 weight, name = np.sqrt((face.force**2).sum()), f"pressure on {bare.names[face.block]}"
                 rows.append((name, face.block, face.arm, face.force / weight, weight, PRESSURE))
@@ -163,13 +163,12 @@ def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) 
 
 
 def recorded_curve(control: Control, actuators: ActuatorTable) -> Curve:
-    """Curve that a run under ``control`` records; its load is a factor without a unit if nothing but pressures is
-    driven."""
+    """Curve recorded in a run under ``control``; if only pressures are driven, its load is a factor without a unit."""
     return OF_PRESSURES if set(actuators.kind) == {PRESSURE} and control.curve is OF_ACTUATORS else control.curve
 
 
 def actuators_on_all_blocks(scenario: Scenario, loads, bare: Assembly) -> ActuatorTable:
-    """The load system of a quasi-static tilt or pushover, as actuators at centroids and at the points of the loads."""
+    """The load system of a quasi-static tilt or pushover, as actuators at centroids and at the points of loads."""
     block, point, force = load_system.load_system(scenario, loads, bare.position, bare.mass, bare.fixed)
     weight = np.sqrt((force**2).sum(axis=1))
     return ActuatorTable(
@@ -182,8 +181,8 @@ def actuators_on_all_blocks(scenario: Scenario, loads, bare: Assembly) -> Actuat
 
 
 def effective_mass(assembly: Assembly) -> float:
-    """The mass (kg) that actuators of one multiplier V have to speed up: V over the acceleration of the driven
-    displacement, if nothing but the inertia of the blocks resists."""
+    """Effective mass (kg) of the load system: V over the acceleration of the driven displacement if only the inertia of
+    the blocks resists."""
     actuators = assembly.actuators
     wrench = actuators.at.on_blocks(actuators.force, len(assembly.names))
     push, turn = wrench[:, :3], wrench[:, 3:]
@@ -197,7 +196,7 @@ def effective_mass(assembly: Assembly) -> float:
 
 
 def control_points(scenario: Scenario, number: dict[str, int], bare: Assembly) -> ControlPoints:
-    """The control points of a scenario, centroids where it gives no point; ScenarioError if one is outside."""
+    """The control points of a scenario; at the centroid if no point is given. ScenarioError if one is outside."""
     given = scenario.control_points
     if not given:
         return NO_CONTROL_POINTS

@@ -1,4 +1,4 @@
-"""From what a scenario says of a shape to the shape: equal descriptions share one object."""
+"""Shapes made from the descriptions in a scenario; equal descriptions share one object."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from dembrick.scenario.checks import show
 
 
 def shapes_of(blocks: Sequence[Block], path_of: Callable[[str], str] = str) -> tuple[Shape, ...]:
-    """The shape of every block; ScenarioError names the block whose description makes none.
+    """The shape of every block; a ScenarioError names the block whose description is invalid.
 
-    ``path_of`` gives the path of a mesh file by its name.
+    ``path_of`` maps the name of a mesh file to its path.
     """
     known: dict[tuple, Shape] = {}
     shapes = []
@@ -34,13 +34,13 @@ def shapes_of(blocks: Sequence[Block], path_of: Callable[[str], str] = str) -> t
 
 
 def _sized(kind: str, description, path_of: Callable[[str], str]) -> Shape:
-    """The shape, if it is of a size that can be computed with."""
-    with np.errstate(all="ignore"):  # of a size that cannot, volume and inertia overflow on the way
+    """The shape, after a check that its size can be computed with."""
+    with np.errstate(all="ignore"):  # volume and inertia of extreme sizes overflow
         try:
             shape = _shape(kind, description, path_of)
             size, corners = shape.diameter, shape.vertices
             spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
-            thickness = 2.0 * float(spread[-1]) / math.sqrt(len(corners))  # of a box its shortest edge
+            thickness = 2.0 * float(spread[-1]) / math.sqrt(len(corners))  # the shortest edge of a box
         except (np.linalg.LinAlgError, ArithmeticError):
             size = thickness = math.nan
     if math.isnan(size) or math.isnan(thickness):
@@ -75,7 +75,7 @@ def _compound(parts: Sequence[Part], path_of: Callable[[str], str]) -> Shape:
 
 
 def _convex(kind: str, description, path_of: Callable[[str], str]) -> list[Polyhedron]:
-    """The convex parts of a solid: a mesh may have several."""
+    """The convex parts of a solid; only a mesh may have several."""
     if kind == "box":
         return [box(description)]
     if kind == "vertices":
@@ -83,7 +83,7 @@ def _convex(kind: str, description, path_of: Callable[[str], str]) -> list[Polyh
     if isinstance(description, Prism):
         return [prism(description.polygon, description.height)]
     if isinstance(description, Mesh):
-        from dembrick.geometry.mesh_file import convex_solids  # only scenes with meshes pay for the reader
+        from dembrick.geometry.mesh_file import convex_solids  # only scenarios with meshes need the reader
 
         return convex_solids(path_of(description.file), description.metres)
     stone = description

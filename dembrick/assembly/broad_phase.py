@@ -1,7 +1,7 @@
-"""Broad phase of contact detection: which blocks are near each other, and whether they overlap.
+"""Broad phase of contact detection, and the overlap test of the pairs that it finds.
 
-All pairs of a scene are handled as arrays, grouped by the kind of their shapes (how many corners, faces, axes), so
-that ten thousand boxes of any sizes make one group.
+All pairs of a scene are processed as arrays, grouped by kind of shape (numbers of corners, faces, axes); ten thousand
+boxes of any sizes form one group.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ import numpy as np
 
 from dembrick.geometry.shapes import Polyhedron, Shape, parts_of
 
-_WIDE = 64  # a block that covers more cells than this is compared with all others directly
-_CHUNK = 4096  # pairs that the overlap test takes at a time
-_PARALLEL = 1e-9  # sine of the angle below which two edges give no axis
+_WIDE = 64  # a block that covers more cells than this is compared directly with all others
+_CHUNK = 4096  # pairs per batch of the overlap test
+_PARALLEL = 1e-9  # sine of the angle below which two edges are parallel and give no axis
 
 
 def distinct(numbers: np.ndarray) -> np.ndarray:
-    """The distinct ones of ``numbers``, integers (k,), sorted. Not `numpy.unique`, which loads masked arrays: a short
-    run then takes a twentieth longer to start."""
+    """Sorted distinct values of integers ``numbers`` (k,). Unlike `numpy.unique` this does not load masked arrays,
+    which costs a short run a twentieth of its start-up time."""
     ordered = np.sort(numbers)
     return ordered[np.diff(ordered, prepend=ordered[:1] - 1) > 0]
 
 
 class Stack:
-    """Shapes of one kind as arrays with a leading axis over the distinct shapes."""
+    """Shapes of one kind as arrays; the leading axis is that of the distinct shapes."""
 
     def __init__(self, shapes: list[Polyhedron]):
         self.vertices = np.stack([shape.vertices for shape in shapes])
@@ -57,7 +57,7 @@ class ShapeTable:
         self.diameter = np.array([shape.diameter for shape in shapes])
 
     def groups(self, pairs: np.ndarray) -> Iterator[tuple[np.ndarray, Stack, np.ndarray, Stack, np.ndarray]]:
-        """For pairs (p, 2): (numbers of the pairs, stack of the first, rows in it, stack of the second, rows)."""
+        """Groups of pairs (p, 2) by kind: (indices of pairs, stack and rows of the first, of the second)."""
         code = self.kind[pairs[:, 0]] * len(self.stacks) + self.kind[pairs[:, 1]]
         for value in distinct(code).tolist():
             chosen = np.flatnonzero(code == value)
@@ -67,7 +67,7 @@ class ShapeTable:
 
 
 class Bodies(NamedTuple):
-    """The convex parts of all blocks, p of them; as many as blocks where every block is convex."""
+    """The p convex parts of all blocks; one per block if every block is convex."""
 
     owner: np.ndarray  # (p,) the block
     table: ShapeTable
@@ -77,14 +77,14 @@ class Bodies(NamedTuple):
     place: np.ndarray  # (p, 3) m, the same in body axes
 
     def moved(self, positions: np.ndarray, rotations: np.ndarray) -> Bodies:
-        """The same parts of blocks that now stand at ``positions`` (n, 3)."""
+        """The same parts after the blocks have moved to ``positions`` (n, 3) and ``rotations``."""
         turn = rotations[self.owner]
         arm = np.einsum("pij,pj->pi", turn, self.place)
         return self._replace(position=positions[self.owner] + arm, rotation=turn, arm=arm)
 
 
 def bodies_of(shapes: Sequence[Shape], positions: np.ndarray, rotations: np.ndarray) -> Bodies:
-    """The convex parts of blocks whose centroids stand at ``positions`` (n, 3)."""
+    """The convex parts of blocks with centroids at ``positions`` (n, 3)."""
     known = {id(shape): parts_of(shape) for shape in shapes}
     parts = [known[id(shape)] for shape in shapes]
     owner = np.repeat(np.arange(len(shapes)), [len(own) for own in parts])
@@ -95,10 +95,10 @@ def bodies_of(shapes: Sequence[Shape], positions: np.ndarray, rotations: np.ndar
 
 
 def close_pairs(bodies: Bodies, tolerance: float) -> np.ndarray:
-    """Pairs (p, 2) of bodies, first below second, sorted, whose bounding boxes come near each other: within the sum of
-    their margins, ``tolerance`` times the diameter each.
+    """Pairs (p, 2) of bodies, sorted, lower index first, whose bounding boxes overlap when each is enlarged by a margin
+    of ``tolerance`` times the diameter.
 
-    A grid of cells twice as long as the middle one of the bodies; every cell compares the bodies that reach into it.
+    The cells of the grid are twice the median size of the bodies; bodies that share a cell are compared.
     """
     table, positions, rotations = bodies.table, bodies.position, bodies.rotation
     margin = tolerance * table.diameter
@@ -114,7 +114,7 @@ def close_pairs(bodies: Bodies, tolerance: float) -> np.ndarray:
     cell = 2.0 * np.sort(high - low, axis=0)[n_block // 2 :][:1]
     first = np.floor(low / cell).astype(np.int64)
     counts = np.floor(high / cell).astype(np.int64) - first + 1
-    covered = counts.prod(axis=1, dtype=float)  # integers would overflow on a kilometre of floor under pebbles
+    covered = counts.prod(axis=1, dtype=float)  # float: a kilometre of floor under pebbles overflows integers
     wide = np.flatnonzero(covered > _WIDE)
     small = np.flatnonzero(covered <= _WIDE)
     found = [_cell_pairs(small, first, counts)]
@@ -128,7 +128,7 @@ def close_pairs(bodies: Bodies, tolerance: float) -> np.ndarray:
 
 
 def _cell_pairs(blocks: np.ndarray, first: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """All pairs of blocks that reach into a common cell (p, 2); a pair may come more than once."""
+    """All pairs of blocks that share a cell (p, 2), possibly repeated."""
     covered = counts[blocks].prod(axis=1)
     owner = np.repeat(blocks, covered)
     inside = np.arange(len(owner)) - np.repeat(np.cumsum(covered) - covered, covered)
@@ -141,23 +141,23 @@ def _cell_pairs(blocks: np.ndarray, first: np.ndarray, counts: np.ndarray) -> np
     start = np.flatnonzero(np.concatenate([[True], (cells[1:] != cells[:-1]).any(axis=1)])[: len(owner)])
     size = np.diff(np.concatenate([start, [len(owner)]]))
     rank = np.arange(len(owner)) - np.repeat(start, size)
-    # Every entry of a cell meets the entries before it in that cell.
+    # Each entry of a cell is paired with the entries before it in that cell.
     later = np.repeat(np.arange(len(owner)), rank)
     earlier = np.arange(len(later)) - np.repeat(np.cumsum(rank) - rank, rank) + np.repeat(np.repeat(start, size), rank)
     return np.stack([owner[later], owner[earlier]], axis=1)
 
 
 def _ends(values: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest along a short axis, which numpy is quick to find along the first only."""
+    """Minimum and maximum along a short axis; moved to the front, where numpy reduces fastest."""
     first = np.ascontiguousarray(np.moveaxis(values, axis, 0))
     return first.min(axis=0), first.max(axis=0)
 
 
 def overlap_depths(bodies: Bodies, pairs: np.ndarray, enough: np.ndarray | None = None) -> np.ndarray:
-    """How deep each pair of bodies (p, 2) overlaps (p,): the shortest way out (m); negative when they are apart.
+    """Penetration of each pair (p, 2) of bodies (p,): the shortest separating translation (m); negative if apart.
 
-    Separating axes of two convex polyhedra: face normals of both, and the products of their edges, which are many. A
-    pair that some face lets overlap by no more than ``enough`` (p,) is asked no further: it overlaps by that at most.
+    Test of the separating axes of two convex polyhedra: face normals of both, and cross products of their edges, which
+    are many. If some face normal bounds the penetration of a pair by ``enough`` (p,), that bound is returned.
     """
     depths = np.empty(len(pairs))
     for chosen, stack_a, rows_a, stack_b, rows_b in bodies.table.groups(pairs):
@@ -173,9 +173,9 @@ def overlap_depths(bodies: Bodies, pairs: np.ndarray, enough: np.ndarray | None 
 
 
 def way_out(bodies: Bodies, pair: np.ndarray) -> np.ndarray:
-    """Shortest translation (3,) of the second of two bodies (2,) that overlap after which they touch (m).
+    """Shortest translation (3,) of the second of two overlapping bodies (2,) that separates them (m).
 
-    Of several equally short ones the one that points up most, then along x, then along y.
+    Among several of equal length, the one that points up most is chosen, then along x, then along y.
     """
     found = []
     for _, stack_a, rows_a, stack_b, rows_b in bodies.table.groups(pair[None]):
@@ -191,8 +191,8 @@ def way_out(bodies: Bodies, pair: np.ndarray) -> np.ndarray:
 
 
 def _reaches(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b, axes_of) -> tuple:
-    """Some axes of pairs of bodies (p, n, 3), which of them count, and the least and the greatest part of their common
-    reach (p, n): by ``most`` along an axis, or -``least`` against it, the second has to move until they touch (m)."""
+    """Some axes of pairs of bodies (p, n, 3), which of them are valid, and the projected overlaps (p, n): the second
+    body must move by ``most`` along an axis, or by -``least`` against it, until the two touch (m)."""
     a, b = pairs.T
     turn_a, turn_b = bodies.rotation[a].transpose(0, 2, 1), bodies.rotation[b].transpose(0, 2, 1)
     axes, useful = axes_of(stack_a, row_a, turn_a, stack_b, row_b, turn_b)
@@ -204,19 +204,19 @@ def _reaches(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b
 
 
 def _depths(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b, axes_of) -> np.ndarray:
-    """How deep pairs of bodies of two kinds overlap (p,) along the best of some axes (m)."""
+    """Penetration of pairs of bodies (p,), the least over some axes (m)."""
     _, useful, least, most = _reaches(bodies, pairs, stack_a, row_a, stack_b, row_b, axes_of)
     depth = np.minimum(most, -least)
     return _ends(np.where(useful, depth, np.inf), 1)[0]
 
 
 def _face_axes(stack_a: Stack, row_a, turn_a, stack_b: Stack, row_b, turn_b) -> tuple[np.ndarray, bool]:
-    """Face normals (p, f, 3) of both bodies, and that all count."""
+    """Face normals (p, f, 3) of both bodies; all are valid."""
     return np.concatenate([stack_a.face_axes[row_a] @ turn_a, stack_b.face_axes[row_b] @ turn_b], axis=1), True
 
 
 def _edge_products(stack_a: Stack, row_a, turn_a, stack_b: Stack, row_b, turn_b) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (p, e, 3) that are normal to an edge of either body, and whether the two are not parallel (p, e)."""
+    """Cross products of edges of both bodies (p, e, 3), unit length, and whether the edges are not parallel (p, e)."""
     edges_a, edges_b = stack_a.edge_axes[row_a] @ turn_a, stack_b.edge_axes[row_b] @ turn_b
     crossed = np.cross(edges_a[:, :, None], edges_b[:, None])
     crossed = crossed.reshape(len(crossed), crossed.shape[1] * crossed.shape[2], 3)

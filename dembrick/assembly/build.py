@@ -1,6 +1,6 @@
-"""From a scenario to its immutable geometry: blocks, joints, contact points, dead loads, and what is attached.
+"""From a scenario to its immutable geometry: blocks, joints, contact points, dead loads, and attached points.
 
-:func:`assemble` also refuses what cannot be a test, see `validation`.
+:func:`assemble` also refuses scenarios that describe no valid test, see `validation`.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ class Assembly:
 
     ``position`` (n, 3) of the centroids, ``orientation`` (n, 4) unit quaternions, ``rotation`` (n, 3, 3) the same as
     matrices, ``mass`` (n,), ``inertia`` (n, 3, 3) about the centroid in body axes, ``velocity`` and
-    ``angular_velocity`` (n, 3) at the start; ``held`` (n, 6): the directions of the world in which guided blocks do not
-    move or turn, all of them of a fixed block; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, gravity
-    and loads together, ``point_loads`` these loads one by one; ``pressed``: the faces on which pressures follow blocks
-    that move, none in the geometry of the start. ``contact_points``: one entry a joint, None for ``convex``.
-    ``joint_force`` (n_joint, 3): what block a exerts on block b under the dead loads, see :func:`dead_joint_forces`;
-    ``joint_force_exact`` says whether statics alone gives it. ``laws`` tells the law of
-    joints and new contacts between any two blocks; ``custom_law`` is what the joints follow in its place, if the user
-    gave one.
+    ``angular_velocity`` (n, 3) at the start; ``held`` (n, 6): world directions in which a block cannot move or rotate,
+    all for a fixed block; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, of gravity and loads;
+    ``point_loads``: the individual loads; ``pressed``: the faces on which pressures follow moving blocks, none with
+    small displacements. ``contact_points``: one entry per joint, None for ``convex``.
+    ``joint_force`` (n_joint, 3): force that block a exerts on block b under the dead loads, see
+    :func:`dead_joint_forces`; ``joint_force_exact``: whether it follows from statics alone. ``laws`` gives the law of
+    joints and new contacts between any two blocks; ``custom_law``: a user-defined law that the joints follow instead,
+    or None.
     """
 
     names: tuple[str, ...]
@@ -98,12 +98,12 @@ class Assembly:
 
     @property
     def supporting(self) -> np.ndarray:
-        """Blocks (n,) that have reactions: those that are fixed, and those that are held in some directions."""
+        """Whether each block (n,) has a reaction: it is fixed, or held in some directions."""
         return np.asarray(self.fixed, bool) | self.held.any(axis=1)
 
     @property
     def guided(self) -> np.ndarray:
-        """Numbers (g,) of the blocks that are held in some directions and free in others."""
+        """Indices (g,) of the blocks that are held in some directions and free in others."""
         return np.flatnonzero(self.held.any(axis=1) & ~np.asarray(self.fixed, bool))
 
     def __repr__(self) -> str:
@@ -111,15 +111,15 @@ class Assembly:
 
 
 def assemble(scenario: Scenario) -> Assembly:
-    """Geometry, joints and dead loads of a scenario, of its last stage if it has stages; ScenarioError if it cannot
-    describe a test."""
+    """Geometry, joints and dead loads of a scenario (of its last stage if it has stages); raise a ScenarioError if it
+    does not describe a valid test."""
     last = at_stage(scenario, len(scenario.stages) + 1)
     made = loaded(last, at_rest(last))
     return replace(made, warnings=made.warnings + check_stages(scenario)) if scenario.stages else made
 
 
 def at_rest(scenario: Scenario) -> Assembly:
-    """The blocks of a scenario and the joints between them, without any load."""
+    """The blocks of a scenario and their joints, without any load."""
     blocks = scenario.all_blocks
     names = tuple(block.name for block in blocks)
     try:
@@ -145,7 +145,7 @@ def at_rest(scenario: Scenario) -> Assembly:
     check_overlap(scenario, bodies, pairs)
 
     laws = Laws(scenario)
-    # moving joints are cut by the faces they slide over, so that each keeps to one pair of convex parts
+    # moving joints are clipped to the faces on which they slide, which requires one pair of convex parts each
     moving = any(one.regime.real_time for one in scenario.among or (control,))
     joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs), not moving)
     if moving:
@@ -179,8 +179,8 @@ def at_rest(scenario: Scenario) -> Assembly:
 
 
 def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
-    """The assembly ``bare`` with the loads, the actuators and the joint law of a scenario that has the same blocks,
-    materials, supports and [[joints]]; without ``points`` its joints get no contact points."""
+    """Add loads, actuators and joint laws of a scenario to ``bare``, an assembly of the same blocks, materials,
+    supports and [[joints]]; without ``points`` the joints get no contact points."""
     control, number = scenario.control, {name: i for i, name in enumerate(bare.names)}
     joints = bare.joints
     if not scenario.joints:
@@ -204,11 +204,11 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         refuse(scenario, str(error))
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
-    exact = exact and not len(bare.guided)  # a guide may bear what a joint would
+    exact = exact and not len(bare.guided)  # a guide can carry load in parallel to joints
     warnings = scenario.remarks + bare.warnings + check_control(scenario) + check_strengths(scenario, joints)
     warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
     tolerance = min(one.tolerance or DISCRETISATION for one in scenario.among or (control,))
-    if len(joints) == 1 and not scenario.among:  # its search places the points itself
+    if len(joints) == 1 and not scenario.among:  # the limit search of a single joint places the points itself
         tolerance = max(tolerance, DISCRETISATION)
     contact_points = place_points(joints, tolerance) if points else _NO_POINTS
     if points and (len(joints) > 1 or control.drives != ACTUATORS):
@@ -237,9 +237,9 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
 def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:
     """Force that block a exerts on block b in every joint under dead loads (n_joint, 3), and whether it is exact.
 
-    Every free block hands its load, with what it carries, to the joints that lie one step nearer to a fixed block,
-    shared by area and by how squarely they face the load. Where each free block has a single joint to hand it to and
-    no others, that is statics; elsewhere (walls, arches) an estimate without thrust and arching.
+    Every free block passes its load, including what it carries, on to the joints one step nearer to a fixed block, in
+    proportion to area and to how squarely they face the load. If each free block has a single such joint and there are
+    no other joints, this is statics; otherwise (walls, arches) it is an estimate without thrust and arching.
     """
     fixed = np.asarray(fixed, bool)
     carried = np.array(dead_force, float)
@@ -248,7 +248,7 @@ def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:
         return force, not (~fixed).any()
     level = _levels(joints, fixed)
     a, b, normal, area = joints.block_a, joints.block_b, joints.axes[:, 2], joints.area
-    down = np.where(level[a] < level[b], 1, -1)  # +1: b hands its load to a
+    down = np.where(level[a] < level[b], 1, -1)  # +1: b passes its load on to a
     giver, taker = np.where(down > 0, b, a), np.where(down > 0, a, b)
     hands = (level[a] != level[b]) & (level[taker] >= 0)
     for step in range(int(level.max()), 0, -1):
@@ -256,7 +256,7 @@ def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:
         load = carried[giver[chosen]]
         square = (load * load).sum(axis=1)
         facing = np.divide((load * normal[chosen]).sum(axis=1) ** 2, square, out=np.ones_like(square), where=square > 0)
-        weight = area[chosen] * (facing + 1e-12)  # a block that only leans on others still hands its load on
+        weight = area[chosen] * (facing + 1e-12)  # not 0: a block that only leans on others passes its load on too
         total = np.bincount(giver[chosen], weight, minlength=len(fixed))
         passed = (weight / total[giver[chosen]])[:, None] * load
         force[chosen] = -down[chosen, None] * passed
@@ -266,7 +266,7 @@ def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:
 
 
 def _levels(joints, fixed: np.ndarray) -> np.ndarray:
-    """Joints between each block and the nearest fixed one (n,): 0 if fixed, -1 if no chain leads to one."""
+    """Number of joints between each block and the nearest fixed one (n,): 0 if fixed, -1 without a path to one."""
     level = np.where(fixed, 0, -1)
     a, b = joints.block_a, joints.block_b
     step = 0

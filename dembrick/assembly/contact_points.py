@@ -11,17 +11,17 @@ from dembrick.assembly.joints import JointTable
 from dembrick.assembly.quadrature import ContactPoints, contact_points, corner_points
 from dembrick.scenario.checks import present
 
-DISCRETISATION = 1e-3  # tolerance of distributed points if the control has none
+DISCRETISATION = 1e-3  # tolerance of distributed points for a control without a tolerance
 ROUNDING = 1e-9  # relative
 
 
 @dataclass(frozen=True, eq=False)
 class PointTable(Sequence[ContactPoints | None]):
-    """Points of all joints, one after another; a sequence too, with None for a ``convex`` joint.
+    """Contact points of all joints in joint order; also a sequence of them by joint, with None for a ``convex`` joint.
 
-    ``normal_arm`` and ``shear_arm`` (c, 2), ``area`` (c,): see :class:`ContactPoints`; the two arms are one array
-    where they are the same for all joints. ``start`` (j + 1,): the first point of each joint. ``resultant`` (j,):
-    whether the joint has a resultant in place of points. ``tolerance``: that of ``distributed`` points.
+    ``normal_arm`` and ``shear_arm`` (c, 2), ``area`` (c,): see :class:`ContactPoints`; the two arms share one array if
+    they are equal for all joints. ``start`` (j + 1,): index of the first point of each joint. ``resultant`` (j,):
+    whether the joint has a resultant instead of points. ``tolerance``: that of ``distributed`` points.
     """
 
     normal_arm: np.ndarray
@@ -33,7 +33,7 @@ class PointTable(Sequence[ContactPoints | None]):
 
     @staticmethod
     def of(points: Sequence[ContactPoints | None]) -> PointTable:
-        """The table of a list of points; a table is taken as it is."""
+        """The table of a list of points; a table is returned as it is."""
         if isinstance(points, PointTable):
             return points
         sets = [p for p in points if p is not None]
@@ -63,7 +63,7 @@ class PointTable(Sequence[ContactPoints | None]):
 def place_points(joints: JointTable, tolerance: float) -> PointTable:
     """The contact points of every joint by its law; see :func:`dembrick.assembly.quadrature.contact_points`.
 
-    Joints with points at their corners are taken together, as many as have equally many corners.
+    Joints with points at their corners are batched by number of corners.
     """
     formulation = np.array([law.formulation for law in joints.law], dtype="U16")
     alone = formulation == "distributed"
@@ -87,9 +87,9 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
 
 
 def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.ndarray:
-    """How far the outermost contact points of some joints stay inside an edge of the polygon, over the distance of that
-    edge from O (k,): a block that rocks about the edge topples that much early. Edges of a piece that O lies on or
-    behind are none of the whole joint."""
+    """Distance of the outermost contact points of some joints inside an edge of the polygon, over the distance of that
+    edge from O; the greatest ratio over the edges (k,). A block that rocks about the edge topples too early by that
+    fraction. Edges of a piece on whose line or outer side O lies are not edges of the whole joint and are skipped."""
     gaps = np.zeros(len(numbers))
     for place, j in enumerate(np.asarray(numbers).tolist()):
         corners = joints[j].polygon
@@ -105,8 +105,8 @@ def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.n
 def widest_rim(
     joints: JointTable, points: PointTable, chosen: bool = False, formulation: str = "distributed"
 ) -> tuple[float, int]:
-    """The greatest `rim_gap` of the joints of a ``formulation``, and the joint that has it; zero if there are none.
-    With ``chosen`` only joints count whose points the program chose."""
+    """The greatest `rim_gap` of the joints of a ``formulation``, and the index of that joint; (0, -1) if there are
+    none. With ``chosen`` only joints whose points the program chose are considered."""
     numbers = [
         j
         for j, law in enumerate(joints.law)

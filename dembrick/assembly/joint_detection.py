@@ -1,7 +1,7 @@
-"""Joint detection (narrow phase): facing faces of convex bodies, and the polygons that they share.
+"""Joint detection (narrow phase): facing faces of convex bodies, and their shared polygons.
 
-Bodies are the convex parts of blocks. All pairs of one kind of shapes are handled as arrays, and all geometry of a
-pair is taken relative to one of the two, so that a scene far from the origin keeps every digit that its input has.
+Bodies are the convex parts of blocks. All pairs of one kind of shapes are processed as arrays. The geometry of a pair
+is computed relative to one of its bodies, so that distance from the origin costs no accuracy.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from dembrick.assembly.broad_phase import Bodies, Stack
 from dembrick.geometry import clipping, polygons
 
 TOLERANCE = 1e-6  # of the smaller block's diameter for distances, and in radians for angles
-_ROUNDING = 1e-9  # of a length: below it, two lengths are the same
+_ROUNDING = 1e-9  # of a length: smaller differences are rounding
 
 
 class Contacts(NamedTuple):
-    """Facing faces of k pairs of bodies and the polygon they share."""
+    """Facing faces of k pairs of bodies and their shared polygons."""
 
     body: np.ndarray  # (k, 2) a and b
-    a_hosts: np.ndarray  # (k,) bool, whether the polygon lies on the face of a
+    a_hosts: np.ndarray  # (k,) bool, whether the polygon is on the face of a
     axes: np.ndarray  # (k, 3, 3) rows t1, t2, n; n is the outward normal of a's face
-    arm_a: np.ndarray  # (k, 3) m, centroid O of the polygon seen from the centroid of body a
-    arm_b: np.ndarray  # (k, 3) m, likewise of b
-    polygon: np.ndarray  # (k, m, 2) m, corners about O along t1, t2; unused room repeats the last
+    arm_a: np.ndarray  # (k, 3) m, from the centroid of body a to the centroid O of the polygon
+    arm_b: np.ndarray  # (k, 3) m, the same for b
+    polygon: np.ndarray  # (k, m, 2) m, corners about O along t1, t2; padded with the last corner
     n_corner: np.ndarray  # (k,)
     area: np.ndarray  # (k,) m2
-    gap: np.ndarray  # (k,) m, distance of the faces at O, positive open
+    gap: np.ndarray  # (k,) m, distance of the faces at O, positive if open
 
 
 def shared_polygons(bodies: Bodies, pairs: np.ndarray, tolerance: float) -> list[Contacts]:
-    """The facing faces of ``pairs`` (p, 2) of bodies; a chunk of pairs of one kind each."""
+    """Facing faces of ``pairs`` (p, 2) of bodies, in chunks of pairs of one kind."""
     found = []
     for chosen, stack_a, rows_a, stack_b, rows_b in bodies.table.groups(pairs):
         for start in range(0, len(chosen), clipping.CHUNK):
@@ -43,7 +43,7 @@ def shared_polygons(bodies: Bodies, pairs: np.ndarray, tolerance: float) -> list
 
 
 class _Facing:
-    """Facing faces of the pairs of one group, as arrays (k, ...), seen from the centroid of body a."""
+    """Facing faces of the pairs of one group, as arrays (k, ...), relative to the centroid of body a."""
 
     def __init__(self, bodies: Bodies, pairs, first, second, tolerance):
         table, positions, rotations = bodies.table, bodies.position, bodies.rotation
@@ -55,7 +55,7 @@ class _Facing:
         size = table.diameter[pairs].min(axis=1)
         limit = tolerance * size
         between = positions[pairs[:, 1]] - positions[pairs[:, 0]]
-        # Where the faces are tilted against each other the distance varies; it is measured at O later on.
+        # The distance of inclined faces varies; here it is only a first filter, the gap is measured at O later.
         offsets_a, offsets_b = stack_a.offsets[rows_a[pair], face_a], stack_b.offsets[rows_b[pair], face_b]
         distance = (normals_a[pair, face_a] * between[pair]).sum(axis=1) - offsets_a - offsets_b
         slack = limit + tolerance * table.diameter[pairs].max(axis=1)
@@ -72,16 +72,16 @@ class _Facing:
         self.t2 = np.cross(self.normal, self.t1)
         corners_a = _face_corners(stack_a, row_a, face_a, rotations[self.bodies[:, 0]])
         corners_b = _face_corners(stack_b, row_b, face_b, rotations[self.bodies[:, 1]]) + self.between[:, None]
-        # Plane coordinates start at a corner of the smaller face: short numbers wherever the joint lies on a.
+        # Plane coordinates start at a corner of the smaller face, which keeps them small wherever the joint lies on a.
         self.base = np.where(self.a_hosts[:, None], corners_a[:, 0], corners_b[:, 0])
         self.outline_a, self.outline_b = self._in_plane(corners_a), self._in_plane(corners_b)[:, ::-1]
 
     def _in_plane(self, corners: np.ndarray) -> np.ndarray:
-        """Corners (k, m, 3) along t1 and t2 from ``base`` (k, m, 2)."""
+        """Coordinates (k, m, 2) of corners (k, m, 3) along t1 and t2, from ``base``."""
         return (corners - self.base[:, None]) @ np.stack([self.t1, self.t2], axis=2)
 
     def contacts(self) -> Contacts:
-        """The polygons that are wide enough and whose gap at O is small enough."""
+        """The polygons that are wide enough and have a small enough gap at O."""
         outlines = [self.outline_a, self.outline_b]
         room = max(outline.shape[1] for outline in outlines)
         for i, outline in enumerate(outlines):
@@ -90,7 +90,7 @@ class _Facing:
         host = self.a_hosts[:, None, None]
         clipped = clipping.clip(np.where(host, *outlines), np.where(host, *outlines[::-1]))
         points, count = clipping.simplify(*clipped, self.rounding)
-        count = np.maximum(count, 1)  # nothing left: one corner, without an area
+        count = np.maximum(count, 1)  # nothing left: one corner, zero area
         points = np.take_along_axis(
             points, np.minimum(np.arange(points.shape[1]), count[:, None] - 1)[..., None], axis=1
         )
@@ -113,7 +113,7 @@ class _Facing:
         )
 
     def _on_host(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """O on the host's face, seen from the centroid of a, and the gap there."""
+        """O on the host's face, relative to the centroid of a, and the gap there."""
         normal, normal_b = self.normal, self.normal_b
         to_a = self.offset_a - (normal * point).sum(axis=1)
         to_b = self.offset_b - (normal_b * (point - self.between)).sum(axis=1)
@@ -124,13 +124,13 @@ class _Facing:
 
 
 def _face_corners(stack: Stack, rows: np.ndarray, faces: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """Corners (k, m, 3) of one face each, turned into the world but seen from the body's centroid."""
+    """Corners (k, m, 3) of one face each, in world axes from the body's centroid."""
     table = stack.face_table[rows, faces]
     return np.take_along_axis(stack.vertices[rows], table[:, :, None], axis=1) @ rotations.transpose(0, 2, 1)
 
 
 def _first_tangents(normals: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """The first body axis of a that is not along n, projected on the joint, unit length (k, 3)."""
+    """Unit vectors t1 (k, 3): the first body axis of a that is not along n, projected onto the joint plane."""
     along = np.einsum("kij,ki->kj", rotations, normals)
     tangents = rotations - normals[:, :, None] * along[:, None, :]
     lengths = np.sqrt((tangents**2).sum(axis=1))

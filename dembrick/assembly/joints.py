@@ -1,4 +1,4 @@
-"""Joints: faces of two blocks that face each other, the polygon that they share, and its axes."""
+"""Joints: facing faces of two blocks, their shared polygon and its axes."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from dembrick.scenario.model import JointLaw
 class Joint:
     """Two facing faces and their shared polygon.
 
-    ``block_a``, ``block_b``: block numbers; a comes first in the scenario, unless b alone is fixed (then they change
-    places). ``host``: the block whose face is smaller (equal: b); the polygon lies on that face and rides with it.
-    ``origin`` (3,): centroid O of the polygon, world axes at the start; ``arm_a``, ``arm_b`` (3,): the same seen from
-    the centroids of a and b. ``axes`` (3, 3): rows t1, t2, n; n is the outward normal of a's face, t1 the first body
-    axis of a that is not along n, projected on the joint. ``polygon`` (m, 2): corners about O along t1 and t2,
-    counterclockwise, none on the line of its neighbours. ``area`` (m2). ``gap`` (m): how far the faces are apart at
-    O, positive when open; what rounding leaves is stored as 0.
+    ``block_a``, ``block_b``: indices of the blocks; a comes first in the scenario, unless b alone is fixed (then they
+    are swapped). ``host``: the block with the smaller face (b if equal); the polygon lies on that face and moves with
+    it. ``origin`` (3,): centroid O of the polygon, world axes at the start; ``arm_a``, ``arm_b`` (3,): vectors to O
+    from the centroids of a and b. ``axes`` (3, 3): rows t1, t2, n; n is the outward normal of a's face, t1 the first
+    body axis of a that is not along n, projected onto the joint plane. ``polygon`` (m, 2): corners about O along t1 and
+    t2, counterclockwise, no three collinear. ``area`` (m2). ``gap`` (m): distance of the faces at O, positive if open;
+    rounding errors are stored as 0.
 
-    Where blocks of several parts touch in one plane, all that they share there is one joint. Its ``pieces`` are the
-    convex polygons (m, 2) about the common O, and ``polygon`` strings them together by edges walked both ways, so that
-    sums over its edges are those over the pieces. A convex joint has no pieces. ``part_a``, ``part_b``: which parts of
-    the blocks it lies on (that of the largest piece).
+    Where blocks of several parts touch in one plane, all contact in it is one joint. Its ``pieces`` are the convex
+    polygons (m, 2) about the common O, and ``polygon`` links them by edges traversed in both directions, so that sums
+    over its edges equal those over the pieces. A convex joint has no pieces. ``part_a``, ``part_b``: the parts of the
+    blocks on which the joint lies (for several pieces, those of the largest).
     """
 
     block_a: int
@@ -49,7 +49,7 @@ class Joint:
     part_b: int = 0
 
 
-_COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {  # fields of a joint that are alike for all: type and shape
+_COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {  # fields of a joint that all joints share: type and shape
     **dict.fromkeys(("block_a", "block_b", "host", "part_a", "part_b"), (np.int64, ())),
     **dict.fromkeys(("area", "gap"), (float, ())),
     **dict.fromkeys(("origin", "arm_a", "arm_b"), (float, (3,))),
@@ -59,10 +59,10 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {  # fields of a joint that 
 
 @dataclass(frozen=True, eq=False)
 class JointTable(Sequence[Joint]):
-    """All joints of a scene as columns (j, ...), named as the fields of :class:`Joint`; a sequence of joints too.
+    """All joints of a scene as columns (j, ...), named like the fields of :class:`Joint`; also a sequence of joints.
 
-    ``corner`` (v, 2) holds the polygons one after another, from ``start`` (j + 1,) each; ``pieces`` those of the few
-    joints that have any, by number.
+    ``corner`` (v, 2) holds the polygons one after another, each from its ``start`` (j + 1,); ``pieces`` maps the index
+    of a joint to its pieces, for the few joints that have any.
     """
 
     block_a: np.ndarray
@@ -83,7 +83,7 @@ class JointTable(Sequence[Joint]):
 
     @staticmethod
     def of(joints: Sequence[Joint]) -> JointTable:
-        """The table of a list of joints; a table is taken as it is."""
+        """The table of a list of joints; a table is returned as it is."""
         if isinstance(joints, JointTable):
             return joints
 
@@ -106,14 +106,14 @@ class JointTable(Sequence[Joint]):
     def __getitem__(self, index):
         if isinstance(index, slice):
             return tuple(self[i] for i in range(*index.indices(len(self))))
-        i = range(len(self))[index]  # negative ones count from the end, IndexError beyond
+        i = range(len(self))[index]  # handles negative indices, raises IndexError beyond the end
         values = {name: getattr(self, name)[i] for name in _COLUMNS}
         plain = {name: value if value.ndim else value.item() for name, value in values.items()}
         polygon = self.corner[self.start[i] : self.start[i + 1]]
         return Joint(**plain, polygon=polygon, law=self.law[i], pieces=self.pieces.get(i, ()))
 
     def by_corners(self, chosen=None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """The joints with equally many corners: their numbers (g,) and polygons (g, m, 2); all, or the ``chosen``."""
+        """Joints grouped by number of corners: indices (g,) and polygons (g, m, 2); of all joints or the ``chosen``."""
         numbers = np.arange(len(self)) if chosen is None else np.asarray(chosen)
         counts = (self.start[1:] - self.start[:-1])[numbers]
         for count in sorted(set(counts.tolist())):
@@ -133,11 +133,11 @@ def find_joints(
 ) -> JointTable:
     """All joints of a scene, in the order of their blocks.
 
-    ``positions`` (n, 3), ``orientations`` (n, 4), ``fixed`` (n,). Faces count as facing when they are antiparallel
-    within ``tolerance`` (rad) and apart, or into each other, by at most ``tolerance`` times the diameter of the
-    smaller block; their polygon must be wider than that too. Two fixed blocks make no joint. ``near`` holds the
-    convex parts of the blocks and the pairs of them that are near each other, where they are known already. Without
-    ``unite``, every pair of parts that touch keeps a joint of its own.
+    ``positions`` (n, 3), ``orientations`` (n, 4), ``fixed`` (n,). Faces are facing if they are antiparallel within
+    ``tolerance`` (rad) and if their gap or overlap is at most ``tolerance`` times the diameter of the smaller block;
+    their polygon must also be wider than that. There are no joints between two fixed blocks. ``near``: the convex parts
+    of the blocks and their close pairs, if already known. Without ``unite``, each touching pair of parts has its own
+    joint.
     """
     positions = np.asarray(positions, float).reshape(-1, 3)
     fixed = np.asarray(fixed, bool)
@@ -156,7 +156,7 @@ def find_joints(
 
 
 def _table(found: list[Contacts], bodies: Bodies, positions: np.ndarray, law_of) -> JointTable:
-    """The contacts of all groups as one table, sorted by the blocks."""
+    """The contacts of all groups as one table, sorted by block."""
 
     def column(name, *shape, kind=float):
         return np.concatenate([getattr(contacts, name) for contacts in found] or [np.empty((0, *shape), kind)])
@@ -193,11 +193,11 @@ def _table(found: list[Contacts], bodies: Bodies, positions: np.ndarray, law_of)
 
 
 def united(joints: JointTable, several: np.ndarray, tolerance: float) -> JointTable:
-    """The table with the joints of two blocks that lie in one plane made one, if a block has ``several`` (n,) parts.
+    """The table with coplanar joints of two blocks merged, where a block has ``several`` (n,) parts.
 
-    Planes are the same when their normals differ by at most ``tolerance`` (rad) and their gaps by it times the
-    distance of the polygons. The joint rides with the block that hosts its largest piece. A pressed part that follows
-    the bending moment is that of a convex polygon: such joints keep to their pairs of parts.
+    Planes are equal if their normals differ by at most ``tolerance`` (rad) and their gaps by at most ``tolerance``
+    times the distance of the polygons. The merged joint moves with the block that hosts its largest piece. Joints whose
+    pressed part follows the bending moment are not merged, as that part is derived for a convex polygon.
     """
     planes: dict[tuple[int, int], list[list[Joint]]] = {}
     for joint in joints:
@@ -221,7 +221,7 @@ def _same_plane(first: Joint, second: Joint, tolerance: float) -> bool:
 
 
 def _union(members: list[Joint]) -> Joint:
-    """One joint of several in one plane: common O, the pieces about it, and the polygon that strings them together."""
+    """Merge coplanar joints into one: common O, the pieces about it, and the polygon that links them."""
     main = max(members, key=lambda joint: joint.area)
     area = sum(joint.area for joint in members)
     shift = sum(joint.area * (joint.arm_a - main.arm_a) for joint in members) / area
@@ -239,10 +239,10 @@ def _union(members: list[Joint]) -> Joint:
 
 
 def _strung(pieces: list[np.ndarray]) -> np.ndarray:
-    """Corners of all pieces in one walk: from the first corner out to each piece, round it, and back the same way."""
+    """Corners of all pieces as one closed path: from the first corner out to each piece, around it, and back."""
     home = pieces[0][0]
     walk = [pieces[0], home[None]]
     for piece in pieces[1:]:
-        first = int(np.argmax(((piece - home) ** 2).sum(axis=1)))  # far from home: no step of length zero
+        first = int(np.argmax(((piece - home) ** 2).sum(axis=1)))  # furthest from home, to avoid a step of length zero
         walk += [piece[first:], piece[: first + 1], home[None]]
     return np.concatenate(walk[:-1])

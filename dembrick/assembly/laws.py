@@ -1,4 +1,4 @@
-"""Which joint law holds between two blocks: the default, or the last override that names them."""
+"""Lookup of the joint law between two blocks: the default, or the last override that names them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dembrick.scenario.model import JointLaw, Scenario
 
 
 class Laws:
-    """Which law holds between two blocks: that of the last override that names them or their groups."""
+    """Joint laws of a scenario; the law of two blocks is the last override that names them or their groups."""
 
     def __init__(self, scenario: Scenario):
         self.default = scenario.joint
@@ -19,7 +19,7 @@ class Laws:
         return (self.default, *(entry.law for entry in self.overrides))
 
     def covers(self, number: int, a: int, b: int) -> bool:
-        """Whether an override is meant for a pair of blocks."""
+        """Whether the override ``number`` applies to a pair of blocks."""
         first, second = self.ends[number]
         return (a in first and b in second) or (a in second and b in first)
 

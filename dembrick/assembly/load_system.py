@@ -1,14 +1,14 @@
-"""Load systems that act on every block: a share of its weight sideways, and gravity that turns on a tilting table.
+"""Load systems on every block: a share of its weight sideways, and rotating gravity on a tilting table.
 
 **Pushover.** Every free block is pushed at its centroid by V times its weight along a direction: V is the load factor.
 
-**Tilt.** A table that has turned by psi about a horizontal axis a turns gravity, seen from the table, the other way: a
-dead force F at right angles to a becomes cos(psi) F - sin(psi) a x F. Friction without cohesion and joints without
-tension know no scale of force: blocks that carry cos(psi) times some loads carry these loads as well. Divided by
-cos(psi), the loads of the tilted table are those of the level one with tan(psi) times -a x F on top, at the same
-points. So a quasi-static tilt is a search for the limit V of that load system, and the table stands at atan(V) when the
-blocks come down: that gravity's part along the joints' normals falls by cos(psi) is in it exactly. Pressures turn with
-the faces of the table's blocks and not with gravity, so this search knows none; paths in the deformed geometry do.
+**Tilt.** On a table rotated by psi about a horizontal axis a, gravity seen from the table rotates in the opposite
+sense: a dead force F normal to a becomes cos(psi) F - sin(psi) a x F. Friction without cohesion and no-tension joints
+have no scale of force: blocks that carry some loads also carry these times any positive factor. Division by cos(psi)
+turns the loads on the tilted table into those on the level table plus tan(psi) times -a x F at the same points. A
+quasi-static tilt is therefore a search for the limit V of that load system, and the blocks collapse at the table angle
+atan(V); this includes exactly the decrease of normal gravity by cos(psi). Pressures rotate with the faces of the blocks
+and not with gravity, so this search excludes them; load paths in the deformed geometry do include them.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from dembrick.scenario.checks import show
 if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
-_ALONG = 1e-9  # of a force: a part along the axis that is rounding
+_ALONG = 1e-9  # of a force: a smaller part along the axis is rounding
 
 
 def load_system(scenario: Scenario, loads, position, mass, fixed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Forces of the load factor 1: block (k,), point (k, 3) in the world and force (k, 3), of a scenario of that kind.
+    """Forces at load factor 1 for a pushover or a tilt: block (k,), point (k, 3) in the world and force (k, 3).
 
     ``loads``: the dead loads besides gravity (:class:`dembrick.assembly.loads.PointLoads`); ``position`` (n, 3) of the
-    centroids, ``mass`` and ``fixed`` (n,). Raises ScenarioError if nothing drives the blocks, or something that does
-    not go with it is asked for.
+    centroids, ``mass`` and ``fixed`` (n,). Raises ScenarioError if nothing drives the blocks, or if the scenario has
+    something that this load system excludes.
     """
     control, free = scenario.control, np.flatnonzero(~fixed)
     if scenario.actuators:
@@ -73,8 +73,8 @@ def pushed(direction, gravity: np.ndarray, mass: np.ndarray) -> np.ndarray:
 
 
 def tilted(axis, force: np.ndarray, what: str) -> np.ndarray:
-    """Forces (n, 3) that a tilt adds for tan(psi) = 1: -a x F. ScenarioError if the tilt does not turn them all
-    alike."""
+    """Forces (n, 3) that a tilt adds at tan(psi) = 1: -a x F. Raises ScenarioError if a force has a component along the
+    axis, which does not rotate."""
     axis, force = np.asarray(axis, float), np.asarray(force, float)
     along = np.abs(force @ axis)
     if (along > _ALONG * np.linalg.norm(force, axis=-1)).any():

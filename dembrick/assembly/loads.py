@@ -1,13 +1,13 @@
-"""Dead loads besides gravity as forces at points of blocks: [[loads]], [[fills]], [[pressures]] that are not driven.
+"""Dead loads besides gravity as forces at points of blocks: [[loads]], [[fills]] and undriven [[pressures]].
 
-One list for everything that needs them: the dead force and torque of a block, the load system of a tilting table, and
-the loads of a run in real time.
+The one list is used for the dead force and torque of blocks, the load system of a tilting table, and the loads of a run
+in real time.
 
-Fills as forces on blocks: on each bare face that looks up, the column above it and the pressure from the side.
+Fills act on each upward bare face of a block, by the column above it and by horizontal pressure.
 
-With sigma(z) = gamma (z_s - z) on a face of outward normal n, the traction is -sigma (K n_x, K n_y, n_z) per area: the
-area that the face shows from above times sigma, and that which it shows from the side times K sigma. All of it is
-parallel on one face, so that the resultant acts at the centre of sigma, as that of a pressure does.
+With sigma(z) = gamma (z_s - z) on a face of outward normal n, the traction is -sigma (K n_x, K n_y, n_z) per area:
+sigma on the horizontal projection of the area, and K sigma on its vertical projections. The traction has one direction
+all over a face, so that its resultant acts at the centre of sigma, like that of a pressure.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PointLoads:
-    """Forces at points of blocks. Those of ``scenario.loads`` and of fills ride with them and keep their
+    """Forces at points of blocks. Those of ``scenario.loads`` and of fills move with the blocks and keep their
     direction in the world.
 
-    ``at``: the k points; ``force`` (k, 3): N, world; ``given`` (k,): number in ``scenario.loads + scenario.fills`` of
-    what it comes from, -1 for a pressure; ``what`` (k,) names it in messages.
+    ``at``: the k points; ``force`` (k, 3): N, world; ``given`` (k,): index of the source in
+    ``scenario.loads + scenario.fills``, -1 for a pressure; ``what`` (k,): its name in messages.
     """
 
     at: Attached
@@ -47,11 +47,11 @@ NO_LOADS = PointLoads(NOWHERE, NO_VECTORS, np.zeros(0, np.int64), ())
 
 
 def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly, moving: bool = False) -> PointLoads:
-    """The dead loads of a scenario on the blocks of ``bare``, pressures as they act at the start; ``number`` of every
-    block by name.
+    """The dead loads of a scenario on the blocks of ``bare``, with pressures as they act at the start; ``number``:
+    index of every block by name.
 
-    ScenarioError for a point outside its block, or a pressure or fill that no face feels (if blocks are ``moving``: no
-    pressure that one could come to feel), and for fills on a table that tilts.
+    Raises ScenarioError for a point outside its block, for a pressure or fill that acts on no face (with ``moving``
+    blocks: a pressure that never could), and for fills on a tilting table.
     """
     rows: list[tuple[int, np.ndarray, np.ndarray, int, str]] = []
     for index, load in enumerate(scenario.loads):
@@ -84,9 +84,9 @@ def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly, movi
 
 
 def fill_forces(fill: Fill, members, bare: Assembly) -> list[FaceForce]:
-    """The forces of a fill on the blocks ``members`` of an assembly, one a face that bears it.
+    """The forces of a fill on the blocks ``members`` of an assembly, one for each loaded face.
 
-    ScenarioError if no free block of them has a bare face that looks up below the surface.
+    Raises ScenarioError if none of them is free and has an upward bare face below the surface.
     """
     share, found = np.array([fill.ratio, fill.ratio, 1.0]), []
     for face in faces_that_look(lambda normal: bool(normal[2] > FACING), members, bare):

@@ -1,18 +1,18 @@
-"""Contact points of the point formulations: where they stand on a joint, and the area that each of them owns.
+"""Contact points of the point formulations: their places on a joint, and their tributary areas.
 
-``concave`` and its two corrected forms put one point at every corner. ``distributed`` fills the polygon, and the rule
-below is what a comparison left over. For slip about a torsion centre C the continuum gives the integral of |r - C|,
-and every set of points misses it by its own blindness for the cone at C, by about h^3 for points h apart. On
-0.3 m x 0.2 m with 12 x 8 points the worst centre misses 4.4e-3 with points in the middle of equal cells (their
-second moments are wrong), 1.9e-3 with the Gauss-Legendre product rule (spread too unevenly), and 7e-4 with the rule
-chosen: **equal cells, taken two by two along each direction, with the points moved to the Gauss positions of the
-pair**. All points of a rectangle keep the same area, and moments up to the third are exact.
+``concave`` and its two corrected forms put one point at every corner. ``distributed`` fills the polygon, by a rule that
+did best in a comparison. For slip about a torsion centre C the continuum gives the integral of |r - C|; every set of
+points misses the cone of the integrand at C, and so the integral, by about h^3 for points h apart. On 0.3 m x 0.2 m
+with 12 x 8 points, the error for the worst centre is 4.4e-3 with points in the middle of equal cells (wrong second
+moments), 1.9e-3 with the Gauss-Legendre product rule (too uneven), and 7e-4 with the rule chosen: **pairs of equal
+cells in each direction, with the points moved to the Gauss positions of the pair**. On a rectangle all points have the
+same area, and moments up to the third are exact.
 
-Over rectangles from 1:1 to 30:1, with 6 to 4000 points, the worst miss over all centres stayed below
-0.30 h^3 / (A c_T); a linear pressure that still closes the whole joint at most doubles it. The spacing for a
-tolerance follows from that, and is checked on the polygon at hand. Where bending opens part of the joint, the edge
-of the pressed part is resolved to h^2 only, and the gap can be larger. Where a limit load is searched on one closed
-joint, points on rays from its torsion centre do far better still: see ``ray_quadrature``.
+Over rectangles from 1:1 to 30:1, with 6 to 4000 points, the worst error over all centres was below 0.30 h^3 / (A c_T);
+a linear pressure that still closes the whole joint at most doubles it. The spacing for a tolerance follows from that
+bound and is verified on the actual polygon. Where bending opens part of the joint, the edge of the pressed part is
+resolved to h^2 only, and the error can be larger. For a limit load search on a single closed joint, points on rays from
+its torsion centre are far more accurate: see ``ray_quadrature``.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ import numpy as np
 
 from dembrick.geometry import polygons
 
-_CONE = 0.30  # worst miss of the rule, uniform pressure, in units of h^3 / (A c_T)
-_BENDING = 2.0  # what a linear pressure on a closed joint may add, as a factor
-_SAME = 1e-9  # of the polygon's size: corners whose abscissas differ by less share a line
+_CONE = 0.30  # worst error of the rule, uniform pressure, in units of h^3 / (A c_T)
+_BENDING = 2.0  # largest factor on that error for a linear pressure on a closed joint
+_SAME = 1e-9  # of the polygon's size: corners whose abscissas differ by less are on one line
 _MOST_POINTS = 1_000_000
-_EDGE_CENTRES = 5  # torsion centres that the check takes along every edge
-_CHUNK = 1 << 20  # distances evaluated at a time
+_EDGE_CENTRES = 5  # torsion centres that the check places along every edge
+_CHUNK = 1 << 20  # distances per batch
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPoints:
     """Points of one joint, measured from O along t1 and t2 (m).
 
-    ``normal_arm`` (k, 2) is where the normal force acts, ``shear_arm`` (k, 2) where friction acts, ``area`` (k,) the
-    tributary area (m2).
+    ``normal_arm`` (k, 2): points of action of the normal forces; ``shear_arm`` (k, 2): those of friction; ``area``
+    (k,): tributary areas (m2).
     """
 
     normal_arm: np.ndarray
@@ -47,10 +47,10 @@ class ContactPoints:
 
 
 def contact_points(joint, tolerance: float) -> ContactPoints | None:
-    """The contact points of a joint by its law; None for ``convex``, which has a resultant in their place.
+    """The contact points of a joint by its law; None for ``convex``, which has a resultant instead.
 
-    ``tolerance`` matters for ``distributed`` without ``points``: the limit load of the points then differs from that
-    of the continuum by less than half of it, whatever the torsion centre, while the joint is closed.
+    ``tolerance`` applies to ``distributed`` without ``points``: while the joint is closed, the limit load with points
+    then differs from that of the continuum by less than half of it, for any torsion centre.
     """
     law = joint.law
     if law.formulation == "convex":
@@ -64,7 +64,7 @@ def contact_points(joint, tolerance: float) -> ContactPoints | None:
 
 
 def corner_points(formulation: str, corners: np.ndarray) -> ContactPoints:
-    """Points at or near the corners of polygons (..., m, 2), of a formulation that has a point for each of them."""
+    """Points at or near the corners of polygons (..., m, 2), for a formulation with one point per corner."""
     areas = polygons.tributary_areas(corners)
     if formulation == "concave":
         return ContactPoints(corners, corners, areas)
@@ -75,7 +75,7 @@ def corner_points(formulation: str, corners: np.ndarray) -> ContactPoints:
 def _points_of_pieces(joint, tolerance: float) -> ContactPoints:
     """The points of every piece by the rule of the law, about the common O.
 
-    The gap of ``distributed`` points is within its bound on every piece, so it is on the whole.
+    The error of ``distributed`` points is within its bound on every piece, hence on the whole.
     """
     arms, areas = [], []
     for piece in joint.pieces:
@@ -96,7 +96,7 @@ def _points_of_pieces(joint, tolerance: float) -> ContactPoints:
 
 
 def cells_of(joint, tolerance: float) -> np.ndarray:
-    """Corners (k, 4, 2), m, from O, of the cells that points of a ``distributed`` joint stand for, in their order."""
+    """Corners (k, 4, 2), m, from O, of the cells that points of a ``distributed`` joint represent, in their order."""
     cells = []
     for piece in joint.pieces or [joint.polygon]:
         centre = polygons.area_and_centroid(piece)[1:] if joint.pieces else (0.0, 0.0)
@@ -105,18 +105,18 @@ def cells_of(joint, tolerance: float) -> np.ndarray:
 
 
 def distributed_points(polygon, tolerance: float, points: tuple[int, int] | None = None):
-    """Points (k, 2) and areas (k,) that fill a polygon about O, to a tolerance or by count.
+    """Points (k, 2) and areas (k,) that fill a polygon about O, for a tolerance or a given count.
 
-    ``points`` = (n, m) asks for n lines of m points, the lines following one another along the edge that lies
-    nearest to t1: n x m points on a rectangle; elsewhere at least two lines stand between neighbouring corners.
+    ``points`` = (n, m): n lines of m points, placed one after another along the edge that is most nearly parallel to
+    t1: n x m points on a rectangle; otherwise there are at least two lines between neighbouring corners.
     """
     corners = np.asarray(polygon, float)
     return _fill(corners, *_grid(corners, tolerance, points))
 
 
 def distributed_cells(polygon, tolerance: float, points: tuple[int, int] | None = None) -> np.ndarray:
-    """Corners (k, 4, 2), counter-clockwise, of the cells that `distributed_points` stand for, in their order: together
-    they are the polygon."""
+    """Corners (k, 4, 2), counter-clockwise, of the cells that `distributed_points` represent, in their order; the cells
+    tile the polygon."""
     corners = np.asarray(polygon, float)
     direction, n_line, n_point = _grid(corners, tolerance, points)
     frame = _frame(direction)
@@ -140,11 +140,11 @@ def distributed_cells(polygon, tolerance: float, points: tuple[int, int] | None 
 
 
 def _grid(corners: np.ndarray, tolerance: float, points: tuple[int, int] | None):
-    """In which direction lines of points follow one another, and how many lines and points there are: see `_fill`."""
+    """Direction along which the lines of points are placed; functions for numbers of lines and points: see `_fill`."""
     directions = _directions(corners)
     if points is None:
         size = float(np.sqrt((corners**2).sum(axis=1).max()))
-        # Equal joints of a wall differ by rounding only: the rounded, scaled polygon is the key of what is remembered.
+        # Equal joints of a wall differ by rounding only, so the cache key is the rounded, scaled polygon.
         key = tuple(map(tuple, (np.round(corners / size, 10) + 0.0).tolist()))
         spacing, chosen = _layout(key, tolerance)
         return directions[chosen], *_counts(spacing * size)
@@ -160,18 +160,18 @@ def _grid(corners: np.ndarray, tolerance: float, points: tuple[int, int] | None)
 
 
 def _counts(spacing: float):
-    """How many lines for the span of a slab with edges so steep, and how many points for the length of a line."""
+    """Functions: lines for the span of a slab with edges of some steepness, and points for the length of a line."""
 
     def cells(length):
         return max(2, math.ceil(length / spacing * (1.0 - _SAME)))
 
-    # Steep edges shift neighbouring lines against each other; this exponent was the cheapest on random polygons.
+    # Steep edges shift neighbouring lines; among exponents this one needed the fewest points on random polygons.
     return lambda span, steepness: cells(span * (1.0 + steepness**2) ** 0.25), cells
 
 
 @lru_cache(maxsize=4096)
 def _layout(polygon: tuple, tolerance: float) -> tuple[float, int]:
-    """Spacing of the points (in units of the polygon's size) and number of the direction, for a tolerance."""
+    """Spacing of the points (in units of the polygon's size) and index of the direction, for a tolerance."""
     corners = np.array(polygon)
     bound = 0.5 * tolerance / _BENDING
     cone = float(polygons.area(corners)) * float(polygons.mean_distance(corners)[0])
@@ -187,10 +187,10 @@ def _layout(polygon: tuple, tolerance: float) -> tuple[float, int]:
 
 
 def worst_gap(polygon, arms, areas) -> float:
-    """Largest relative gap between points and continuum in the friction moment, over some 200 torsion centres.
+    """Largest relative error of the friction moment of points against the continuum, over some 200 torsion centres.
 
-    The centres are O, the points around O, points and middles between points all over the joint, and rows along its
-    edges, inside and outside. Pure translation has no gap, as the areas add up.
+    The centres are O, the points around O, points and midpoints between points all over the joint, and rows along its
+    edges, inside and outside. Pure translation has no error, as the areas add up.
     """
     corners = np.asarray(polygon, float)
     near = np.argsort((arms**2).sum(axis=1), kind="stable")[:40]
@@ -214,7 +214,7 @@ def worst_gap(polygon, arms, areas) -> float:
 
 
 def _directions(corners: np.ndarray) -> np.ndarray:
-    """Unit vectors along every edge and, after each, across it (2 m, 2); those along an edge point the way of t1."""
+    """Unit vectors along every edge and, after each, across it (2 m, 2); those along edges point towards t1."""
     edges = np.concatenate([corners[1:], corners[:1]]) - corners
     edges /= np.sqrt((edges**2).sum(axis=1))[:, None]
     edges[edges[:, 0] < 0.0] *= -1.0
@@ -222,7 +222,7 @@ def _directions(corners: np.ndarray) -> np.ndarray:
 
 
 def _frame(direction) -> np.ndarray:
-    """Columns: the direction in which the lines of points follow one another, and the direction of the lines."""
+    """Columns: the direction along which the lines of points are placed, and the direction of the lines."""
     ux, uy = direction
     return np.array([[ux, -uy], [uy, ux]])
 
@@ -230,7 +230,7 @@ def _frame(direction) -> np.ndarray:
 def _slabs(turned: np.ndarray):
     """Slabs between neighbouring corners: (left, right, bottom, bottom slope, top, top slope), ordinates mid-slab.
 
-    Corners whose abscissas agree to rounding share a line. A convex polygon lies above the lines of its lower edges
+    Corners whose abscissas agree to rounding are on one line. A convex polygon lies above the lines of its lower edges
     and below those of its upper ones.
     """
     x = np.sort(turned[:, 0])
@@ -250,7 +250,7 @@ def _slabs(turned: np.ndarray):
 
 
 def _cost(corners: np.ndarray, direction, spacing: float) -> float:
-    """About how many points a direction needs, times the square of the spacing."""
+    """Approximate number of points that a direction needs, times the square of the spacing."""
     cost = 0.0
     for left, right, bottom, rise, top, fall in _slabs(corners @ _frame(direction)):
         cost += (top - bottom) * ((right - left) * (1.0 + max(rise * rise, fall * fall)) ** 0.25 + spacing)
@@ -260,8 +260,8 @@ def _cost(corners: np.ndarray, direction, spacing: float) -> float:
 def _fill(corners: np.ndarray, direction, n_line, n_point):
     """Points and areas, slab by slab: lines of points across each slab, ``n_line(span, steepness)`` of them.
 
-    A line of some length carries ``n_point(length)`` points. Both rules integrate cubics exactly, so that area,
-    centroid and second moments of the polygon are met to rounding.
+    A line of some length has ``n_point(length)`` points. Both rules integrate cubics exactly, so that area, centroid
+    and second moments of the polygon are exact to rounding.
     """
     frame = _frame(direction)
     parts = []
@@ -282,10 +282,10 @@ def _fill(corners: np.ndarray, direction, n_line, n_point):
 
 @lru_cache(maxsize=1024)
 def _line_rule(count: int) -> tuple[np.ndarray, float]:
-    """Positions of ``count`` points on a line from -1/2 to 1/2, symmetric, and the weight that all of them share.
+    """Positions of ``count`` points on a line from -1/2 to 1/2, symmetric, and their common weight.
 
-    Equal cells two by two, the points of a pair at its Gauss positions. An odd count takes the three or the five
-    cells in the middle together (Chebyshev's points of equal weight), so that the pairs at both sides are as many.
+    Equal cells in pairs, with the points of a pair at its Gauss positions. For an odd count the three or five cells in
+    the middle form one group (Chebyshev's points of equal weight), which leaves equal numbers of pairs on both sides.
     """
     cell = 1.0 / count
     if count == 1:

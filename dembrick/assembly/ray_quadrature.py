@@ -1,13 +1,13 @@
-"""Contact points of a distributed joint that stand on rays from its torsion centre.
+"""Contact points of a distributed joint on rays from its torsion centre.
 
-The friction moment of a slip about C is the integral of p |r - C|: smooth everywhere but at C, where it has a cone.
-Points on a regular lattice are blind to the cone, and miss the integral by about the cube of their distance, wherever
-they stand. On rays from C the cone is no obstacle: along a ray the integrand is a polynomial (with a linear pressure,
-of the third degree), across the rays it is analytic, and Gauss points converge exponentially. 48 points on
-0.3 m x 0.2 m miss 4e-5, 96 points 1e-7, where a lattice needs 216 and some 20,000.
+The friction moment of a slip about C is the integral of p |r - C|: smooth except for a cone at C. Points on a regular
+lattice miss the cone, and so the integral, by about the cube of their distance, wherever they are. On rays from C the
+cone does no harm: along a ray the integrand is a polynomial (of third degree with a linear pressure), across the rays
+it is analytic, and Gauss points converge exponentially. On 0.3 m x 0.2 m the error is 4e-5 with 48 points and 1e-7 with
+96, where a lattice needs 216 and some 20,000.
 
-Such points are right for one torsion centre only. They suit the search for a limit load, whose centre is found on the
-way, and no test in which the centre wanders.
+Such points are accurate for one torsion centre only. They suit the search for a limit load, which finds the centre as
+it proceeds, but no test in which the centre moves.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import numpy as np
 
 from dembrick.geometry import polygons
 
-_SLIVER = 1e-12  # of the polygon's size squared: a triangle so thin holds no points
-_GROWTH = 3.0  # of the pieces of a ray or of an edge, away from where the integrand bends most
-_LAST = 0.7  # a piece that would begin beyond this part of the length is joined to the one before
+_SLIVER = 1e-12  # of the polygon's size squared: a thinner triangle gets no points
+_GROWTH = 3.0  # growth ratio of the pieces of a ray or an edge, away from where the integrand varies most
+_LAST = 0.7  # a piece that would begin beyond this part of the length is merged with the one before
 
 
 def rays(polygon, centre, across: int, along: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (k, 2) and areas (k,) on rays from the torsion centre (2,) over a convex polygon (m, 2) about O.
 
-    Every edge spans a triangle with the centre, or with the point of the polygon nearest to it; ``across`` rays fan out
-    over each piece of an edge, with ``along`` points on each piece of a ray, all at Gauss positions. Where the centre
-    lies near an edge, inside or outside, pieces get shorter towards it.
+    Every edge spans a triangle with the centre, or with the nearest point of the polygon; ``across`` rays fan out over
+    each piece of an edge, with ``along`` points on each piece of a ray, all at Gauss positions. Where the centre lies
+    near an edge, inside or outside, the pieces get shorter towards it.
     """
     corners = np.asarray(polygon, float)
     centre = np.asarray(centre, float)
@@ -59,7 +59,7 @@ def rays_over(pieces, centre, across: int, along: int) -> tuple[np.ndarray, np.n
 
 
 def _both_ways(foot: float, scale: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss positions and weights on (0, 1), finest about ``foot`` where the integrand bends over a ``scale``."""
+    """Gauss positions and weights on (0, 1), finest near ``foot``; there the integrand varies over a ``scale``."""
     parts = []
     for end in (0.0, 1.0):
         span = abs(end - foot)
@@ -71,7 +71,7 @@ def _both_ways(foot: float, scale: float, count: int) -> tuple[np.ndarray, np.nd
 
 
 def _graded(scale: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss positions and weights on (0, 1), in pieces that grow from a first one as long as ``scale``."""
+    """Gauss positions and weights on (0, 1), in pieces that grow from a first one of length ``scale``."""
     cuts = [0.0]
     while scale < _LAST:
         cuts.append(scale)
@@ -90,13 +90,13 @@ def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fine_rays(pieces, centre) -> tuple[np.ndarray, np.ndarray]:
-    """Points that stand for the continuum of convex ``pieces``: over 1,000 centres the friction moment of a rectangle
-    was right to 2e-11."""
+    """Points that represent the continuum of convex ``pieces``: over 1,000 centres the error of the friction moment of
+    a rectangle was at most 2e-11."""
     return rays_over(pieces, centre, 10, 8)
 
 
 def friction_moment(arms, areas, centre, pressure) -> float:
-    """Integral of pressure |r - centre| by points; ``pressure`` = (level, slope_1, slope_2) is linear about O."""
+    """Sum of pressure |r - centre| over points; ``pressure`` = (level, slope_1, slope_2) is linear about O."""
     pressed = areas * (pressure[0] + arms @ np.asarray(pressure[1:]))
     x, y = (arms - np.asarray(centre)).T
     return float(np.sqrt(x * x + y * y) @ pressed)

@@ -1,9 +1,10 @@
-"""Surface pressures on the bare faces of blocks: which faces feel them, and their resultants at the start.
+"""Surface pressures on the bare faces of blocks: the faces on which they act, and their resultants at the start.
 
-On each face with the stated outward normal n the pressure p(z) = c0 + c1 z acts where it is positive and where no joint
-covers the face. With dF = -n p dA, all parallel on one face, the resultant is F = -n int p dA at the centre of pressure
-int p x dA / int p dA. Both integrals are exact: p x is quadratic, and the midpoint rule of triangles integrates that.
-Where blocks move, the polygons move with them, and `kernels.dynamics.block_loads` integrates over them at every step.
+On each face with the stated outward normal n the pressure p(z) = c0 + c1 z acts where it is positive and no joint
+covers the face. With dF = -n p dA, parallel all over the face, the resultant is F = -n int p dA at the centre of
+pressure int p x dA / int p dA. Both integrals are exact: p x is quadratic, and the edge-midpoint rule on triangles
+integrates it. For moving blocks, the polygons move with them, and `kernels.dynamics.block_loads` integrates over them
+at every step.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.model import Scenario
 
-FACING = 1e-3  # rad: how far the normal of a loaded face may be off the stated direction
-COPLANAR = 1e-6  # of the block's diameter: a joint so near a face lies on it
+FACING = 1e-3  # rad: largest angle between the normal of a loaded face and the stated direction
+COPLANAR = 1e-6  # of the block's diameter: a joint this close to a face lies on it
 
 
 @dataclass(frozen=True)
 class FaceForce:
-    """A resultant: on ``block``, with its ``arm`` (3,) from the centroid to the centre of pressure (m, world at the
-    start) and ``force`` (3,) (N)."""
+    """A resultant on a ``block``: ``arm`` (3,), from the centroid to the centre of pressure (m, world at the start),
+    and ``force`` (3,) (N)."""
 
     block: int
     arm: np.ndarray
@@ -39,8 +40,8 @@ class FaceForce:
 
 @dataclass(frozen=True)
 class LoadedFace:
-    """A face of ``block`` under a pressure: outward ``normal`` (3,), ``corners`` (m, 3) and, of what covers it,
-    ``covers`` (each (k, 3)), counterclockwise about the normal; world, at the start."""
+    """A face of ``block`` under a pressure: outward ``normal`` (3,), ``corners`` (m, 3), and ``covers`` (each (k, 3)),
+    the polygons that cover it, counterclockwise about the normal; world, at the start."""
 
     block: int
     normal: np.ndarray
@@ -50,12 +51,12 @@ class LoadedFace:
 
 @dataclass(frozen=True, eq=False)
 class PressedPolygons:
-    """The polygons of all loaded faces, as they ride with their blocks: q polygons with c corners.
+    """The polygons of all loaded faces, which move with their blocks: q polygons with c corners in total.
 
-    ``block`` (q,); ``first`` (q + 1,): number of the first corner of each; ``corner`` (c, 3): m, from the centroid in
-    body axes, counterclockwise seen from outside; ``sense`` (q,): 1, or -1 for what covers a face; pressure ``level``
-    + ``slope`` z where that is positive (q,), Pa and Pa/m, z the height in the world; ``driven`` (q,): whether the
-    load factor multiplies it.
+    ``block`` (q,); ``first`` (q + 1,): index of the first corner of each; ``corner`` (c, 3): m, from the centroid in
+    body axes, counterclockwise seen from outside; ``sense`` (q,): 1, or -1 for a polygon that covers a face; the
+    pressure is ``level`` + ``slope`` z where that is positive (q,), Pa and Pa/m, with z the height in the world;
+    ``driven`` (q,): whether the load factor multiplies it.
     """
 
     block: np.ndarray
@@ -73,7 +74,7 @@ NO_POLYGONS = PressedPolygons(
 
 
 def loaded_faces(pressure, members, bare: Assembly) -> list[LoadedFace]:
-    """The faces of the free blocks among ``members`` that look along the direction of a pressure."""
+    """The faces of the free blocks among ``members`` whose normal is along the direction of a pressure."""
 
     def along(normal: np.ndarray) -> bool:
         return bool(np.linalg.norm(np.cross(normal, pressure.direction)) <= FACING and normal @ pressure.direction >= 0)
@@ -82,7 +83,7 @@ def loaded_faces(pressure, members, bare: Assembly) -> list[LoadedFace]:
 
 
 def faces_that_look(wanted: Callable[[np.ndarray], bool], members, bare: Assembly) -> list[LoadedFace]:
-    """The faces of the free blocks among ``members`` whose outward normal (3,) is ``wanted``."""
+    """The faces of the free blocks among ``members`` whose outward normal (3,) satisfies ``wanted``."""
     found = []
     for block in members:
         if bare.fixed[block]:
@@ -101,10 +102,10 @@ def faces_that_look(wanted: Callable[[np.ndarray], bool], members, bare: Assembl
 
 
 def face_forces(pressure, members, bare: Assembly, moving: bool = False) -> list[FaceForce]:
-    """Resultants of one pressure on the blocks ``members`` of an assembly, one a face that feels it.
+    """Resultants of one pressure on the blocks ``members`` of an assembly, one for each face on which it acts.
 
-    ScenarioError if no free block of them has a face that looks along its direction and feels it; where blocks are
-    ``moving`` it may come to feel it later, but for a driven pressure, which has to push from the start.
+    Raises ScenarioError if there is no face in its direction, on a free block, on which it acts. With ``moving`` blocks
+    it need not act at the start, except for a driven pressure.
     """
     faces = loaded_faces(pressure, members, bare)
     pressed = [(face, resultant(face, pressure.at_height, bare)) for face in faces]
@@ -118,8 +119,8 @@ def face_forces(pressure, members, bare: Assembly, moving: bool = False) -> list
 
 
 def resultant(face: LoadedFace, at_height: tuple[float, float], bare: Assembly) -> tuple[float, np.ndarray]:
-    """int p dA (N) over what is bare of a face, 0 where that is within rounding, and the arm (3,) from the centroid of
-    its block to the centre of pressure (m)."""
+    """int p dA (N) over the bare part of a face (0 if within rounding), and the arm (3,) from the centroid of its block
+    to the centre of pressure (m)."""
     c0, c1 = at_height
     total = _moments(face.corners, c0, c1)
     for cover in face.covers:
@@ -131,7 +132,7 @@ def resultant(face: LoadedFace, at_height: tuple[float, float], bare: Assembly) 
 
 
 def pressed_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly) -> PressedPolygons:
-    """The polygons of all pressures of a scenario; ``number`` of every block by name."""
+    """The polygons of all pressures of a scenario; ``number``: index of every block by name."""
     rows: list[tuple] = []
     for pressure in scenario.pressures:
         members = scenario.groups.get(pressure.block) or (number[pressure.block],)
@@ -154,7 +155,7 @@ def pressed_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly)
 
 
 def _parts_on_face(corners: np.ndarray, normal: np.ndarray, polygons: list, near: float) -> tuple[np.ndarray, ...]:
-    """Parts of a face that convex polygons (k, 3) within ``near`` (m) of its plane cover: a joint may reach over
+    """Parts of a face covered by convex polygons (k, 3) within ``near`` (m) of its plane; a joint may extend over
     several parts of a block."""
     flat = np.linalg.svd(corners - corners.mean(axis=0))[2][:2]
     axes = flat if np.cross(flat[0], flat[1]) @ normal > 0.0 else flat[::-1]
@@ -170,8 +171,8 @@ def _parts_on_face(corners: np.ndarray, normal: np.ndarray, polygons: list, near
 
 
 def _faces_against(bare: Assembly, block: int, number: int, normal: np.ndarray) -> list[np.ndarray]:
-    """World corners (m, 3) of the faces of other convex parts of a block that look against a face of its part
-    ``number``."""
+    """World corners (m, 3) of the faces of other convex parts of a block that face the opposite way to ``normal``, that
+    of a face of its part ``number``."""
     rotation, found = bare.rotation[block], []
     for other, (place, part) in enumerate(parts_of(bare.shapes[block])):
         if other == number:
@@ -183,7 +184,7 @@ def _faces_against(bare: Assembly, block: int, number: int, normal: np.ndarray) 
 
 
 def _joint_polygons(bare: Assembly, block: int) -> list[np.ndarray]:
-    """World corners (m, 3) of the polygons of all joints of a block, convex pieces one by one."""
+    """World corners (m, 3) of the polygons of all joints of a block, one per convex piece."""
     joints = bare.joints
     polygons = []
     for j in np.flatnonzero((joints.block_a == block) | (joints.block_b == block)):
@@ -194,13 +195,13 @@ def _joint_polygons(bare: Assembly, block: int) -> list[np.ndarray]:
 
 
 def _ordered_like(corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """The corners, counterclockwise about ``normal``."""
+    """The corners in counterclockwise order about ``normal``."""
     area = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0]).sum(axis=0)
     return corners if area @ normal > 0.0 else corners[::-1]
 
 
 def _moments(corners: np.ndarray, c0: float, c1: float) -> np.ndarray:
-    """int p dA and int p x dA (4,) over a convex polygon, corners (m, 3), of p = c0 + c1 z where p is positive."""
+    """int p dA and int p x dA (4,) over a convex polygon, corners (m, 3), of the positive part of p = c0 + c1 z."""
     corners = _under_pressure(corners, c0 + c1 * corners[:, 2])
     if len(corners) < 3:
         return np.zeros(4)
@@ -215,7 +216,7 @@ def _moments(corners: np.ndarray, c0: float, c1: float) -> np.ndarray:
 
 
 def _under_pressure(corners: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-    """The part (k, 3) of a convex polygon in which a linear pressure, given at its corners (m,), is not negative."""
+    """The part (k, 3) of a convex polygon where a linear pressure, given at its corners (m,), is not negative."""
     kept = []
     for i in range(len(corners)):
         here, there = pressure[i - 1], pressure[i]

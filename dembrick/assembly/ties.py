@@ -1,4 +1,4 @@
-"""The ties of a scenario as geometry: which blocks, where, and along which line."""
+"""The ties of a scenario as geometry: blocks, end points and directions."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class TieTable:
-    """Ties: their ``ends`` (t, 2) on a block a and a block b; ``direction`` (t, 3) unit, from a to b; ``length`` (t,)
-    m; ``stiffness`` (t,) N/m, ``strength`` (t,) N, infinite if it never yields; ``prestress`` (t,) N; ``tension_only``
+    """Ties: ``ends`` (t, 2) on a block a and a block b; ``direction`` (t, 3) unit, from a to b; ``length`` (t,) m;
+    ``stiffness`` (t,) N/m; ``strength`` (t,) N, infinite if it never yields; ``prestress`` (t,) N; ``tension_only``
     (t,)."""
 
     ends: Attached
@@ -40,8 +40,8 @@ NO_TIES = TieTable(_NO_ENDS, NO_VECTORS, _NONE, _NONE, _NONE, _NONE, np.zeros(0,
 
 
 def given_ties(scenario: Scenario, number: dict[str, int], bare: Assembly) -> TieTable:
-    """The ties of a scenario; ``number`` of every block by name. ScenarioError if an end lies outside its block, or if
-    both blocks are fixed."""
+    """The ties of a scenario; ``number``: index of every block by name. Raises ScenarioError if an end lies outside its
+    block, or if both blocks are fixed."""
     if not scenario.ties:
         return NO_TIES
     blocks, arms, points = [], [], []

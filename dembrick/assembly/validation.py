@@ -1,6 +1,6 @@
 """Checks of an assembly: overlaps, missing supports, overrides that match no joint, joints too soft for their load.
 
-Each raises ScenarioError, or returns warnings; a message names the blocks and says how far off they are.
+Each check raises ScenarioError or returns warnings; messages name the blocks and quantify the error.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 
-SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
+SOFT_WARNING = 1e-3  # elastic closure or shear displacement of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
-ROUNDED = 1e-5  # of the greatest velocity: a phase that was rounded makes no jump
-_MONOTONE = (LIMIT_LOAD, PATH_FOLLOWING, DEAD_LOAD)  # regimes in which loads only grow
+ROUNDED = 1e-5  # of the greatest velocity: a smaller jump comes from rounding of the phase
+_MONOTONE = (LIMIT_LOAD, PATH_FOLLOWING, DEAD_LOAD)  # regimes in which loads only increase
 _NAMED = 5  # blocks that a warning names
-_FAR = 0.1  # of the smaller block's diameter: how far a message looks for the block that should have been touched
+_FAR = 0.1  # of the smaller block's diameter: search distance for a block that was probably meant to touch
 
 
 def refuse(scenario: Scenario, message: str) -> NoReturn:
@@ -82,7 +82,7 @@ def check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
 
 
 def _told(way: np.ndarray) -> str:
-    """A translation in words: ``0.2 m along +z``, or its components where it follows no axis."""
+    """A translation in words: ``0.2 m along +z``, or its components if it is not along an axis."""
     length = float(np.linalg.norm(way))
     axis = int(np.argmax(np.abs(way)))
     if abs(way[axis]) > (1.0 - 1e-9) * length:
@@ -92,10 +92,10 @@ def _told(way: np.ndarray) -> str:
 
 
 def check_pieces(scenario: Scenario, joints: JointTable, bodies: Bodies) -> None:
-    """Refuse corrected joints whose blocks touch by several parts in one plane, where blocks move.
+    """Refuse corrected joints between moving blocks that touch with several parts in one plane.
 
-    Their points are drawn in so far that the whole joint twists as the continuum does; pairs of parts, which are joints
-    of their own there, would each be drawn in about their own middle.
+    The points of a corrected joint are moved inwards until the whole joint has the torsion strength of the continuum.
+    With moving blocks each pair of parts is a joint of its own, and its points would move towards its own centre.
     """
     several = np.bincount(bodies.owner, minlength=len(scenario.all_blocks)) > 1
     if not (several.any() and any(law.formulation.startswith("corrected") for law in joints.law)):
@@ -129,7 +129,7 @@ def check_overrides(scenario: Scenario, laws: Laws, joints, fixed: np.ndarray) -
 
 
 def check_gaps(scenario: Scenario, bodies: Bodies, positions, fixed: np.ndarray, joints: JointTable) -> tuple[str, ...]:
-    """Remark on blocks whose faces nearly touch and that share no joint; the reading of a model remarks on its own."""
+    """Remark on blocks whose faces nearly touch without a joint; for CAD models the reader makes such remarks."""
     blocks, written = scenario.all_blocks, len(scenario.blocks)
     names = [block.name.partition(".")[0] if i >= written else f".{i}" for i, block in enumerate(blocks)]
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
@@ -155,7 +155,7 @@ def check_gaps(scenario: Scenario, bodies: Bodies, positions, fixed: np.ndarray,
 
 
 def refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed, loose: np.ndarray) -> NoReturn:
-    """Name the blocks that no chain of joints ties to a support, and the nearest face that they miss."""
+    """Raise an error that names the blocks without a chain of joints to a support, and the nearest face they miss."""
     missed = [
         joint
         for joint in find_joints(shapes, position, orientation, fixed, lambda a, b: scenario.joint, _FAR)
@@ -176,12 +176,12 @@ def refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed,
 
 
 def _of_models(scenario: Scenario) -> str:
-    """Remarks of the reading of models from CAD, for a message on blocks that do not touch as they should."""
+    """Remarks from reading CAD models, for a message on blocks that do not touch as they should."""
     return "".join(f"; {remark}" for remark in scenario.remarks)
 
 
 def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tuple[str, ...]:
-    """Warn where blocks that rock would topple early, because no contact point reaches the edge of their joint."""
+    """Warn where rocking blocks would topple early because no contact point reaches the edge of their joint."""
     warnings = []
     for formulation, remedy in (("distributed", ", or more joint.points"), ("corrected", "")):
         gap, j = widest_rim(joints, points, formulation=formulation)
@@ -196,7 +196,7 @@ def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tup
 
 
 def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
-    """Refuse strengths that a formulation cannot follow, and warn about what their law does not say by itself."""
+    """Refuse strengths that a formulation cannot represent, and warn about implications of the law."""
     warnings = []
     laws = [law for law in {id(law): law for law in joints.law}.values() if not law.dry]
     for law in laws:
@@ -229,7 +229,7 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
 
 
 def check_control(scenario: Scenario) -> tuple[str, ...]:
-    """Warn about what does nothing under the control, and of supports that begin with a jump of their velocity."""
+    """Warn about settings without effect under the control, and about supports whose velocity starts with a jump."""
     control = scenario.control
     if said := _carries_nothing(scenario):
         return said
@@ -238,13 +238,13 @@ def check_control(scenario: Scenario) -> tuple[str, ...]:
 
 
 def check_stages(scenario: Scenario) -> tuple[str, ...]:
-    """Warn about what does nothing in any stage, or in one before the last."""
+    """Warn about settings without effect in any stage, or in one before the last."""
     idle = ((n, *one) for n, control in enumerate(scenario.stages, 1) for one in _idle_keys(control))
     return _carries_nothing(scenario) + tuple(f"{what} of stage {n} does nothing {why}" for n, what, why in idle)
 
 
 def _carries_nothing(scenario: Scenario) -> tuple[str, ...]:
-    """A remark on actuators, and pressures that are some, that act in runs under the dead loads alone."""
+    """Remark on actuators, and driven pressures, that are active only in runs under the dead loads alone."""
     controls = controls_of(scenario)
     idle = [
         entry
@@ -263,7 +263,7 @@ def _carries_nothing(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _idle(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Keys with a value of their own that this run does not ask for, and why."""
+    """Settings other than the default that have no effect in this run, and why."""
     control, stages = scenario.control, scenario.among or (scenario.control,)
     yield from ((f"control.{what}", why) for what, why in _idle_keys(control))
     searches = all(one.regime in (PATH_FOLLOWING, DEAD_LOAD) for one in stages)
@@ -278,7 +278,7 @@ def _idle(scenario: Scenario) -> Iterator[tuple[str, str]]:
 
 
 def _idle_keys(control: Control) -> Iterator[tuple[str, str]]:
-    """Keys of a control with a value of their own that it does not ask for, and why."""
+    """Keys of a control, other than the default, that have no effect, and why."""
     defaults = {one.name: one.default for one in fields(control)}  # type: ignore[arg-type]
 
     def given(key: str, why: str) -> Iterator[tuple[str, str]]:
@@ -298,7 +298,7 @@ def _idle_keys(control: Control) -> Iterator[tuple[str, str]]:
 
 
 def _check_base_motion(control: BaseMotionControl) -> tuple[str, ...]:
-    """A pulse that never comes, and a velocity that begins above zero."""
+    """Warn about a pulse outside of the run, and about a velocity that does not start from zero."""
     warnings = []
     amplitude = next((one.amplitude for one in (control.pulse, control.sine) if one is not None), 1.0)
     if control.scale * amplitude == 0.0:
@@ -327,10 +327,10 @@ def _check_base_motion(control: BaseMotionControl) -> tuple[str, ...]:
 
 
 def check_stiffness(scenario: Scenario, shapes: tuple[Shape, ...], joints, joint_force: np.ndarray) -> tuple[str, ...]:
-    """Refuse joints that their dead load would close, or friction shear, by more than a hundredth of their short side.
+    """Refuse joints whose elastic closure or shear displacement under dead load exceeds 1% of their short side.
 
-    Where a number of the scenario, or a size of its ``shapes``, looks like a slip of units, that is named as the cause.
-    The numbers of this project are those of stiff joints (undeformed geometry); a tenth of the limit is warned about.
+    If a number of the scenario or a size of its ``shapes`` suggests a wrong unit, the message names that as the cause.
+    The formulations presume stiff joints (undeformed geometry); a tenth of the limit gives a warning.
     """
     if not len(joints):
         return ()
@@ -372,8 +372,8 @@ OF_JOINTS = ("origin", "axes", "area", "arm_a", "arm_b")
 
 
 def check_finite(assembly: Assembly) -> None:
-    """DivergedError that names the block, joint or actuator of which a number is not finite. No comparison with a NaN
-    holds, so that an engine that went on with one might call it balanced."""
+    """Raise a DivergedError that names the block, joint or actuator with a number that is not finite. Comparisons with
+    NaN are false, so that a solver might take such a state for equilibrium."""
     for name in OF_BLOCKS:
         _check(name, getattr(assembly, name), lambda i: f"block {assembly.names[i]!r}")
     joints = assembly.joints
