@@ -1,9 +1,9 @@
-"""Solids from CAD: many of them in one file, with their names. OBJ, STL, glTF, COMPAS JSON, and what meshio reads.
+"""Solids from CAD: several named solids in one file. OBJ, STL, glTF, COMPAS JSON, and the formats that meshio reads.
 
-Objects (``o``) of an OBJ file are solids, or its groups (``g``) where it has no objects; so are the named solids of a
-text STL file, the nodes of a glTF scene and the blocks of a COMPAS assembly. Within each, and in files that name
-nothing, a solid ends where its surface is closed. Every solid is checked as :mod:`dembrick.geometry.mesh_file` says,
-and one that is not convex is cut into parts that bear its name.
+Solids are the objects (``o``) of an OBJ file, or its groups (``g``) if it has no objects; the named solids of a text
+STL file; the nodes of a glTF scene; and the blocks of a COMPAS assembly. Within each, and in files without names, a
+solid ends where its surface is closed. Every solid is checked as described in :mod:`dembrick.geometry.mesh_file`; one
+that is not convex is cut into parts that all have its name.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ T = TypeVar("T")
 
 
 class Solid(NamedTuple):
-    """A convex polyhedron of a file, a solid or a part of one: the ``name`` of the solid there, whether the file says
-    that it is a support, its ``shape``."""
+    """A convex polyhedron of a file, which is a solid or part of one: the ``name`` of the solid, whether the file marks
+    it as a support, and its ``shape``."""
 
     name: str
     fixed: bool
@@ -48,11 +48,11 @@ class _Named(NamedTuple):
 
 
 def read(path: str, scale: float) -> list[Solid]:
-    """The solids of a file in its order, lengths times ``scale`` in metres; equal names get numbers.
+    """The solids of a file in their order, with lengths times ``scale`` in metres; equal names get numbers.
 
     The convex parts of a solid that is not convex follow one another under its name.
 
-    Raises ScenarioError for a file that cannot be read and for a solid that is no block.
+    Raises ScenarioError for a file that cannot be read and for a solid that cannot be a block.
     """
     ending = os.path.splitext(path)[1].lower()
     mesh_file.check_file(path, ENDINGS, LARGEST_FILE)
@@ -85,7 +85,7 @@ def read(path: str, scale: float) -> list[Solid]:
 
 
 def _different(names: list[str]) -> list[str]:
-    """The names, with a number at each that is there several times."""
+    """The names, made distinct by a number after each repeated one."""
     taken: dict[str, int] = {}
     several = {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else set()
     found = []
@@ -96,10 +96,11 @@ def _different(names: list[str]) -> list[str]:
 
 
 def _closed_parts(solid: _Named) -> Iterator[_Named]:
-    """The closed surfaces that a solid of a file is made of, each with the corners that it uses.
+    """Split a solid of a file into its closed surfaces, each with the corners that it uses.
 
-    Parts that share no corner are apart, whatever the order of their faces. Of those that touch, as bodies in an STL
-    file do, one ends with the face that closes it. What never closes is handed on whole, to be refused by name.
+    Surfaces that share no corner are separate, whatever the order of their faces. Of surfaces that touch, as bodies in
+    an STL file may, one ends with the face that closes it. One that never closes is returned whole; a later check
+    refuses it by name.
     """
     points, number = np.unique(solid.points + 0.0, axis=0, return_inverse=True)
     number = number.reshape(-1)
@@ -116,7 +117,7 @@ def _closed_parts(solid: _Named) -> Iterator[_Named]:
             if not open_edges:
                 parts.append(begun)
                 begun = []
-        if begun and len(begun) < len(together):  # the order of the faces tells no solids
+        if begun and len(begun) < len(together):  # the order of the faces does not separate the solids
             parts = [*parts[: -1 if parts else None], together]
         elif begun:
             parts.append(begun)
@@ -125,7 +126,7 @@ def _closed_parts(solid: _Named) -> Iterator[_Named]:
 
 
 def _with_its_corners(solid: _Named) -> _Named:
-    """A solid without the corners that its faces do not use."""
+    """The solid without unused corners."""
     used, local = np.unique(np.concatenate([np.array(face) for face in solid.faces]), return_inverse=True)
     ends = np.cumsum([0, *map(len, solid.faces)])
     own = [tuple(local.reshape(-1)[a:b].tolist()) for a, b in zip(ends[:-1], ends[1:], strict=True)]
@@ -145,8 +146,8 @@ def _is_hollow(parts: list[_Named]) -> bool:
 
 
 def _winds_about(part: _Named, point: np.ndarray) -> bool:
-    """Whether a closed surface goes round a ``point`` (3,), by the solid angle under which it is seen from there (van
-    Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125)."""
+    """Whether a closed surface encloses a ``point`` (3,), by the solid angle that it subtends there (van Oosterom and
+    Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125)."""
     corners = np.array([(face[0], *face[i : i + 2]) for face in part.faces for i in range(1, len(face) - 1)])
     a, b, c = np.moveaxis(part.points[corners] - point, 1, 0)
     lengths = [np.linalg.norm(arm, axis=1) for arm in (a, b, c)]
@@ -156,7 +157,7 @@ def _winds_about(part: _Named, point: np.ndarray) -> bool:
 
 
 def _connected(faces: Faces) -> list[Faces]:
-    """Faces that hang together by corners, in their order."""
+    """Groups of faces connected by corners, in their order."""
     groups = linked((face[0], other) for face in faces for other in face)
     group_of = {corner: number for number, group in enumerate(groups) for corner in group}
     found: dict[int, Faces] = {}
@@ -166,7 +167,7 @@ def _connected(faces: Faces) -> list[Faces]:
 
 
 def linked(pairs: Iterable[tuple[T, T]]) -> list[list[T]]:
-    """Groups of members that hang together through pairs, in the order in which the pairs name them."""
+    """Groups of members connected by pairs, in the order in which the pairs name them."""
     root: dict[T, T] = {}
 
     def find(member: T) -> T:
@@ -199,7 +200,7 @@ def _stl(path: str) -> list[_Named]:
 
 
 def _by_name(points: np.ndarray, faces: Faces, names: list[str]) -> list[_Named]:
-    """The faces of each name, in the order in which the names come."""
+    """The faces of each name, with names in order of appearance."""
     found: dict[str, Faces] = {}
     for name, face in zip(names, faces, strict=True):
         found.setdefault(name, []).append(face)

@@ -1,22 +1,22 @@
-"""The common part of many pairs of convex polygons at once, and the polygons without corners that say nothing.
+"""Intersections of many pairs of convex polygons at once, and removal of redundant corners.
 
-Polygons of a batch have room for equally many corners, arrays (k, m, 2) with counts (k,); the rest of the room holds
-no corner. What comes in may repeat corners instead.
+Polygons of a batch are padded to equal numbers of corners: arrays (k, m, 2) with counts (k,); corners beyond the count
+are undefined. Input polygons may instead repeat corners.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-CHUNK = 4096  # polygons at a time
+CHUNK = 4096  # polygons per batch
 
 
 def clip(subject: np.ndarray, clipper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The part of convex polygons ``subject`` (k, m, 2) inside others ``clipper`` (k, n, 2), edge after edge
-    (Sutherland and Hodgman): corners (k, p, 2) and counts (k,), 0 if they are apart.
+    """Intersections of convex polygons ``subject`` (k, m, 2) with others ``clipper`` (k, n, 2), clipped edge by edge
+    (Sutherland and Hodgman): corners (k, p, 2) and counts (k,), 0 if there is none.
 
-    Both run counterclockwise and may repeat corners. The result may be a sliver or repeat corners where they only
-    touch: see :func:`simplify`.
+    Both are counterclockwise and may repeat corners. Where polygons only touch, the result may be a sliver or repeat
+    corners: see :func:`simplify`.
     """
     points, count = subject, np.full(len(subject), subject.shape[1])
     for e in range(clipper.shape[1]):
@@ -42,8 +42,8 @@ def clip(subject: np.ndarray, clipper: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def simplify(points: np.ndarray, count: np.ndarray, tolerance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The polygons without corners that repeat another, or lie on the line of their neighbours, within ``tolerance``
-    (k,): corners (k, p, 2), counts (k,); 0 if fewer than three are left."""
+    """The polygons without repeated corners and corners on the line of their neighbours, within ``tolerance`` (k,):
+    corners (k, p, 2), counts (k,); 0 if fewer than three corners remain."""
     points, count = points.copy(), np.where(count >= 3, count, 0)
     active = np.flatnonzero(count)
     room = np.arange(points.shape[1])
@@ -59,7 +59,7 @@ def simplify(points: np.ndarray, count: np.ndarray, tolerance: np.ndarray) -> tu
         idle &= room < n
         found = idle.any(axis=1)
         active, first = active[found], np.argmax(idle[found], axis=1)
-        # the first idle corner goes, those after it move up; then the polygon is looked at again
+        # remove the first redundant corner, shift those after it, and check the polygon again
         shifted = np.minimum(room + (room >= first[:, None]), len(room) - 1)
         points[active] = np.take_along_axis(points[active], shifted[..., None], axis=1)
         count[active] -= 1
@@ -69,7 +69,7 @@ def simplify(points: np.ndarray, count: np.ndarray, tolerance: np.ndarray) -> tu
 
 
 def started_lowest(points: np.ndarray, count: np.ndarray, direction: tuple[float, float]) -> np.ndarray:
-    """The polygons with the corner lowest along ``direction`` first; unused room repeats the last corner."""
+    """The polygons starting with the corner lowest along ``direction``; padded with the last corner."""
     room = np.arange(points.shape[1])
     heights = np.where(room < count[:, None], points @ np.array(direction), np.inf)
     order = (np.argmin(heights, axis=1)[:, None] + np.minimum(room, count[:, None] - 1)) % count[:, None]
@@ -77,7 +77,7 @@ def started_lowest(points: np.ndarray, count: np.ndarray, direction: tuple[float
 
 
 def _packed(corners: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The kept corners of every row moved to its front, with as much room as the longest needs."""
+    """Move the kept corners of every row to its front; the width is that of the longest row."""
     count = kept.sum(axis=1)
     order = np.argsort(~kept, axis=1, kind="stable")[:, : max(3, int(count.max(initial=0)))]
     return np.take_along_axis(corners, order[..., None], axis=1), count

@@ -1,7 +1,7 @@
-"""Close the gaps between solids whose faces nearly touch: faces that look at each other come to lie on one plane.
+"""Close the gaps between solids whose faces nearly touch: facing faces are moved onto one plane.
 
-CAD models are drawn to a tolerance of their own. Two faces within it, apart or inside one another, are meant to touch.
-All faces that are linked so share one plane, the mean by area; every solid is cut again by its planes.
+CAD models are drawn to some tolerance. Two facing faces whose gap or overlap is within it are meant to touch. All faces
+linked in this way are given one common plane, their mean weighted by area; every solid is then rebuilt from its planes.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from dembrick.geometry import clipping, polygons
 from dembrick.geometry.cad_file import Solid, linked
 from dembrick.geometry.convex_hull import hull
 
-_TOUCH = 1e-6  # of the smaller solid: faces so near touch already, see assembly.joint_detection
-_ANGLE = 0.1  # rad: faces that look past each other by more are no pair
+_TOUCH = 1e-6  # of the smaller solid: faces this close touch already, see assembly.joint_detection
+_ANGLE = 0.1  # rad: faces inclined by more do not face each other
 
 
 class Gap(NamedTuple):
-    """Two faces that look at each other: numbers of solids and faces, and how far they are apart at most (m)."""
+    """Two facing faces: indices of solids and faces, and their greatest distance (m)."""
 
     first: tuple[int, int]
     second: tuple[int, int]
@@ -45,7 +45,7 @@ def faces_of(solid: Solid) -> list[Face]:
 
 
 def gaps(solids: list[Solid], tolerance: float) -> list[Gap]:
-    """Pairs of faces nearer than ``tolerance`` (m) over all that they share, but not yet touching."""
+    """Pairs of faces closer than ``tolerance`` (m) over the whole area that they share, but not yet touching."""
     faces = [faces_of(solid) for solid in solids]
     normals = [np.array([face.normal for face in own]) for own in faces]
     low = np.array([solid.corners.min(axis=0) for solid in solids]) - tolerance
@@ -68,8 +68,8 @@ def gaps(solids: list[Solid], tolerance: float) -> list[Gap]:
 
 
 def _distance(one: Face, two: Face, tolerance: float) -> float | None:
-    """The greatest distance of two faces that look at each other, over what they share; None if it is larger than
-    ``tolerance``, and if they share nothing."""
+    """Greatest distance of two facing faces over the area that they share; None if it exceeds ``tolerance``, or if they
+    share none."""
     apart = (two.corners - one.corners[0]) @ one.normal
     if apart.min() > tolerance or apart.max() < -tolerance:
         return None
@@ -82,9 +82,9 @@ def _distance(one: Face, two: Face, tolerance: float) -> float | None:
     if len(shared) < 3:
         return None
     area, _, _ = polygons.area_and_centroid(shared)
-    if area <= 0.5 * tolerance * polygons.perimeter(shared):  # a strip along an edge is no shared face
+    if area <= 0.5 * tolerance * polygons.perimeter(shared):  # a strip along an edge does not count
         return None
-    # height of the plane of the second over the shared corners
+    # height of the second plane over the shared corners
     world = one.corners[0] + shared @ axes.T
     heights = (two.offset - world @ two.normal) / (one.normal @ two.normal)
     distance = float(np.abs(heights).max())
@@ -92,10 +92,10 @@ def _distance(one: Face, two: Face, tolerance: float) -> float | None:
 
 
 def close(solids: list[Solid], tolerance: float) -> tuple[list[Solid], list[Gap]]:
-    """The solids with all :func:`gaps` within ``tolerance`` closed, and these gaps.
+    """Close all :func:`gaps` within ``tolerance``; return the solids, and the gaps that were closed.
 
-    Raises ScenarioError if a face would have to move by more than the tolerance, since faces that hang together
-    through others do not lie in one plane.
+    Raises ScenarioError if a face would have to move by more than the tolerance, because faces linked through others
+    are not in one plane.
     """
     found = gaps(solids, tolerance)
     if not found:
@@ -130,9 +130,9 @@ def close(solids: list[Solid], tolerance: float) -> tuple[list[Solid], list[Gap]
 
 
 def _cut(solid: Solid, planes: list[tuple[np.ndarray, float]]) -> Solid:
-    """The solid between ``planes`` (outward normal, offset): its corners lie where three meet, inside of all."""
+    """The solid bounded by ``planes`` (outward normal, offset); corners are intersections of three that satisfy all."""
     middle = solid.corners.mean(axis=0)
-    # seen from inside, a plane is the point normal / distance, and a corner a face of the hull of these points
+    # dual of the half-spaces: a plane is the point normal / distance, a corner is a face of the hull of these points
     dual = hull(np.array([normal / (offset - normal @ middle) for normal, offset in planes]))
     corners = []
     for numbers in dual.faces:

@@ -1,6 +1,6 @@
-"""COMPAS JSON: the blocks of an assembly or a model, in the places where its parts put them.
+"""COMPAS JSON: the blocks of an assembly or a model, with the transformations of its parts applied.
 
-A block is a mesh, a box or a polyhedron. One that has no corners and faces of its own, a sphere or a Brep, is refused.
+A block is a mesh, a box or a polyhedron. Anything without corners and faces of its own, a sphere or a Brep, is refused.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 
-PASSED = ("block", "data", "value", "graph", "node", "geometry", "part")  # keys that name no block
-BOUNDS = ("aabb", "obb")  # keys of boxes around a block
-_HOLDERS = ("block", "geometry", "part")  # keys of what must be a block
+PASSED = ("block", "data", "value", "graph", "node", "geometry", "part")  # keys that do not name a block
+BOUNDS = ("aabb", "obb")  # keys of bounding boxes
+_HOLDERS = ("block", "geometry", "part")  # keys of parts that must be blocks
 _FACELESS = ("Sphere", "Cylinder", "Cone", "Capsule", "Torus", "Brep", "NurbsSurface", "VolMesh", "CellNetwork")  # ends
 _BOX = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 
@@ -29,17 +29,17 @@ class Block(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """A part of the document that is still to be looked at, and what those around it say of it."""
+    """A part of the document still to be visited, with the properties inherited from the parts around it."""
 
     name: str
     fixed: bool
-    placed: np.ndarray  # (4, 4), to the axes of the file
-    holder: int  # number of the innermost part around it that must hold a block, -1 if there is none
+    placed: np.ndarray  # (4, 4), transformation to the axes of the file
+    holder: int  # index of the innermost part around it that must contain a block, -1 if there is none
     content: Any
 
 
 class _Holder(NamedTuple):
-    """A part that must hold a block: its name, its type as far as it says it, and the number of the one around it."""
+    """A part that must contain a block: its name, its type if stated, and the index of the holder around it."""
 
     name: str
     kind: str
@@ -47,10 +47,11 @@ class _Holder(NamedTuple):
 
 
 def read(path: str) -> list[Block]:
-    """Blocks of a file, by name or key: all that has ``vertex`` and ``face`` (a mesh), ``vertices`` and ``faces`` (a
-    polyhedron), or ``xsize``, ``ysize`` and ``zsize`` (a box). ScenarioError if it, or one of them, cannot be read.
+    """Blocks of a file, by name or key: everything that has ``vertex`` and ``face`` (a mesh), ``vertices`` and
+    ``faces`` (a polyhedron), or ``xsize``, ``ysize`` and ``zsize`` (a box). ScenarioError if the file or a block cannot
+    be read.
 
-    The ``transformation`` of an element moves its geometry, which is described in axes of its own.
+    The ``transformation`` of an element applies to its geometry, which is given in local axes.
     """
     found: list[Block] = []
     holders: list[_Holder] = []
@@ -97,12 +98,12 @@ def read(path: str) -> list[Block]:
 
 
 def _kind(content: dict[str, Any]) -> str:
-    """The type that a part says it has, without its package."""
+    """The type that a part states, without its package."""
     return str(content.get("dtype") or "").rpartition("/")[2][:40]
 
 
 def _no_block(path: str, name: str, kind: str) -> str:
-    """Message on a block without corners and faces."""
+    """Message about a block without corners and faces."""
     what = f"is of type {kind!r} and" if kind else "is empty: it"
     return (
         f"{path}: block {name!r} {what} has no corners and faces; put its mesh into the assembly in its place "
@@ -111,7 +112,7 @@ def _no_block(path: str, name: str, kind: str) -> str:
 
 
 def _is_support(path: str, name: str, content: dict[str, Any], before: bool) -> bool:
-    """Whether a part is a support: what it says, else what was said ``before``."""
+    """Whether a part is a support: its own statement, else that of the parts around it, ``before``."""
     given = content.get("is_support")
     if given is None:
         return before
@@ -137,14 +138,14 @@ def _document(path: str) -> dict[str, Any]:
 
 
 def _bare(given: Any) -> Any:
-    """What a part holds, without the table that names its type."""
+    """The data of a part, without the table that states its type."""
     for key in ("data", "value"):
         given = given.get(key, given) if isinstance(given, dict) else given
     return given
 
 
 def _matrix(path: str, name: str, given: Any) -> np.ndarray:
-    """A transformation of the file as a matrix (4, 4)."""
+    """Convert a transformation of the file to a matrix (4, 4)."""
     given = _bare(given)
     try:
         matrix = np.array(given.get("matrix", given) if isinstance(given, dict) else given, float)
@@ -158,7 +159,7 @@ def _matrix(path: str, name: str, given: Any) -> np.ndarray:
 
 
 def _surface(path: str, name: str, content: dict[str, Any]) -> tuple[np.ndarray, list[tuple[int, ...]]] | None:
-    """Corners (n, 3) and faces of a part that is a block; None of another."""
+    """Corners (n, 3) and faces of a part that is a block; None for other parts."""
     if isinstance(content.get("vertex"), dict) and isinstance(content.get("face"), dict) and content["face"]:
         reader = _mesh
     elif isinstance(content.get("vertices"), list) and isinstance(content.get("faces"), list):
@@ -192,7 +193,7 @@ def _polyhedron(block: dict[str, Any]) -> tuple[np.ndarray, list[tuple[int, ...]
 
 
 def _box(block: dict[str, Any]) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-    """Those of a box about the origin of its frame, whose second axis is only near to its own."""
+    """Corners and faces of a box about the origin of its frame, whose second axis need not be exactly orthogonal."""
     half = np.array([0.5 * float(block[f"{axis}size"]) for axis in "xyz"])
     frame = _bare(block.get("frame")) or {"point": (0.0,) * 3, "xaxis": (1.0, 0.0, 0.0), "yaxis": (0.0, 1.0, 0.0)}
     middle, first, near = (np.array(_bare(frame[key]), float) for key in ("point", "xaxis", "yaxis"))
@@ -206,13 +207,13 @@ def _box(block: dict[str, Any]) -> tuple[np.ndarray, list[tuple[int, ...]]]:
 
 
 def _own_name(block: dict[str, Any]) -> str:
-    """The name that a block gives itself; empty if it does not."""
+    """The name that a block states; empty if it has none."""
     own = (block.get("attributes") or {}).get("name")
     return str(own) if own and own not in ("Block", "Mesh") else ""
 
 
 def _block(name: str, fixed: bool, placed: np.ndarray, points: np.ndarray, faces: list[tuple[int, ...]]) -> Block:
-    with np.errstate(all="ignore"):  # corners that are not finite are refused with the solid
+    with np.errstate(all="ignore"):  # corners that are not finite are refused when the solid is checked
         points = points @ placed[:3, :3].T + placed[:3, 3]
         if np.linalg.det(placed[:3, :3]) < 0.0:
             faces = [face[::-1] for face in faces]

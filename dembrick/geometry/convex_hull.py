@@ -1,7 +1,7 @@
-"""Convex polyhedra out of polygons, arch stones and clouds of points, with exact mass properties.
+"""Convex polyhedra from polygons, arch stones and point clouds, with exact mass properties.
 
-Volume, centroid and inertia are sums over the tetrahedra that the faces make with one point inside; for the polyhedron
-that the vertices describe they are exact, principal axes where they may.
+Volume, centroid and inertia are sums over the tetrahedra between the faces and one interior point; they are exact for
+the polyhedron that the vertices describe.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.geometry.shapes import Compound, Polyhedron
 
-FLAT = 1e-6  # of the size of a shape: points so near to a plane or a line lie on it
-_THIN = 1e-9  # volume over the cube of the size, below which a shape has none
-_SIDES = 1e-12  # of the size: how far a point must be outside a face of the growing hull to be seen from there
+FLAT = 1e-6  # of the size of a shape: points this close to a plane or a line lie on it
+_THIN = 1e-9  # volume over the cube of the size: a thinner shape has no volume
+_SIDES = 1e-12  # of the size: least distance at which a point sees a face of the growing hull from outside
 
 
 def from_faces(vertices, faces) -> Polyhedron:
-    """The polyhedron with ``vertices`` (nv, 3) and ``faces`` (vertex numbers, counterclockwise seen from outside)."""
+    """The polyhedron with ``vertices`` (nv, 3) and ``faces`` (vertex indices, counterclockwise seen from outside)."""
     points = np.asarray(vertices, float)
     volume, centroid, inertia = mass_properties(points, faces)
     return Polyhedron(points - centroid, tuple(tuple(map(int, face)) for face in faces), volume, inertia, centroid)
 
 
 def mass_properties(points: np.ndarray, faces) -> tuple[float, np.ndarray, np.ndarray]:
-    """Volume (m3), centroid (3,) and inertia (3, 3) about it for a density of one (m5) inside a closed surface."""
+    """Volume (m3), centroid (3,) and inertia (3, 3) about it at unit density (m5) of a closed surface."""
     middle = points.mean(axis=0)
     triangles = np.array([(face[0], face[i], face[i + 1]) for face in faces for i in range(1, len(face) - 1)])
     a, b, c = (points[triangles[:, i]] - middle for i in range(3))
@@ -57,7 +57,7 @@ def prism(polygon, height: float) -> Polyhedron:
 
 
 def _convex_polygon(corners: np.ndarray) -> np.ndarray:
-    """The corners counterclockwise, without those on the line of their neighbours."""
+    """The corners counterclockwise, without those on the line of their neighbours; refuse non-convex polygons."""
     size = float(np.ptp(corners, axis=0).max())
     kept = list(range(len(corners)))
     i = 0
@@ -73,7 +73,7 @@ def _convex_polygon(corners: np.ndarray) -> np.ndarray:
     points = corners[kept]
     if len(points) < 3:
         raise ScenarioError("polygon: its corners lie on one line; a prism needs a polygon with an area")
-    # convex and once round: every corner turns the same way, and the turns add up to one
+    # convex and simple: all corners turn in the same sense, and the angles add up to one full turn
     edges = np.roll(points, -1, axis=0) - points
     following = np.roll(edges, -1, axis=0)
     turns = _cross(edges, following)
@@ -92,17 +92,18 @@ def _cross(a, b):
 
 
 def voussoir(radius: float, thickness: float, depth: float, angle: float, curved: bool) -> Polyhedron:
-    """A stone of an arch in the x-z plane about the origin, its middle along z: ``angle`` in rad, ``depth`` along y.
+    """A stone of an arch in the x-z plane about the origin, its axis along z: ``angle`` in rad, ``depth`` along y.
 
     Faces and corners are those of the quadrilateral between the radial joints. With ``curved``, volume, centroid and
-    inertia are those of the piece of a ring, which reaches beyond the quadrilateral outside and stays behind it inside.
+    inertia are those of the ring segment, which is outside the quadrilateral at the extrados and inside it at the
+    intrados.
     """
     half, inner, outer = 0.5 * angle, radius - 0.5 * thickness, radius + 0.5 * thickness
     y = 0.5 * depth
     corners = [
         (s * r * math.sin(half), y0, r * math.cos(half)) for y0 in (-y, y) for r in (inner, outer) for s in (-1, 1)
     ]
-    # 0, 1 inside left and right, 2, 3 outside left and right, in front; 4 ... 7 the same at the back
+    # 0, 1: intrados left and right, 2, 3: extrados left and right, at the front; 4 ... 7 the same at the back
     faces = ((0, 1, 3, 2), (5, 4, 6, 7), (1, 5, 7, 3), (4, 0, 2, 6), (2, 3, 7, 6), (4, 5, 1, 0))
     straight = from_faces(corners, faces)
     if not curved:
@@ -119,7 +120,7 @@ def voussoir(radius: float, thickness: float, depth: float, angle: float, curved
 
 
 def compound(parts, positions, orientations) -> Compound:
-    """One rigid body of convex parts that stand at ``positions``, turned by ``orientations``, in its coordinates."""
+    """One rigid body of convex parts at ``positions`` with ``orientations``, in its own coordinates."""
     turned, centroids = [], []
     for part, position, orientation in zip(parts, positions, orientations, strict=True):
         rotation = rotation_matrix(orientation)
@@ -135,10 +136,10 @@ def compound(parts, positions, orientations) -> Compound:
 
 
 def hull(points, inner: bool = False) -> Polyhedron:
-    """The convex hull of points (n, 3), with coplanar triangles merged to one face each.
+    """The convex hull of points (n, 3), with coplanar triangles merged into faces.
 
-    Points on a face or an edge are dropped. ScenarioError if the points have no volume, or, unless ``inner`` ones are
-    expected, if one of them lies inside the hull of the others, since a hole of that shape was probably meant.
+    Points on a face or an edge are dropped. Raises ScenarioError if the points have no volume. A point inside the hull
+    of the others is an error too, since it probably means a hole, unless ``inner`` points are expected.
     """
     points = np.asarray(points, float)
     size = float(np.ptp(points, axis=0).max())
@@ -163,7 +164,7 @@ def hull(points, inner: bool = False) -> Polyhedron:
 
 
 def _triangulated_hull(points: np.ndarray) -> np.ndarray:
-    """Triangles (nt, 3) of the hull, grown point by point from the largest tetrahedron at hand."""
+    """Triangles (nt, 3) of the hull, grown point by point from the largest tetrahedron found."""
     first = int(np.argmin(points[:, 0]))
     second = int(np.argmax(((points - points[first]) ** 2).sum(axis=1)))
     line = points[second] - points[first]
@@ -175,7 +176,7 @@ def _triangulated_hull(points: np.ndarray) -> np.ndarray:
         raise ScenarioError("vertices: the points lie in one plane (or nearly so); a block needs a volume")
     if heights[fourth] > 0.0:
         second, third = third, second
-    # the first triangle looks away from the fourth point
+    # the first triangle faces away from the fourth point
     triangles = [(first, second, third), (first, fourth, second), (second, fourth, third), (third, fourth, first)]
     faces = np.array(triangles)
     order = np.argsort(
@@ -199,7 +200,7 @@ def _triangulated_hull(points: np.ndarray) -> np.ndarray:
 
 
 def _merged(points: np.ndarray, triangles: np.ndarray) -> list[tuple[int, ...]]:
-    """Faces as polygons: the points near the plane of each large triangle, in order, those between others left out."""
+    """Faces as polygons: the points near the plane of each large triangle, ordered, without those on edges."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     areas = np.sqrt((normals**2).sum(axis=1))
@@ -224,7 +225,7 @@ def _ordered(points: np.ndarray, chosen: np.ndarray, normal: np.ndarray) -> tupl
     arms = plane - plane.mean(axis=0)
     distance = np.hypot(arms[:, 0], arms[:, 1])
     turn = np.arctan2(arms[:, 1], arms[:, 0])
-    # from the corner furthest off the middle, which no rounding makes a point between two others
+    # start at the corner furthest from the middle, which rounding cannot put between two others
     furthest = int(np.argmax(distance))
     order = np.lexsort((distance, (turn - turn[furthest]) % (2.0 * np.pi)))
     first_at = int(np.flatnonzero(order == furthest)[0])
@@ -242,7 +243,7 @@ def _ordered(points: np.ndarray, chosen: np.ndarray, normal: np.ndarray) -> tupl
 
 
 def _check_closed(faces) -> None:
-    """Every edge has a face on either side: else the points were too close together for a hull to be told."""
+    """Check that every edge has a face on either side; if not, points were too close together for a unique hull."""
     edges = {(face[i - 1], face[i]) for face in faces for i in range(len(face))}
     if any((j, i) not in edges for i, j in edges) or len(edges) != sum(map(len, faces)):
         raise ScenarioError(

@@ -1,9 +1,9 @@
 """Cut a solid that is not convex into convex parts along the planes of its own faces.
 
-The hull of the solid is cut by the plane of a face that crosses it, each piece by the next such plane, until no face
-passes through the inside of a piece: it is then wholly within the solid or wholly outside (binary space partition;
-Fuchs, Kedem and Naylor 1980). Pieces within whose union is convex are put together again. Approximate decompositions,
-as for collision in games, move faces, and with them the joints.
+The hull of the solid is cut by the plane of a face that crosses it, and each piece by the next such plane, until no
+face passes through the interior of a piece; each piece is then entirely inside or outside the solid (binary space
+partition; Fuchs, Kedem and Naylor 1980). Inner pieces whose union is convex are merged again. Approximate
+decompositions, as used for collisions in games, displace faces, and with them the joints.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from dembrick.geometry import clipping, polygons
 from dembrick.geometry.convex_hull import FLAT, hull, mass_properties
 from dembrick.geometry.shapes import Polyhedron
 
-MOST_PARTS = 100  # of one block: a body of more is a scan or a statue, and its joints would be splinters
-MOST_PIECES = 2000  # while it is cut
-CROSSES = 1e-9  # of the size squared: a face of which less area lies inside a piece does not cross it
-EXACT = 10.0 * FLAT  # of the volume: what the parts may miss, as files give their corners to some digits only
-CONVEX = FLAT  # of the volume: what the hull of two pieces may hold more than they do
+MOST_PARTS = 100  # of one block: a body with more is a scan or a statue, and its joints would be splinters
+MOST_PIECES = 2000  # limit while cutting
+CROSSES = 1e-9  # of the size squared: a face with less area inside a piece does not cross it
+EXACT = 10.0 * FLAT  # of the volume: largest error of the sum of the parts, as files give few digits
+CONVEX = FLAT  # of the volume: largest excess of the hull of two pieces that may be merged
 
 Plane = tuple[np.ndarray, float]  # unit normal (3,), distance from the origin (m)
 
 
 def convex_parts(points: np.ndarray, faces: Sequence[tuple[int, ...]]) -> list[Polyhedron]:
-    """The convex parts of a solid with plane ``faces`` (numbers into ``points`` (n, 3), counterclockwise from outside).
+    """The convex parts of a solid with plane ``faces`` (indices of ``points`` (n, 3), counterclockwise from outside).
 
-    Raises ScenarioError for a solid of too many parts, and where they do not add up to its volume.
+    Raises ScenarioError for a solid of too many parts, and if the parts do not add up to its volume.
     """
     size = float(np.ptp(points, axis=0).max())
     outlines = [points[list(face)] for face in faces]
@@ -66,8 +66,7 @@ _TOO_MANY = (
 
 
 def _planes(outlines: list[np.ndarray], size: float) -> list[tuple[Plane, list[np.ndarray]]]:
-    """The planes in which faces lie, each once, with the outlines (m, 3) in it that run counterclockwise about its
-    normal."""
+    """The distinct planes of the faces, each with its outlines (m, 3), those counterclockwise about its normal."""
     found: list[tuple[Plane, list[np.ndarray]]] = []
     for outline in outlines:
         area = 0.5 * np.cross(outline - outline[0], np.roll(outline, -1, axis=0) - outline[0]).sum(axis=0)
@@ -87,7 +86,7 @@ def _planes(outlines: list[np.ndarray], size: float) -> list[tuple[Plane, list[n
 
 
 def _crossing(piece: Polyhedron, planes: list[tuple[Plane, list[np.ndarray]]], size: float) -> Plane | None:
-    """The plane of which most face lies inside a piece; None if no face passes through it."""
+    """The plane with most face area inside a piece; None if no face passes through it."""
     best, most = None, CROSSES * size**2
     for plane, outlines in planes:
         heights, normal = _heights(piece, plane, size), plane[0]
@@ -104,14 +103,14 @@ def _crossing(piece: Polyhedron, planes: list[tuple[Plane, list[np.ndarray]]], s
 
 
 def _heights(piece: Polyhedron, plane: Plane, size: float) -> np.ndarray:
-    """How far the corners of a piece lie before a plane (k,) m; zero for those in it."""
+    """Heights of the corners of a piece above a plane (k,) m; zero for those in it."""
     heights = (piece.vertices + piece.centroid) @ plane[0] - plane[1]
     heights[np.abs(heights) <= FLAT * size] = 0.0
     return heights
 
 
 def _cut(piece: Polyhedron, heights: np.ndarray) -> np.ndarray:
-    """The corners (k, 3) of the section of a piece where ``heights`` of its corners are zero."""
+    """The corners (k, 3) of the section of a piece where the linear field ``heights`` is zero."""
     corners = piece.vertices + piece.centroid
     found = [*corners[heights == 0.0]]
     for face in piece.faces:
@@ -123,14 +122,14 @@ def _cut(piece: Polyhedron, heights: np.ndarray) -> np.ndarray:
 
 
 def _convex_polygon(points: np.ndarray) -> np.ndarray:
-    """Points in convex position (k, 2) counterclockwise about their middle."""
+    """Points in convex position (k, 2), counterclockwise about their centre."""
     arms = points - points.mean(axis=0)
     return points[np.argsort(np.arctan2(arms[:, 1], arms[:, 0]))]
 
 
 def _common_area(outline: np.ndarray, section: np.ndarray) -> float:
-    """The area that an outline (m, 2), convex or not, shares with a convex polygon: triangles from its first corner, of
-    which those that turn the other way count negative."""
+    """Area that an outline (m, 2), convex or not, shares with a convex polygon: a sum over the triangles from its first
+    corner, in which clockwise ones count as negative."""
     fan = np.stack([np.repeat(outline[:1], len(outline) - 2, axis=0), outline[1:-1], outline[2:]], axis=1)
     u, v = fan[:, 1] - fan[:, 0], fan[:, 2] - fan[:, 0]
     turn = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
@@ -149,13 +148,13 @@ def _halves(piece: Polyhedron, plane: Plane, size: float) -> list[Polyhedron]:
 
 
 def _distinct(points: np.ndarray) -> np.ndarray:
-    """The points (k, 3) without those that lie on another."""
+    """The points (k, 3) without repeated ones."""
     near = np.abs(points[:, None] - points).max(axis=-1) <= FLAT * np.ptp(points, axis=0).max()
     return points[~np.tril(near, -1).any(axis=1)]
 
 
 def _winding(point: np.ndarray, outlines: list[np.ndarray]) -> float:
-    """How often the surface goes round a point: 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
+    """Winding number of the surface about a point: 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
     total = 0.0
     for outline in outlines:
         a, b, c = outline[:1] - point, outline[1:-1] - point, outline[2:] - point
@@ -167,7 +166,7 @@ def _winding(point: np.ndarray, outlines: list[np.ndarray]) -> float:
 
 
 def _together(pieces: list[Polyhedron]) -> list[Polyhedron]:
-    """Pieces put together two by two where their union is convex, the largest first."""
+    """Merge pieces in pairs where their union is convex, largest first."""
     parts = sorted(pieces, key=lambda piece: -piece.volume)
     while True:
         for a, b in combinations(range(len(parts)), 2):

@@ -9,9 +9,9 @@ import numpy as np
 
 from dembrick.geometry import polygons
 
-_CHUNK = 256  # polygons at a time, so that their powers stay in the cache
+_CHUNK = 256  # polygons per batch, so that their powers fit the cache
 
-# sqrt((1 + e s)^2 + (e t)^2) = 1 + e s + sum over n of e^n times these terms (i, j, c) meaning c s^i t^j
+# sqrt((1 + e s)^2 + (e t)^2) = 1 + e s + sum over n of e^n times these terms (i, j, c), each c s^i t^j
 _SERIES = {
     2: [(0, 2, 1 / 2)],
     3: [(1, 2, -1 / 2)],
@@ -27,7 +27,7 @@ _SERIES = {
 def series_matrices() -> dict[int, np.ndarray]:
     """For each order n the matrix (n + 1, n + 1) from the mean values of x^(n-k) y^k to the coefficients of J_n.
 
-    s = v2 x - v1 y and t = v1 x + v2 y are multiplied out as polynomials in v2/v1 (rows) and y/x (columns).
+    s = v2 x - v1 y and t = v1 x + v2 y are expanded as polynomials in v2/v1 (rows) and y/x (columns).
     """
     factors = {"s": ((0, 1, -1.0), (1, 0, 1.0)), "t": ((0, 0, 1.0), (1, 1, 1.0))}
     matrices = {}
@@ -56,12 +56,12 @@ def triangle_rule() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def far_moments(polygon: np.ndarray) -> np.ndarray:
-    """Coefficients (..., 42) of the forms J_2 ... J_8 in (v1, v2) of the dissipation's series about pure translation,
-    for polygons (..., m, 2).
+    """Coefficients (..., 42) of the forms J_2 ... J_8 in (v1, v2) of the series of the dissipation about pure
+    translation, for polygons (..., m, 2).
 
     With d the unit vector along v, s = d x r and t = d . r, D = |v| times the mean over the polygon of
-    sqrt((1 + e s)^2 + (e t)^2), e = w/|v|; term n is w^n J_n(v) |v|^(1 - 2n). Exact, because the moments of a
-    polynomial over a polygon are.
+    sqrt((1 + e s)^2 + (e t)^2), e = w/|v|; term n is w^n J_n(v) |v|^(1 - 2n). The coefficients are exact, since the
+    moments of polynomials over a polygon are.
     """
     p = np.asarray(polygon, float)
     if p.ndim == 3 and len(p) > _CHUNK:
@@ -86,8 +86,8 @@ def far_moments(polygon: np.ndarray) -> np.ndarray:
 def area_radius(polygon: np.ndarray) -> np.ndarray:
     """Least mean distance of a polygon's area from any centre: M_T0 / V_0 of a convex joint; for polygons (..., m, 2).
 
-    c_T where the polygon is centrally symmetric (eq. 2); else minimised over the centre by Newton steps on the exact
-    integral, from differences of it.
+    This is c_T for a centrally symmetric polygon (eq. 2); otherwise the exact integral is minimised over the centre by
+    Newton steps with finite differences.
     """
     corners = np.asarray(polygon, float)
     flat = corners.reshape(-1, *corners.shape[-2:])
@@ -100,7 +100,7 @@ def area_radius(polygon: np.ndarray) -> np.ndarray:
 
 
 def _symmetric(corners: np.ndarray) -> np.ndarray:
-    """Whether each polygon (..., m, 2) about O is its own mirror image in O."""
+    """Whether each polygon (..., m, 2) is centrally symmetric about O."""
     size = np.abs(corners).max(axis=(-2, -1))
     sums = np.abs(corners[..., :, None, :] + corners[..., None, :, :]).max(axis=-1)
     return sums.min(axis=-1).max(axis=-1) <= 1e-9 * size

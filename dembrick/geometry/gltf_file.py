@@ -1,9 +1,9 @@
 """glTF 2.0 files (`.gltf`, `.glb`): the meshes of the nodes of their scene, read without a library.
 
-Everything that a file says of itself is checked before it is used: numbers of nodes, meshes, accessors, views and
-buffers, lengths, and that the nodes are a tree. So a damaged file is refused in a sentence. Read are triangles (lists,
-strips, fans; indexed or not) with positions of any component type, nodes with a matrix or with translation, rotation
-and scale, and buffers inside the file, in a data URI, or in a file beside it. See the glTF 2.0 specification (Khronos).
+All contents of a file are checked before use: indices of nodes, meshes, accessors, views and buffers, lengths, and that
+the nodes form a tree; so a damaged file gives a clear message. Supported are triangles (lists, strips, fans; indexed or
+not) with positions of any component type, nodes with a matrix or with translation, rotation and scale, and buffers
+inside the file, in a data URI, or in a file beside it. See the glTF 2.0 specification (Khronos).
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 
-MOST_CORNERS = 10_000_000  # of all nodes together: one mesh may stand at many nodes
-LARGEST_FILE = 64 << 20  # bytes, of a buffer in a file of its own
+MOST_CORNERS = 10_000_000  # of all nodes together: one mesh may be used by many nodes
+LARGEST_FILE = 64 << 20  # bytes, of a separate buffer file
 HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_mesh_quantization", "KHR_xmp", "EXT_texture_")
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC3": 3}
-INSTANCES = "EXT_mesh_gpu_instancing"  # copies of a mesh at one node, which a file need not call required
-LIST, STRIP, FAN = 4, 5, 6  # modes of triangles; those below are points and lines
+INSTANCES = "EXT_mesh_gpu_instancing"  # copies of a mesh at one node; files need not list this extension as required
+LIST, STRIP, FAN = 4, 5, 6  # modes of triangles; lower ones are points and lines
 
 
 class Mesh(NamedTuple):
-    """Mesh at one node: its ``name``, corners (n, 3) in the axes of the scene with z upwards, triangles (t, 3)
+    """Mesh at one node: its ``name``, corners (n, 3) in the axes of the scene with z up, triangles (t, 3)
     counterclockwise seen from outside."""
 
     name: str
@@ -40,7 +40,7 @@ class Mesh(NamedTuple):
 
 
 class _Damaged(Exception):
-    """A reason why the file cannot be read."""
+    """The file cannot be read; the message says why."""
 
 
 def read(path: str) -> list[Mesh]:
@@ -48,7 +48,7 @@ def read(path: str) -> list[Mesh]:
     try:
         with open(path, "rb") as file:
             data = file.read()
-        with np.errstate(all="ignore"):  # what is not finite is refused
+        with np.errstate(all="ignore"):  # values that are not finite are refused later
             return list(_meshes(_File(path, data)))
     except OSError as error:
         raise ScenarioError(f"{path}: it cannot be read ({error.strerror})") from None
@@ -57,8 +57,7 @@ def read(path: str) -> list[Mesh]:
 
 
 def buffers_beside(path: str) -> list[str]:
-    """Paths, from the folder of a file, of the files in which it keeps its buffers. ScenarioError if it cannot be
-    read."""
+    """Paths of a file's external buffers, relative to its folder. Raises ScenarioError if the file cannot be read."""
     try:
         with open(path, "rb") as file:
             scene = _File(path, file.read())
@@ -78,7 +77,7 @@ def buffers_beside(path: str) -> list[str]:
 
 
 class _File:
-    """The document of a glTF file, and what its accessors give."""
+    """The document of a glTF file, with access to its entries and accessors."""
 
     def __init__(self, path: str, data: bytes):
         self.folder = os.path.dirname(os.path.abspath(path))
@@ -96,7 +95,7 @@ class _File:
                 raise _Damaged(f"it needs the extension {str(name)[:60]!r}, which is not known here; export without it")
 
     def entry(self, key: str, number: Any, of: str) -> dict[str, Any]:
-        """Entry ``number`` of the list ``key``, which ``of`` names."""
+        """Entry ``number`` of the list ``key``, to which ``of`` refers."""
         entries = _listed(self.document, key)
         number = _whole(number, f"{of} names {key} by a number")
         if number >= len(entries):
@@ -134,7 +133,7 @@ class _File:
         return self._beside(unquote(uri), number)
 
     def _beside(self, name: str, number: int) -> bytes:
-        """The contents of a file in the folder of this one, or below it."""
+        """The contents of a file in the folder of this one or in a subfolder."""
         place = os.path.realpath(os.path.join(self.folder, name)) if "\0" not in name else ""
         inside = place.startswith(os.path.join(os.path.realpath(self.folder), ""))
         if "://" in name or not inside:
@@ -149,7 +148,7 @@ class _File:
             return file.read()
 
     def accessor(self, number: Any, kind: str, of: str) -> np.ndarray:
-        """Array of an accessor of that kind, (count,) or (count, 3)."""
+        """Array of an accessor of type ``kind``, (count,) or (count, 3)."""
         entry = self.entry("accessors", number, of)
         what, width = f"accessor {number}", WIDTHS[kind]
         if entry.get("type") != kind:
@@ -183,7 +182,7 @@ class _File:
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
-    """The document and the binary chunk of a GLB file, None if there is none."""
+    """The document and the binary chunk of a GLB file; the latter is None if it is missing."""
     version, length = (int.from_bytes(data[i : i + 4], "little") for i in (4, 8))
     if version != 2 or length > len(data):
         raise _Damaged(f"a GLB file of version {version} and {length} bytes, of which {len(data)} are there")
@@ -229,7 +228,7 @@ def _numbers(value: Any, count: int, what: str) -> np.ndarray:
 
 
 def _meshes(file: _File) -> Iterator[Mesh]:
-    """The meshes at the nodes of the scene, depth first. glTF has y upwards; here z is."""
+    """The meshes at the nodes of the scene, depth first, rotated from y up in glTF to z up."""
     shapes: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     total = 0
     for number, node, name, transformation in _nodes(file):
@@ -256,7 +255,7 @@ def _meshes(file: _File) -> Iterator[Mesh]:
 
 
 def _nodes(file: _File) -> Iterator[tuple[int, dict[str, Any], str, np.ndarray]]:
-    """Number, table, name and transformation to the scene (4, 4) of the nodes of the scene, each once."""
+    """Index, table, name and transformation to the scene (4, 4) of the nodes of the scene, each once."""
     waiting = [(number, np.eye(4), "the scene") for number in reversed(_roots(file))]
     seen = set()
     while waiting:
@@ -272,7 +271,7 @@ def _nodes(file: _File) -> Iterator[tuple[int, dict[str, Any], str, np.ndarray]]
 
 
 def _roots(file: _File) -> list:
-    """Numbers of the nodes on which the others hang: of the scene that is shown, or else all without a parent."""
+    """Indices of the root nodes: those of the default scene, else all nodes without a parent."""
     document = file.document
     if _listed(document, "scenes"):
         return _listed(file.entry("scenes", document.get("scene", 0), "the file"), "nodes")
@@ -282,7 +281,7 @@ def _roots(file: _File) -> list:
 
 
 def _transformation(node: dict[str, Any], number: int) -> np.ndarray:
-    """Of a node to what it hangs on (4, 4)."""
+    """Transformation of a node to its parent (4, 4)."""
     if "matrix" in node:
         matrix = _numbers(node["matrix"], 16, f"the matrix of node {number}").reshape(4, 4).T
         if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):

@@ -1,9 +1,9 @@
-"""Shapes from mesh files: STL and OBJ, and PLY, gmsh .msh and .vtu, which meshio reads. All are checked here.
+"""Shapes from mesh files: STL and OBJ, and PLY, gmsh .msh and .vtu, which are read with meshio. All are checked here.
 
-A file is a surface of triangles and polygons, or a solid mesh whose skin is taken. Corners that nearly coincide are
-one corner (STL repeats them). The surface must be closed; faces that look inward are turned where that is beyond doubt.
-One that is not convex is cut into convex parts along its own faces. Faces are plane; a message names the one that is
-wrong by its number in the file, from 0, and by its middle.
+A file contains a surface of triangles and polygons, or a solid mesh whose boundary is extracted. Corners that nearly
+coincide are merged (STL repeats them). The surface must be closed; faces with inward normals are reversed if this is
+unambiguous. A solid that is not convex is cut into convex parts along its own faces. Faces must be plane; messages
+identify a faulty face by its number in the file, from 0, and by its centre.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from dembrick.geometry.shapes import LARGEST, SMALLEST, Polyhedron
 
 ENDINGS = (".stl", ".obj", ".ply", ".msh", ".vtu")
 LARGEST_FILE = 16 << 20  # bytes
-_SAME = 1e-9  # of the size: corners so near are one
-_MOST_CORNERS = 2000  # of a convex block: a hull of more is no block but a scan
+_SAME = 1e-9  # of the size: corners this close are one
+_MOST_CORNERS = 2000  # of a convex block: a hull with more is a scan and not a block
 _SURFACES = ("triangle", "quad", "polygon")
-_NO_CELLS = ("vertex", "line")  # beside the surface or the solid, as gmsh writes them; with any number of points
-_SOLIDS = {  # faces of the cells of solid meshes, outward
+_NO_CELLS = ("vertex", "line")  # ignored: gmsh writes them beside the surface or solid, in variants by number of points
+_SOLIDS = {  # faces of the cells of solid meshes, oriented outward
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (2, 3, 7, 6), (0, 4, 7, 3), (1, 2, 6, 5)),
     "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2)),
@@ -36,11 +36,11 @@ _SOLIDS = {  # faces of the cells of solid meshes, outward
 
 
 def convex_solids(path: str, scale: float = 1.0) -> list[Polyhedron]:
-    """The convex parts of the solid whose surface is in a file, its lengths times ``scale`` in metres: itself, or those
-    that it is cut into.
+    """The convex parts of the solid whose surface is in a file, with lengths times ``scale`` in metres; one part if it
+    is convex.
 
-    Raises ScenarioError for a file that cannot be read, and for a surface with holes, inside out, flat, or of too many
-    parts; MissingDependency without meshio where it is needed.
+    Raises ScenarioError for a file that cannot be read, and for a surface that is open, inside out, flat, or has too
+    many parts; MissingDependency if meshio is needed and missing.
     """
     points, faces = read_surface(path)
     try:
@@ -50,7 +50,7 @@ def convex_solids(path: str, scale: float = 1.0) -> list[Polyhedron]:
 
 
 def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> list[Polyhedron]:
-    """The convex parts of a solid with a surface of ``faces`` (numbers into ``points``), checked as the module says."""
+    """The convex parts of a solid with surface ``faces`` (indices of ``points``), checked as described above."""
     if not faces:
         raise ScenarioError("there is no surface in the file; a block needs one that is closed")
     if not np.isfinite(points).all():
@@ -96,9 +96,9 @@ def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> list[Polyhedron
 
 
 class _Ended(io.BufferedReader):
-    """A file that stops a reader that asks on at its end, as the one for PLY does, which would hang."""
+    """A file that stops readers which continue at its end: that for PLY would loop forever."""
 
-    _PATIENCE = 1000  # times that nothing is handed out
+    _PATIENCE = 1000  # empty reads that are allowed
 
     def __init__(self, path: str):
         super().__init__(io.FileIO(path))
@@ -118,17 +118,17 @@ class _Ended(io.BufferedReader):
 
 
 def _meshio_mesh(path: str, ending: str):
-    """The mesh that meshio reads; it is told the format, so that it tries no other one that has the same ending."""
+    """Read a mesh with meshio; the format is given, as meshio would otherwise try all formats with that extension."""
     import meshio
 
-    if ending != ".ply":  # the readers of the others stop at the end of the file
+    if ending != ".ply":  # the other readers stop at the end of the file
         return meshio.read(path, {".msh": "gmsh"}.get(ending, ending[1:]))
     with _Ended(path) as file:
         return meshio.read(file, "ply")
 
 
 def check_file(path: str, endings: tuple[str, ...], largest: int) -> None:
-    """ScenarioError unless a path is that of an ordinary file with one of the endings, of ``largest`` bytes at most."""
+    """Raise a ScenarioError unless ``path`` is a regular file with one of the endings and at most ``largest`` bytes."""
     ending = os.path.splitext(path)[1].lower()
     if ending not in endings:
         raise ScenarioError(f"mesh file {path}: its ending is {ending or 'none'}; known are {', '.join(endings)}")
@@ -151,11 +151,11 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         return points, stl_file.triangles_of(points)
     needed("meshio", "a block from a mesh file")
     try:
-        # meshio tells of some faults by SystemExit, and prints them; of others it warns
+        # meshio reports some errors by SystemExit after printing them, and others as warnings
         silence = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
         with silence[0], silence[1], warnings.catch_warnings(action="ignore"):
             mesh = _meshio_mesh(path, ending)
-    except (Exception, SystemExit) as error:  # whatever its readers raise on a broken file
+    except (Exception, SystemExit) as error:  # its readers raise anything on a broken file
         reason = " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, SystemExit):
             reason = "its contents are not what readers of that ending know"
@@ -182,9 +182,9 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
             for cell in cells.data:
                 corners = tuple(int(cell[i]) for i in face)
                 key = frozenset(corners)
-                skin[key] = None if key in skin else corners  # a face between two cells is not on the skin
+                skin[key] = None if key in skin else corners  # a face between two cells is internal
     outside = [corners for corners in skin.values() if corners is not None]
-    found = outside or faces  # gmsh writes the surface of a solid too
+    found = outside or faces  # beside a solid, gmsh writes its surface as well
     if any(len(face) < 3 for face in found):
         raise ScenarioError(f"mesh file {path}: a face has fewer than three corners")
     if any(min(face) < 0 or max(face) >= len(points) for face in found):
@@ -193,7 +193,7 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
 
 
 def _welded(points, faces, tolerance: float) -> tuple[np.ndarray, list[tuple[int, tuple[int, ...]]]]:
-    """Corners that coincide or nearly so made one; faces with their numbers, those without an area left out."""
+    """Merge corners that nearly coincide; return the faces with their numbers, without those of zero area."""
     points, number = np.unique(points, axis=0, return_inverse=True)
     number = number.reshape(-1)
     if len(points) > 10 * _MOST_CORNERS:
@@ -201,7 +201,7 @@ def _welded(points, faces, tolerance: float) -> tuple[np.ndarray, list[tuple[int
             f"the file has {len(points)} different corners; at most {_MOST_CORNERS} are taken for a block"
         )
     same = np.arange(len(points))
-    for i in range(len(points)):  # sorted by x: those that may coincide follow closely
+    for i in range(len(points)):  # sorted by x, so that candidates follow closely
         for j in range(i + 1, len(points)):
             if points[j, 0] - points[i, 0] > tolerance:
                 break
@@ -223,16 +223,16 @@ def _face(points, numbered) -> str:
 
 
 def _looking_outward(points, faces) -> list[tuple[int, tuple[int, ...]]]:
-    """The faces of one surface whose edges all have two of them, each turned so that it looks outward; others as they
-    are. Neighbours that walk their edge opposite ways look to the same side, and a volume is positive: no other way of
-    turning them makes a solid."""
+    """Orient all faces of a connected surface outward if every edge has two faces; otherwise return them unchanged.
+    Neighbours that traverse their common edge in opposite senses are oriented alike, and the volume is positive: this
+    determines the orientation uniquely."""
     sides: dict[tuple[int, int], list[tuple[int, bool]]] = {}
     for number, (_, face) in enumerate(faces):
         for edge in zip(face[-1:] + face[:-1], face, strict=True):
             sides.setdefault((min(edge), max(edge)), []).append((number, edge[0] < edge[1]))
     if any(len(both) != 2 for both in sides.values()):
         return faces
-    beside: list[list[tuple[int, bool]]] = [[] for _ in faces]  # neighbours, and whether they look to the other side
+    beside: list[list[tuple[int, bool]]] = [[] for _ in faces]  # neighbours; whether oriented oppositely
     for (a, up), (b, other_up) in sides.values():
         beside[a].append((b, up == other_up))
         beside[b].append((a, up == other_up))
@@ -245,7 +245,7 @@ def _looking_outward(points, faces) -> list[tuple[int, tuple[int, ...]]]:
                 turned[there] = turned[here] != other
                 waiting.append(there)
             elif turned[there] != (turned[here] != other):
-                return faces  # a surface with one side only
+                return faces  # a one-sided surface
     if len(turned) < len(faces):
         return faces
     found = [(index, face[::-1] if turned[i] else face) for i, (index, face) in enumerate(faces)]
@@ -255,7 +255,7 @@ def _looking_outward(points, faces) -> list[tuple[int, tuple[int, ...]]]:
 
 
 def _check_closed(points, faces) -> None:
-    """Every edge must be walked once each way: not at all by a hole, twice the same way by a face that is turned."""
+    """Check that every edge is traversed once in each sense; other counts mean a hole or a reversed face."""
     walked: dict[tuple[int, int], tuple] = {}
     for numbered in faces:
         face = numbered[1]
@@ -276,14 +276,14 @@ def _check_closed(points, faces) -> None:
 
 
 def _before_faces(points, faces, size: float) -> float:
-    """How far a corner stands before the plane of a face at most (m): zero for a convex solid."""
+    """Greatest height of a corner above the plane of a face (m): zero for a convex solid."""
     corners = np.unique(np.concatenate([np.array(face) for _, face in faces]))
     worst = 0.0
     for numbered in faces:
         p = points[list(numbered[1])]
         normal = 0.5 * np.cross(p - p[0], np.roll(p, -1, axis=0) - p[0]).sum(axis=0)
         length = float(np.linalg.norm(normal))
-        # a sliver has no plane worth the name
+        # the plane of a sliver is too inaccurate
         if length <= FLAT * size * float(np.sqrt(((p - np.roll(p, 1, axis=0)) ** 2).sum(axis=1)).max()):
             continue
         height = (points[corners] - p.mean(axis=0)) @ (normal / length)

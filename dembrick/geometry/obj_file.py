@@ -1,4 +1,4 @@
-"""OBJ: corners and plane faces with the object and the group of each; textures, colours and normals are passed over."""
+"""OBJ: corners and plane faces with the object and group of each; textures, colours and normals are ignored."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 
-NAMELESS = "solid"  # object and group of faces that stand in none
-_CURVED = ("surf", "bzp", "bsp", "cdc", "cdp")  # what free-form surfaces begin with
+NAMELESS = "solid"  # object and group of faces outside of any
+_CURVED = ("surf", "bzp", "bsp", "cdc", "cdp")  # beginnings of statements of free-form surfaces
 
 
 class ObjFile(NamedTuple):
-    """An OBJ file: ``points`` (n, 3), and of each face its corners, its object and its group."""
+    """An OBJ file: ``points`` (n, 3), and for each face its corners, its object and its group."""
 
     points: np.ndarray
     faces: list[tuple[int, ...]]
@@ -23,7 +23,7 @@ class ObjFile(NamedTuple):
 
 
 def read(path: str) -> ObjFile:
-    """All faces of a file, in its order. ScenarioError with the line that cannot be read, and for curved surfaces."""
+    """All faces of a file in order. ScenarioError names a line that cannot be read; free-form surfaces are refused."""
     points: list[list[float]] = []
     found = ObjFile(np.zeros((0, 3)), [], [], [])
     name = group = NAMELESS
@@ -63,7 +63,7 @@ def _text(path: str) -> str:
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """The lines of a file with the number of the first of those that a backslash joins."""
+    """The lines of a file; lines joined by a backslash are one, with the number of the first."""
     begun, first = "", 0
     for number, line in enumerate(text.split("\n"), 1):
         first = first or number

@@ -1,21 +1,21 @@
 """Plane geometry of joint polygons: moments, tributary areas, distances from a torsion centre.
 
-A polygon is an array (..., m, 2) of its corners, counterclockwise, with any leading axes. Sums over edges hold for
-polygons that are not convex too, and for convex pieces strung together by edges that are walked both
-ways. Functions that speak of O expect the corners to be measured from the centroid.
+A polygon is an array (..., m, 2) of its corners, counterclockwise, with any leading axes. Sums over edges are also
+valid for polygons that are not convex, and for convex pieces linked by edges traversed in both directions. Functions
+that mention O expect the corners to be measured from the centroid.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-_TINY = 1e-150  # keeps the quotient s/h finite where a torsion centre lies on the line of an edge
+_TINY = 1e-150  # keeps s/h finite if a torsion centre lies on the line of an edge
 
 
 def area_and_centroid(polygon) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Area and centroid (A, x, y), (...) each; summed from the first corner, so that a distant origin costs no digits.
+    """Area and centroid (A, x, y), (...) each; summed relative to the first corner, to keep digits far from the origin.
 
-    Corners may repeat. Without an area, the first corner stands for the centroid.
+    Corners may repeat. If the area is zero, the first corner is returned as the centroid.
     """
     p = np.asarray(polygon, float)
     first = p[..., :1, :]
@@ -55,9 +55,9 @@ def second_moments(polygon) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def tributary_areas(polygon) -> np.ndarray:
-    """The share of every corner (..., m): half of the two triangles that it makes with O and its neighbours.
+    """The share of each corner in the area (..., m): half of the two triangles that it forms with O and its neighbours.
 
-    The shares of a convex polygon add up to the area and their centroid is O; a quarter each for a rectangle.
+    The shares of a convex polygon add up to its area and their centroid is O; for a rectangle each is a quarter.
     """
     _, _, cross = _edges(polygon)
     return 0.25 * (cross + np.concatenate([cross[..., -1:], cross[..., :-1]], axis=-1))
@@ -95,13 +95,13 @@ def shrink_factor(polygon) -> np.ndarray:
 
 
 def pieces(polygon) -> list[np.ndarray]:
-    """Numbers of the corners of each convex piece that a polygon (m, 2) strings together; all of them if it is one.
+    """Indices of the corners of each convex piece that a polygon (m, 2) links; all of them if it is a single piece.
 
-    The walk of a joint of several pieces goes round the first and back to its first corner, home, then out to each
-    other, round that, and home again: a piece ends where the corner comes back with which it began.
+    The path of a joint of several pieces goes around the first and back to its first corner (home), then out to each
+    further piece, around it and home again: a piece ends when its first corner is reached again.
     """
     corners = np.asarray(polygon, float)
-    found, start, step = [], 0, 1  # the first piece is home, the others end one corner before it
+    found, start, step = [], 0, 1  # the first piece ends at home, the others one corner before it
     while start < len(corners):
         again = np.flatnonzero((corners[start + 1 :] == corners[start]).all(axis=1))
         if not len(again):
@@ -113,7 +113,7 @@ def pieces(polygon) -> list[np.ndarray]:
 
 
 def width(polygon) -> np.ndarray:
-    """The short side: the smallest distance of two parallel lines that hold the convex polygon between them (m)."""
+    """The short side: the smallest distance of two parallel lines that enclose the convex polygon (m)."""
     p, q, _ = _edges(polygon)
     edge = q - p
     length = np.sqrt((edge**2).sum(axis=-1))
@@ -123,14 +123,14 @@ def width(polygon) -> np.ndarray:
 
 
 def distance_outside(points: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """How far each point (k, 2) lies beyond the nearest edge line of a convex face (k,); negative inside (m)."""
+    """Greatest distance of each point (k, 2) beyond the edge lines of a convex face (k,); negative inside (m)."""
     edge = np.roll(face, -1, axis=0) - face
     outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.sqrt((edge**2).sum(axis=1))[:, None]
     return (points @ outward.T - (face * outward).sum(axis=1)).max(axis=1)
 
 
 def nearest_points(points: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """The point of a convex face (m, 2) that is nearest to each of ``points`` (k, 2)."""
+    """The point of a convex face (m, 2) nearest to each of ``points`` (k, 2)."""
     beyond = distance_outside(points, face) > 0.0
     if not beyond.any():
         return points

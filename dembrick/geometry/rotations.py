@@ -12,7 +12,7 @@ def unit_quaternion(quaternion) -> np.ndarray:
 
 
 def rotation_matrix(quaternion) -> np.ndarray:
-    """Rotation matrix (..., 3, 3) of quaternion(s) (..., 4): its columns are the body axes in the world."""
+    """Rotation matrix (..., 3, 3) of quaternion(s) (..., 4); its columns are the body axes in the world."""
     q = unit_quaternion(quaternion)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     rows = [
@@ -24,7 +24,7 @@ def rotation_matrix(quaternion) -> np.ndarray:
 
 
 def turned_by(rotation, quaternion) -> np.ndarray:
-    """The quaternion(s) (..., 4) of the turn ``quaternion``, then by the rotation vector(s) ``rotation`` (..., 3)."""
+    """Quaternion(s) (..., 4) of the rotation ``quaternion`` and then the rotation vector(s) ``rotation`` (..., 3)."""
     rotation = np.asarray(rotation, float)
     half = 0.5 * np.sqrt((rotation**2).sum(axis=-1, keepdims=True))
     turn = np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotation], axis=-1)
@@ -32,15 +32,15 @@ def turned_by(rotation, quaternion) -> np.ndarray:
 
 
 def turning(quaternion, vectors) -> np.ndarray:
-    """R v - v (..., 3) of unit quaternion(s) (..., 4) and vectors (..., 3), without the loss of digits of small
-    rotations: 2 w (u x v) + 2 u x (u x v)."""
+    """R v - v (..., 3) of unit quaternion(s) (..., 4) and vectors (..., 3), accurate for small rotations:
+    2 w (u x v) + 2 u x (u x v)."""
     u, v = np.broadcast_arrays(quaternion[..., 1:], vectors)
     once = np.cross(u, v)
     return 2.0 * (quaternion[..., :1] * once + np.cross(u, once))
 
 
 def rotation_vector(quaternion) -> np.ndarray:
-    """The rotation vector(s) (..., 3) of unit quaternion(s) (..., 4), of at most half a turn (rad)."""
+    """The rotation vector(s) (..., 3) of unit quaternion(s) (..., 4), with an angle of at most pi (rad)."""
     quaternion = np.asarray(quaternion, float)
     w, v = quaternion[..., 0], quaternion[..., 1:]
     sine = np.sqrt((v * v).sum(axis=-1))
@@ -49,9 +49,9 @@ def rotation_vector(quaternion) -> np.ndarray:
 
 
 def frame_quaternion(axes) -> np.ndarray:
-    """The quaternion (4,) of the frame with the first two axes ``axes`` (2, 3), columns of its rotation matrix.
+    """The quaternion (4,) of the frame whose first two axes, columns of its rotation matrix, are ``axes`` (2, 3).
 
-    From the greatest of its parts, so that no digits are lost.
+    It is computed from its greatest component, to avoid cancellation.
     """
     R = np.column_stack([*axes, np.cross(*axes)])
     trace = np.trace(R)
@@ -68,7 +68,7 @@ def frame_quaternion(axes) -> np.ndarray:
 
 
 def quaternion_product(first, second) -> np.ndarray:
-    """The quaternion(s) of the turn ``second`` followed by the turn ``first`` (..., 4)."""
+    """Quaternion(s) (..., 4) of the rotation ``second`` followed by the rotation ``first``."""
     a, b, c, d = (np.asarray(first, float)[..., i] for i in range(4))
     w, x, y, z = (np.asarray(second, float)[..., i] for i in range(4))
     found = np.empty((*np.broadcast_shapes(a.shape, w.shape), 4))

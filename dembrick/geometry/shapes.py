@@ -1,7 +1,7 @@
 """Shapes of blocks: convex polyhedra in their own body frame.
 
-A shape knows no position and no material. Its centroid is the origin of the body frame, the axes of which are those
-of the coordinates the shape was described in; lengths are in metres.
+A shape has no position and no material. Its centroid is the origin of the body frame, whose axes are those of the
+coordinates in which the shape was described; lengths are in metres.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix
 
-SMALLEST, LARGEST = 1e-9, 1e9  # m, of a block: far beyond what anyone builds, far within what a double holds
-_PARALLEL = 1e-9  # sine of the angle below which two directions of one shape count as the same
+SMALLEST, LARGEST = 1e-9, 1e9  # m, of a block: far beyond what anyone builds, far within the range of a double
+_PARALLEL = 1e-9  # sine of the angle below which two directions of a shape are equal
 
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron:
     """A convex polyhedron about its centroid.
 
-    ``vertices`` (nv, 3) in the body frame; ``faces`` tuples of vertex numbers, counterclockwise seen from outside;
-    ``volume`` (m3); ``inertia`` (3, 3) about the centroid for a density of one (m5); ``centroid`` (3,) in the
-    coordinates the shape was described in.
+    ``vertices`` (nv, 3) in the body frame; ``faces`` tuples of vertex indices, counterclockwise seen from outside;
+    ``volume`` (m3); ``inertia`` (3, 3) about the centroid at unit density (m5); ``centroid`` (3,) in the coordinates in
+    which the shape was described.
     """
 
     vertices: np.ndarray
@@ -33,27 +33,27 @@ class Polyhedron:
     centroid: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def moved(self, position, orientation) -> np.ndarray:
-        """World coordinates (nv, 3) of the vertices of a block: centroid at ``position``, turned by a quaternion."""
+        """World coordinates (nv, 3) of the vertices, with the centroid at ``position`` and rotated by a quaternion."""
         return np.asarray(position, float) + self.vertices @ rotation_matrix(orientation).T
 
     @cached_property
     def diameter(self) -> float:
-        """Twice the distance of the farthest vertex from the centroid: the length that tolerances refer to."""
+        """Twice the distance of the farthest vertex from the centroid: the reference length of tolerances."""
         return 2.0 * float(np.sqrt((self.vertices**2).sum(axis=1).max()))
 
     @property
     def longest_face(self) -> int:
-        """Corners of the face that has most."""
+        """Number of corners of the face that has most."""
         return max(len(face) for face in self.faces)
 
     @cached_property
     def face_table(self) -> np.ndarray:
-        """Faces as one array (nf, longest face); shorter faces repeat their last vertex."""
+        """Faces as one array (nf, longest face); shorter faces are padded with their last vertex."""
         return np.array([face + face[-1:] * (self.longest_face - len(face)) for face in self.faces])
 
     @cached_property
     def _face_vectors(self) -> np.ndarray:
-        """Outward normals of the faces, as long as the faces are large (nf, 3)."""
+        """Outward normals of the faces (nf, 3), with lengths proportional to the areas."""
         corners = self.vertices[self.face_table]
         return 0.5 * np.cross(corners - corners[:, :1], np.roll(corners, -1, axis=1) - corners[:, :1]).sum(axis=1)
 
@@ -87,10 +87,10 @@ class Polyhedron:
 
 @dataclass(frozen=True, eq=False)
 class Compound:
-    """Convex parts that make one rigid body, about its centroid.
+    """Convex parts that form one rigid body, about its centroid.
 
-    ``parts`` are polyhedra in axes parallel to the body's, each about its own centroid, which stands at ``places``
-    (k, 3) in the body. ``volume``, ``inertia`` and ``centroid`` as of a :class:`Polyhedron`; parts must not overlap.
+    ``parts`` are polyhedra in axes parallel to the body's, each about its own centroid, which is at ``places`` (k, 3)
+    in the body. ``volume``, ``inertia`` and ``centroid`` as in :class:`Polyhedron`; parts must not overlap.
     """
 
     parts: tuple[Polyhedron, ...]
@@ -101,7 +101,7 @@ class Compound:
 
     @property
     def longest_face(self) -> int:
-        """Corners of the face that has most."""
+        """Number of corners of the face that has most."""
         return max(part.longest_face for part in self.parts)
 
     @cached_property
@@ -128,7 +128,7 @@ Shape = Polyhedron | Compound
 
 
 def parts_of(shape: Shape) -> list[tuple[np.ndarray, Polyhedron]]:
-    """The convex parts of a shape and where their centroids stand in the body."""
+    """The convex parts of a shape and the places of their centroids in the body."""
     if isinstance(shape, Polyhedron):
         return [(np.zeros(3), shape)]
     return list(zip(shape.places, shape.parts, strict=True))

@@ -1,4 +1,4 @@
-"""STL: triangles, binary or as text, and in text the name of the solid of each."""
+"""STL: triangles, in binary or text form; the text form also names the solid of each."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 
-NAMELESS = "solid"  # the solid of triangles that stand in none with a name
+NAMELESS = "solid"  # name of the solid of triangles outside of any named one
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")])
-_HEADER = 84  # bytes: 80 of anything, and the number of triangles
-_PADDING = b"\0 \t\r\n"  # what may follow them
+_HEADER = 84  # bytes: 80 arbitrary ones, then the number of triangles
+_PADDING = b"\0 \t\r\n"  # allowed after the triangles
 
 
 class StlFile(NamedTuple):
-    """An STL file: ``points`` (3 n, 3), three for each triangle, and its ``solids``, names with their first points."""
+    """An STL file: ``points`` (3 n, 3), three per triangle; ``solids``, names with the index of their first point."""
 
     points: np.ndarray
     solids: list[tuple[str, int]]
 
 
 def read(path: str) -> StlFile:
-    """All triangles of a file. It is binary if its length is what its number of triangles asks for, whatever it begins
-    with. ScenarioError for one that is neither that nor whole text."""
+    """All triangles of a file. It is binary if its length agrees with its number of triangles, whatever its first bytes
+    are. Raises ScenarioError for a file that is neither binary nor complete text."""
     try:
         with open(path, "rb") as file:
             data = file.read()
@@ -38,10 +38,10 @@ def read(path: str) -> StlFile:
 
 
 def _of_text(path: str, text: str) -> StlFile:
-    """What a text file holds: its words may be in capitals, and its lines end in any way."""
+    """Parse the text form; keywords may be in capitals, and line ends of any kind."""
     points: list[list[float]] = []
     solids: list[tuple[str, int]] = []
-    triangles, name = 0, None  # those that have ended, and the solid that has begun
+    triangles, name = 0, None  # complete triangles, and the current solid
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
         word, rest = (*line.split(None, 1), "", "")[:2]
         word = word.lower()
@@ -65,7 +65,7 @@ def _of_text(path: str, text: str) -> StlFile:
 
 
 def _vertex(path: str, number: int, rest: str) -> list[float]:
-    """The corner that a line describes."""
+    """The corner in a line of text."""
     try:
         found = [float(x) for x in rest.split()[:3]]
     except ValueError:
@@ -76,5 +76,5 @@ def _vertex(path: str, number: int, rest: str) -> list[float]:
 
 
 def triangles_of(points: np.ndarray) -> list[tuple[int, ...]]:
-    """The triangles of which three points each are the corners."""
+    """Triangles as triples of indices, for points listed three per triangle."""
     return [(i, i + 1, i + 2) for i in range(0, len(points), 3)]
