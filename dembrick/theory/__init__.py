@@ -1,4 +1,4 @@
-"""Closed forms and limit analysis that judge the simulation; nothing here is imported by what it judges.
+"""Closed forms and limit analysis, used to check the simulation and independent of it: the simulation imports none.
 
 Conventions: joint axes (t1, t2, n) about the joint's centroid O; forces (V_1, V_2) and torsion M_T act on the block on
 the +n side, M_T positive counter-clockwise; a force (f1, f2) at eccentricity (e1, e2) has m = f2 e1 - f1 e2.

@@ -1,11 +1,12 @@
-"""Cheap stand-ins for the convex torsion-shear curve, each labelled with its error against the exact one.
+"""Simple approximations of the convex torsion-shear curve, each labelled with its error against the exact one.
 
-In the non-dimensional plane v = V/V_0, m = M_T/(V_0 c_T): the ellipse v^2 + m^2 = 1 of robotics, the parabola
-m = 1 - v^2, and piecewise linear curves. The literature's break points are not printed in the paper; ours lie on the
-exact curve of the rectangle at hand, at equal polar angles in the (v, m) plane: 45 degrees for the bi-linear curve, 30
-and 60 for the three pieces. The exact domain is convex, so these two are inscribed and safe. None of them is exact.
+In the non-dimensional plane v = V/V_0, m = M_T/(V_0 c_T) these are the ellipse v^2 + m^2 = 1 of robotics, the parabola
+m = 1 - v^2, and piecewise linear curves. The paper does not print the break points of the literature; those used here
+are on the exact curve of the given rectangle, at equal polar angles in the (v, m) plane: 45 degrees for the bi-linear
+curve, 30 and 60 for the three pieces. The exact domain is convex, so these two are inscribed and safe. None is exact.
 
-Torsion-shear curves of a rectangle's formulations (paper Fig. 4 and Fig. 5) and points of any limit surface.
+Also the torsion-shear curves of all formulations for a rectangle (paper Fig. 4 and Fig. 5), and points of any limit
+surface.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _PIECES = {"bi-linear": 2, "three-linear": 3}
 
 @dataclass(frozen=True)
 class ApproximateDomain:
-    """One approximation of one rectangle's convex domain.
+    """An approximation of the convex domain of a rectangle.
 
     ``unsafe`` is the largest relative excess of its V over the exact limit along a ray of fixed eccentricity, ``safe``
     the largest shortfall (both 0 or more). ``breakpoints`` (k, 2) are the corners (v, m) of a piecewise linear curve.
@@ -41,13 +42,13 @@ class ApproximateDomain:
 
     @property
     def label(self) -> str:
-        """For a legend: the name and the largest errors in percent."""
+        """Label for a legend: the name and the largest errors in percent."""
         errors = ("unsafe", self.unsafe), ("safe", self.safe)
         parts = [f"{word} by {100.0 * error:.1f} %" for word, error in errors if error > 5e-5]
         return f"{self.name} ({', '.join(parts) or 'within 0.005 %'})"
 
     def limit(self, eccentricity: ArrayLike) -> np.ndarray:
-        """V (N) on the curve for a force at an eccentricity (m) of either sign; inf is a couple, with V = 0."""
+        """V (N) on the curve for a force at an eccentricity (m) of either sign; inf means a couple, with V = 0."""
         e = np.abs(np.asarray(eccentricity, float))
         couple = np.isinf(e)
         slope = np.where(couple, 1.0, e) * self.V_0 / self.M_T0
@@ -64,12 +65,12 @@ class ApproximateDomain:
 
 
 def _radius(name: str, corners: np.ndarray | None, v: np.ndarray, m: np.ndarray) -> np.ndarray:
-    """The factor that brings (v, m), both 0 or more, onto the curve."""
+    """Factor that scales (v, m), both 0 or more, onto the curve."""
     if name == "ellipse":
         return 1.0 / np.hypot(v, m)
     if name == "parabola":  # r m = 1 - r^2 v^2, the root that stays finite for v = 0
         return 2.0 / (m + np.sqrt(m * m + 4.0 * v * v))
-    # a convex polygon: its gauge is the largest of those of its sides
+    # a convex polygon: its gauge is the largest over its sides
     (v_0, m_0), (v_1, m_1) = corners[:-1].T, corners[1:].T
     across = v_0 * m_1 - v_1 * m_0
     return 1.0 / np.max((np.multiply.outer(v, m_1 - m_0) + np.multiply.outer(m, v_0 - v_1)) / across, axis=-1)
@@ -99,7 +100,7 @@ def approximate_domain(
         )
         corners = np.stack(corner.normalised, axis=1)
     excess = _radius(name, corners, v, m) - 1.0
-    # what is left of inscribed curves above 0 is rounding
+    # the excess of an inscribed curve is rounding
     unsafe, safe = (float(value) if value > 1e-12 else 0.0 for value in (excess.max(), -excess.min()))
     return ApproximateDomain(name, exact.V_0, exact.M_T0, corners, unsafe, safe)
 
@@ -125,7 +126,7 @@ class InteractionCurve:
 
 
 def torsion_strength(law: Law) -> float:
-    """M_T0 (N m): the limit of a pure couple. The joint turns about the point of least mean distance, not always O."""
+    """M_T0 (N m): limit of a pure couple. The joint rotates about the point of least mean distance, not always O."""
     return limit_load(law, (0.0, 0.0, 1.0)).V
 
 
@@ -148,12 +149,12 @@ def interaction_curve(
     centre: ArrayLike | None = None,
     pressure: str = "full",
 ) -> InteractionCurve:
-    """Yield domain for a rectangle a x b pressed at ``centre`` (m from the middle, None: there) and sheared along
-    ``direction`` (the paper: along y).
+    """Yield domain of a rectangle a x b pressed at ``centre`` (m from the middle; None: in the middle) and sheared
+    along ``direction`` (in the paper: along y).
 
-    Points lie on ``count`` rays, equally spaced in angle in the non-dimensional plane. By symmetry a force along an
-    edge has no transverse part in its limit, if the joint is pressed in the middle; else the curve is that of forces
-    held to that direction.
+    Points are on ``count`` rays, equally spaced in angle in the non-dimensional plane. By symmetry the limit for a
+    force along an edge has no transverse component if the joint is pressed in the middle; otherwise the curve is that
+    of forces restricted to that direction.
     """
     d = np.asarray(direction, float)
     size = float(np.hypot(*d))

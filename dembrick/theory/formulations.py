@@ -1,10 +1,10 @@
-"""The five contact formulations as friction laws that follow the centre of pressure.
+"""The five contact formulations as friction laws that depend on the centre of pressure.
 
-A :class:`Formulation` is the joint without its load: where normal force acts, where friction acts, and how a normal
-force N whose resultant passes through a point e of the joint distributes. ``law(N, e)`` is the friction law at that
-distribution. Normal forces of points are those of equal springs per area that cannot pull (a planar distribution while
-all points press); a rigid joint with free normal forces would give other numbers. Cohesion, of joints that keep it
-as they slip, acts on what is closed: V_0 = c A + mu N takes the place of mu N in the paper's formulas.
+A :class:`Formulation` is a joint without its load: where normal forces act, where friction acts, and how a normal force
+N with its resultant at a point e of the joint is distributed. ``law(N, e)`` is the friction law for that distribution.
+The normal forces of points are those of springs of equal stiffness per area without tension (a planar distribution
+while all points press); a rigid joint with free normal forces would give other results. Cohesion (of joints that keep
+it during slip) acts on the closed area: V_0 = c A + mu N takes the place of mu N in the paper's formulas.
 """
 
 from __future__ import annotations
@@ -34,23 +34,24 @@ from dembrick.theory.polygons import (
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
 
-#: A centre of pressure on the very edge leaves a line of contact. It is kept within this fraction of the way to the
-#: edge, so that every integral stays a plain polygon integral: that changes a limit by at most 1e-9 of itself with the
+#: A centre of pressure on the very edge leaves a line of contact. It is limited to this fraction of the distance to the
+#: edge, so that every integral remains one over a polygon; this changes a limit by at most 1e-9 (relative) with the
 #: effective pressure and 1e-7 with the linear one, whose steep plane cancels more digits on a thin strip.
 _EDGE = {"effective": 1.0 - 1e-5, "linear": 1.0 - 1e-4}
 
 
 def _no_tension(moments_of, normal_force: float) -> np.ndarray:
-    """Plane (3,) = (level, slope_x, slope_y) of a pressure that pulls nowhere, resultant N through the origin.
+    """Plane (3,) = (level, slope_x, slope_y) of a no-tension pressure with resultant N through the origin.
 
-    ``moments_of(plane)`` is the integral of phi phi^T over where the plane is positive, phi = (1, x, y) in lengths of
-    the joint's size, measured from the centre of pressure (near the joint's edge anything else would cancel).
-    Newton's iteration on the convex potential of the springs, with a line search: exact sections, quadratic at the end.
+    ``moments_of(plane)`` is the integral of phi phi^T over the region where the plane is positive, phi = (1, x, y) in
+    units of the joint's size, from the centre of pressure (near the joint's edge any other origin causes cancellation).
+    Newton iteration on the convex potential of the springs, with line search; sections are exact, convergence
+    quadratic.
     """
     target = np.array([normal_force, 0.0, 0.0])
     everywhere = np.array([1.0, 0.0, 0.0])
     H = moments_of(everywhere)
-    if np.linalg.cond(H) > 1e13:  # points on a line: no moment across it, so the least plane will do
+    if np.linalg.cond(H) > 1e13:  # collinear points carry no moment across their line: take the least-norm plane
         plane = np.linalg.lstsq(H, target, rcond=1e-12)[0]
     else:
         plane = np.linalg.solve(H, target)
@@ -62,7 +63,7 @@ def _no_tension(moments_of, normal_force: float) -> np.ndarray:
         step = -np.linalg.lstsq(H, residual, rcond=1e-14)[0]
         potential, slope = 0.5 * plane @ H @ plane - target @ plane, residual @ step
         trial = plane + step
-        if -slope < 1e-12 * abs(potential):  # the potential has no digits left, the balance of forces still has
+        if -slope < 1e-12 * abs(potential):  # the potential has no digits left, but the residual still has
             if np.abs(moments_of(trial) @ trial - target).max() >= np.abs(residual).max():
                 break
         else:
@@ -78,7 +79,7 @@ def _no_tension(moments_of, normal_force: float) -> np.ndarray:
 
 
 def spring_forces(arms: ArrayLike, areas: ArrayLike, normal_force: float, centre: ArrayLike = (0.0, 0.0)) -> np.ndarray:
-    """Normal forces (n,) of equal springs per area that cannot pull, resultant N through ``centre`` (about O)."""
+    """Normal forces (n,) of no-tension springs, equal per area, with resultant N through ``centre`` (about O)."""
     arms, areas = np.asarray(arms, float), np.asarray(areas, float)
     weights = areas / areas.sum()
     size = float(np.abs(arms).max()) or 1.0
@@ -96,7 +97,7 @@ def pressure_plane(
 ) -> tuple[float, np.ndarray]:
     """No-tension linear pressure max(0, level + slope . (r - centre)), resultant N through ``centre``: (level, slope).
 
-    Exact on the polygon clipped at the line of zero pressure; level in Pa, slope (2,) in Pa/m.
+    Exact on the polygon clipped at the line of zero pressure. Level in Pa, slope (2,) in Pa/m.
     """
     centre = np.asarray(centre, float)
     parts = [part - centre for part in as_parts(polygon)]
@@ -113,10 +114,10 @@ def pressure_plane(
 
 
 def effective_polygon(polygon: ArrayLike | Sequence[ArrayLike], centre: ArrayLike) -> tuple[np.ndarray, ...]:
-    """The largest part of the polygon that is centrally symmetric about ``centre``: rectangle a x b -> a x (b - 2e).
+    """Largest part of the polygon that is centrally symmetric about ``centre``: rectangle a x b -> a x (b - 2e).
 
-    It is the intersection with the polygon's own reflection through the centre of pressure. A non-convex polygon must
-    come as a union of convex parts.
+    It is the intersection of the polygon with its reflection through the centre of pressure. A non-convex polygon must
+    be given as a union of convex parts.
     """
     parts = as_parts(polygon)
     if not all(is_convex(part) for part in parts):
@@ -135,13 +136,13 @@ class Formulation:
 
     name: str
     friction: float
-    hull: np.ndarray  # (k, 2): outside it the centre of pressure cannot be
+    hull: np.ndarray  # (k, 2): contains all possible centres of pressure
     normal_arms: np.ndarray | None = None
     shear_arms: np.ndarray | None = None
     areas: np.ndarray | None = None
     parts: tuple[np.ndarray, ...] | None = None
     pressure: str = "full"
-    cohesion: float = 0.0  # Pa, of what is closed
+    cohesion: float = 0.0  # Pa, on the closed area
 
     def __post_init__(self):
         if not (np.isfinite(self.cohesion) and self.cohesion >= 0.0):
@@ -154,25 +155,25 @@ class Formulation:
 
     @property
     def area(self) -> float:
-        """Of the joint (m2)."""
+        """Area of the joint (m2)."""
         if self.parts is None:
             return float(self.areas.sum())
         return float(sum(moment_matrix(part, part[0])[0, 0] for part in self.parts))
 
     @property
     def follows_pressure(self) -> bool:
-        """Whether the friction law depends on where the normal force acts."""
+        """Whether the friction law depends on the centre of pressure."""
         return self.parts is None or self.pressure != "full"
 
     @property
     def middle(self) -> np.ndarray:
-        """Where the normal force acts when nothing overturns: O up to rounding if the arms are about the centroid."""
+        """Centre of pressure without overturning: O, up to rounding, if the arms are about the centroid."""
         if self.parts is not None:
             return centroid(self.parts)
         return self.areas @ self.normal_arms / self.areas.sum()
 
     def law(self, normal_force: float, centre: ArrayLike | None = None) -> Law:
-        """Friction law at a normal force N (N) through ``centre`` (m, about O; None: where the area's middle is)."""
+        """Friction law for a normal force N (N) through ``centre`` (m, about O; None: the centroid of the area)."""
         e = self.middle if centre is None else np.asarray(centre, float)
         if self.parts is not None and not self.follows_pressure:
             return convex(self.parts, self.friction, normal_force, self.cohesion)
@@ -202,7 +203,7 @@ def point_formulation(
     name: str = "points",
     cohesion: float = 0.0,
 ) -> Formulation:
-    """Points that press at ``normal_arms`` (n, 2) and slip at ``shear_arms`` (None: the same), with areas (n,)."""
+    """Points with normal forces at ``normal_arms`` (n, 2) and slip at ``shear_arms`` (None: the same), areas (n,)."""
     normal_arms, areas = np.array(normal_arms, float), np.array(areas, float)
     shear_arms = normal_arms if shear_arms is None else np.array(shear_arms, float)
     if normal_arms.ndim != 2 or normal_arms.shape != shear_arms.shape or areas.shape != normal_arms.shape[:1]:
@@ -236,7 +237,7 @@ def rectangle_formulation(
 ) -> Formulation:
     """One of :data:`FORMULATIONS` on a rectangle a (along x) by b (along y) about O.
 
-    ``cells`` = (n, m) belongs to ``distributed``: points at the centres of n x m equal cells.
+    ``cells`` = (n, m) is for ``distributed`` only: points at the centres of n x m equal cells.
     """
     if not (np.isfinite([a, b]).all() and a > 0.0 and b > 0.0):
         raise ScenarioError(f"a joint of {a!r} x {b!r} m needs two finite edges greater than 0")
@@ -272,6 +273,6 @@ def formulation_law(
     pressure: str = "full",
     cells: tuple[int, int] | None = None,
 ) -> PolygonLaw | PointLaw:
-    """Friction law of a rectangle's formulation under N through ``centre`` (None: central); ``cohesion`` in Pa."""
+    """Friction law of a formulation on a rectangle under N through ``centre`` (None: central); ``cohesion`` in Pa."""
     joint = rectangle_formulation(name, a, b, friction, cohesion, pressure=pressure, cells=cells)
     return joint.law(normal_force, centre)

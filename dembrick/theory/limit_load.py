@@ -1,14 +1,14 @@
-"""The inverse problem: how far a given load can grow before the joint slips.
+"""The inverse problem: the multiplier of a given load at which the joint slips.
 
 For a unit load f = (f1, f2, m) about O (m = f2 e_x - f1 e_y for a force at eccentricity e), a constant tangential dead
 load g0 and a law with dissipation D, the limit multiplier is
 
     V* = min over slip twists q of (D(q) - g0 . q) / (f . q),   f . q > 0,
 
-the upper-bound theorem with normality in the torsion-shear plane, hence exact at fixed normal forces. On the plane
-f . q = 1 this is a convex problem in two unknowns: a guarded Newton iteration solves it, many loads at a time. Point
-laws have kinks where the torsion centre falls on a point; they are approached through a smoothed D, and an optimal
-kink is recognised by its exact optimality condition.
+This is the upper-bound theorem with normality in the torsion-shear plane, hence exact at fixed normal forces. On the
+plane f . q = 1 it is a convex problem in two unknowns, solved by a guarded Newton iteration for many loads at a time.
+Point laws have kinks where the torsion centre coincides with a point; these are approached through a smoothed D, and an
+optimal kink is recognised by its exact optimality condition.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from dembrick.theory.limit_surface import Law, PointLaw
 
 _TINY = 1e-300
 _SMOOTHING = [0.1**k for k in range(1, 14)]
-_SHARP = 4  # lengths of a step tried on the sharp D of points: shorter ones are wanted on the way into a kink only
+_SHARP = 4  # step lengths tried on the sharp D of points: shorter steps are needed only on approach to a kink
 
 
 @dataclass(frozen=True)
 class LimitLoad:
     """Limit of one load: multiplier ``V``, ``twist`` (3,) with f . twist = 1, ``torsion_centre`` (x, y) about O in m.
 
-    ``torsion_centre`` is None for a pure translation. ``mode`` is "sliding", or "overturning" where the joint tips
-    first (then the twist is NaN).
+    ``torsion_centre`` is None for a pure translation. ``mode`` is "sliding", or "overturning" if the joint tips first
+    (then the twist is NaN).
     """
 
     V: float
@@ -71,7 +71,7 @@ class _Problem:
         return self.f[at] + np.einsum("kij,kj->ki", self.B[at], z)
 
     def start(self, twist: np.ndarray) -> np.ndarray:
-        """The z (k, 2) of given twists, scaled to f . q = 1; zero if a twist does no work on its load."""
+        """The z (k, 2) of given twists, scaled to f . q = 1; zero for a twist whose load does no work."""
         q = twist / self.to_twist
         power = np.sum(self.f * q, axis=1, keepdims=True)
         usable = power > 1e-6 * np.linalg.norm(q, axis=1, keepdims=True)
@@ -102,9 +102,9 @@ def _newton_step(g: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _minimise(
     problem: _Problem, z: np.ndarray, at: np.ndarray, smoothing: float, iterations: int = 100, halvings: int = 50
 ):
-    """Guarded Newton from z (k, 2) for the loads ``at``: (z, converged), converged to rounding in the objective.
+    """Guarded Newton iteration from z (k, 2) for the loads ``at``: (z, converged), where converged is to rounding.
 
-    A load whose step must be halved more than ``halvings`` times is given up.
+    The iteration ends for a load whose step must be halved more than ``halvings`` times.
     """
     z = z.copy()
     converged = np.zeros(len(z), bool)
@@ -112,10 +112,10 @@ def _minimise(
     value, g, H = problem.evaluate(z, at, smoothing)
     for _ in range(iterations):
         step, decrement = _newton_step(g, H)
-        # half the decrement is the expected gain; below this the objective has no digit left to give
+        # half the decrement is the expected gain; below this limit it is rounding in the objective
         done = decrement <= max(1e-15, problem.law.rounding) * (np.abs(value) + 1e-3)
         if done.any():
-            # one last full step, kept where it lowers the gradient: it is the twist that still gains digits
+            # one last full step, accepted if it reduces the gradient: the twist still gains digits
             last, trial = live[done], z[live[done]] + step[done]
             g_new = problem.evaluate(trial, at[last], smoothing)[1]
             better = np.sum(g_new**2, axis=1) < np.sum(g[done] ** 2, axis=1)
@@ -135,7 +135,7 @@ def _minimise(
             if not len(pending):
                 break
             length[pending] *= 0.5
-        if len(pending):  # no descent left: at a kink, or down to rounding
+        if len(pending):  # no descent: at a kink, or rounding reached
             keep = np.ones(len(live), bool)
             keep[pending] = False
             floor = max(1e-11, 100.0 * problem.law.rounding)
@@ -147,10 +147,10 @@ def _minimise(
 def _kinks(
     problem: _Problem, law: PointLaw, z: np.ndarray, at: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Turn each load about the point nearest to its torsion centre: (value, scaled twist, whether that is optimal).
+    """Rotate each load about the point nearest to its torsion centre: (value, scaled twist, whether it is optimal).
 
-    With C on point i the load is a limit load when the other points' forces leave for point i a force it can bear;
-    the moment balance about that point fixes V and holds by itself.
+    With C on point i, the load is a limit load if the force that balance requires at point i, given the forces of the
+    other points, is within its strength; V follows from the moment balance about that point.
     """
     R = law.radius
     q = problem.twist(z, at)
@@ -177,7 +177,7 @@ def _kinks(
 def _solve_points(
     problem: _Problem, law: PointLaw, z: np.ndarray, smoothings: list[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(value, scaled twist, solved) of a point law: a certified kink, or a smooth minimum away from all points."""
+    """(value, scaled twist, solved) of a point law: an optimal kink, or a smooth minimum away from all points."""
     k = len(problem.f)
     value, q, solved = np.full(k, np.inf), np.zeros((k, 3)), np.zeros(k, bool)
     z, open_ = z.copy(), np.arange(k)
@@ -186,7 +186,7 @@ def _solve_points(
             z[open_], _ = _minimise(problem, z[open_], open_, smoothing)
         best, twist, optimal = _kinks(problem, law, z[open_], open_)
         turned, converged = np.ones(len(open_), bool), np.zeros(len(open_), bool)
-        smooth = np.flatnonzero(~optimal)  # at an optimal kink a sharp D has no gradient to go by
+        smooth = np.flatnonzero(~optimal)  # at an optimal kink the sharp D has no gradient
         if len(smooth):
             sharp, converged[smooth] = _minimise(problem, z[open_[smooth]], open_[smooth], 0.0, 30, _SHARP)
             sharp_value = problem.evaluate(sharp, open_[smooth], 0.0)[0]
@@ -201,7 +201,7 @@ def _solve_points(
         open_ = open_[~done]
         if not len(open_):
             break
-    # smoothed down to 1e-13 of the speed the bound is tight to 1e-13 V_0 whether or not a certificate was found
+    # smoothed to 1e-13 of the speed, the bound is accurate to 1e-13 V_0 even if no optimality condition was met
     solved[open_] = True
     return value, q, solved
 
@@ -212,8 +212,8 @@ def limit_loads(
     """Limit multipliers of many loads (k, 3) = (f1, f2, m) about O, in N, N, N m per unit of V.
 
     ``dead_load`` (3,) or (k, 3) is the constant tangential load (t1, t2, m) about O. ``near`` (k, 3) are twists close
-    to the answers, as a neighbouring problem gave them: they save time and change nothing. Relative accuracy about
-    1e-12 for polygons, 1e-11 for points.
+    to the solutions, such as those of a neighbouring problem: they save time and do not affect the result. Relative
+    accuracy is about 1e-12 for polygons, 1e-11 for points.
     """
     loads = np.array(np.atleast_2d(loads), float)
     if loads.ndim != 2 or loads.shape[1] != 3 or not np.isfinite(loads).all():
@@ -273,7 +273,7 @@ def limit_load(
 
 
 def gauge(law: Law, force: ArrayLike) -> np.ndarray:
-    """Gauge of tangential forces (k, 3) or (3,) in the law's own set: 1 on the limit surface, 0 for no force."""
+    """Gauge of tangential forces (k, 3) or (3,) with respect to the law: 1 on the limit surface, 0 for zero force."""
     force = np.asarray(force, float)
     rows = force.reshape(-1, 3)
     result = np.zeros(len(rows))

@@ -1,14 +1,14 @@
 """Exact limit surfaces: the dissipation D(q) of a slip twist q, its gradient and its Hessian.
 
-A slip twist q = (v1, v2, w) is the velocity at the joint's origin O and the spin about the normal; a joint under the
-friction stress mu p resists it with the power
+A slip twist q = (v1, v2, w) is the velocity at the joint's origin O and the spin about the normal. The power dissipated
+by the friction stress mu p is
 
     D(q) = mu * integral of p |v + w x r| dA,
 
-convex and homogeneous of degree one. Its gradient is the point (V_1, V_2, M_T) of the limit surface whose normal is q
-(M_T about O, positive counter-clockwise). Laws: :func:`convex` (a polygon under uniform pressure, paper eq. 5),
-:func:`linear_pressure` (a pressure that varies linearly and pulls nowhere) and :func:`points` (Coulomb at points).
-Everything is vectorised over twists: q has shape (k, 3), or (3,) for one.
+which is convex and homogeneous of degree one. Its gradient is the point (V_1, V_2, M_T) of the limit surface with
+normal q (M_T about O, positive counter-clockwise). Laws: :func:`convex` (a polygon under uniform pressure, paper eq.
+5), :func:`linear_pressure` (a no-tension pressure that varies linearly) and :func:`points` (Coulomb friction at
+points). All functions are vectorised over twists: q has shape (k, 3), or (3,) for a single twist.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from numpy.typing import ArrayLike
 from dembrick.errors import ScenarioError
 from dembrick.theory.polygons import as_parts, centroid, clip, moment_matrix
 
-#: Beyond this many radii the torsion centre counts as far: there the velocity field is analytic over the joint and a
-#: Gauss rule of 12 x 10 points on each triangle (O, edge) is exact to rounding, while edge sums would cancel.
+#: Beyond this many radii the torsion centre is far: there the velocity field is analytic over the joint and a Gauss
+#: rule of 12 x 10 points on each triangle (O, edge) is exact to rounding, while sums over edges would cancel.
 FAR = 3.0
-#: Twists times points handled at once; bounds the memory.
+#: Twists times points per batch; limits the memory.
 CHUNK = 1_000_000
 
 
 class Law:
-    """The exact limit surface of a joint. ``radius`` (m) and ``strength`` = V_0 (N) set its scales, ``rounding`` is the
-    relative rounding error to expect of its ``derivatives``: D, gradient and Hessian of twists (k, 3)."""
+    """The exact limit surface of a joint. ``radius`` (m) and ``strength`` = V_0 (N) are its scales, ``rounding`` is the
+    expected relative rounding error of ``derivatives``: D, gradient and Hessian of twists (k, 3)."""
 
     radius: float
     strength: float
@@ -54,7 +54,7 @@ class Law:
 
 @cache
 def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points and weights of the Gauss rule from 0 to 1."""
+    """Points and weights of the Gauss rule on (0, 1)."""
     x, weight = np.polynomial.legendre.leggauss(count)
     return (x + 1.0) / 2.0, weight / 2.0
 
@@ -64,7 +64,7 @@ def _sum_over_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sum of weights * sqrt(|v + w x r|^2 + smoothing^2), with first and second derivatives.
 
-    A point that does not move contributes nothing to the gradient (one of its subgradients) nor to the Hessian.
+    A point at rest contributes nothing to the gradient (one of its subgradients) and to the Hessian.
     """
     rows = max(1, CHUNK // max(1, len(arms)))
     if len(q) > rows:
@@ -80,7 +80,7 @@ def _sum_over_points(
     t_1, t_2 = u_1 * slowness, u_2 * slowness
     G = np.stack([t_1.sum(1), t_2.sum(1), t_2 @ x - t_1 @ y], axis=1)
     cube = np.divide(slowness, speed * speed, out=np.zeros_like(speed), where=moving)
-    # slowness (I - u u^T / speed^2), written without cancellation where smoothing = 0
+    # slowness (I - u u^T / speed^2), in a form without cancellation for smoothing = 0
     extra = cube * (smoothing * smoothing)
     h_11, h_22, h_12 = cube * u_2 * u_2 + extra, cube * u_1 * u_1 + extra, -cube * u_1 * u_2
     H = np.empty((len(q), 3, 3))
@@ -93,8 +93,7 @@ def _sum_over_points(
 
 
 class PointLaw(Law):
-    """Coulomb friction at points. ``arms`` (n, 2) about O in m, ``strengths`` (n,) in N: friction * N_i and what
-    cohesion adds."""
+    """Coulomb friction at points. ``arms`` (n, 2) about O in m; ``strengths`` (n,) in N, of friction and adhesion."""
 
     def __init__(self, arms: np.ndarray, strengths: np.ndarray):
         carrying = strengths > 0.0
@@ -105,17 +104,17 @@ class PointLaw(Law):
         self.rounding = 1e-16
 
     def derivatives(self, twist: np.ndarray, smoothing: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """D, gradient and Hessian at twists (k, 3); ``smoothing`` is a speed in m/s that rounds the kinks off."""
+        """D, gradient and Hessian at twists (k, 3); ``smoothing`` is a speed in m/s that rounds off the kinks."""
         return _sum_over_points(twist, self.arms, self.strengths, smoothing)
 
 
 class PolygonLaw(Law):
     """A friction stress ``level + slope . (r - about)`` (Pa, Pa/m) over a union of polygons, in closed form.
 
-    Seen from the torsion centre C, each edge spans a signed triangle; with h its distance from C, s the position along
-    it and rho = hypot(h, s), a function homogeneous of degree k integrates over the triangle to h/(k + 2) times its
-    integral along the edge. That gives D, its gradient and its Hessian from elementary integrals of rho, with no
-    case to distinguish when C is inside, on an edge or on a vertex.
+    With the torsion centre C each edge forms a signed triangle. Let h be the distance of the edge from C, s the
+    position along it and rho = hypot(h, s); the integral over the triangle of a function homogeneous of degree k is
+    h/(k + 2) times its integral along the edge. D, its gradient and its Hessian thus follow from elementary integrals
+    of rho, with no special case for C inside, on an edge or on a vertex.
     """
 
     def __init__(self, parts: Sequence[np.ndarray], level: float, slope: ArrayLike = (0, 0), about: ArrayLike = (0, 0)):
@@ -135,13 +134,13 @@ class PolygonLaw(Law):
         moments = sum(moment_matrix(part, about) for part in parts)
         self.strength = float(self.level * moments[0, 0] + self.slope @ moments[0, 1:])
         self.radius = float(np.hypot(*(start - self.middle).T).max())
-        # edges of a slender polygon nearly cancel, once for its width and once more for a pressure that varies over it
+        # edges of a slender polygon nearly cancel, once for its width and again for a pressure that varies across it
         slenderness = self.radius * float(length.sum()) / moments[0, 0]
         self.rounding = 1e-16 * (slenderness if self._uniform else slenderness**2)
         self._arms, self._weights = self._far_rule(start, end)
 
     def _far_rule(self, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points (about O) and signed weights of a Gauss rule on the triangles from the middle to the edges."""
+        """Points (about O) and signed weights of a Gauss rule on the triangles between the middle and the edges."""
         xi, w_xi, eta, w_eta = *_gauss(12), *_gauss(10)
         p, p_1 = start - self.middle, end - self.middle
         cross = p[:, 0] * p_1[:, 1] - p[:, 1] * p_1[:, 0]
@@ -151,7 +150,7 @@ class PolygonLaw(Law):
         return arms, weights * (self.level + (arms - self._about) @ self.slope)
 
     def derivatives(self, twist: np.ndarray, smoothing: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """D, gradient and Hessian at twists (k, 3). The surface is smooth, ``smoothing`` is not needed."""
+        """D, gradient and Hessian at twists (k, 3). The surface is smooth; ``smoothing`` has no effect."""
         q = np.asarray(twist, float)
         w = q[:, 2]
         far = np.hypot(q[:, 0] - w * self.middle[1], q[:, 1] + w * self.middle[0]) > FAR * self.radius * np.abs(w)
@@ -173,7 +172,7 @@ class PolygonLaw(Law):
         h, s_0 = np.sum(from_C * n, axis=2), np.sum(from_C * t, axis=2)
         s_1 = s_0 + self._length
         rho_0, rho_1 = np.hypot(h, s_0), np.hypot(h, s_1)
-        # every asinh comes with a factor h: an edge that C lies on adds nothing there
+        # every asinh has a factor h: an edge through C contributes nothing
         tiny = 1e-100 * self.radius
         on_line = np.abs(h) < tiny
         safe = np.where(on_line, 1.0, np.abs(h))
@@ -206,7 +205,7 @@ class PolygonLaw(Law):
         n_n, t_t, n_t = (np.einsum("ei,ej->eij", *pair) for pair in ((n, n), (t, t), (n, t)))
         block = np.tensordot(nn, n_n, 1) + np.tensordot(tt, t_t, 1) + np.tensordot(nt, n_t + np.swapaxes(n_t, 1, 2), 1)
         block /= np.abs(w)[:, None, None]
-        # velocity of the body's point at C, as a function of the twist about O
+        # velocity of the material point at C, as a function of the twist about O
         T = np.zeros((len(q), 2, 3))
         T[:, 0, 0] = T[:, 1, 1] = 1.0
         T[:, 0, 2], T[:, 1, 2] = -C[:, 1], C[:, 0]
@@ -222,7 +221,7 @@ def _checked(friction: float, normal_force: float, cohesion: float = 0.0) -> Non
 def convex(
     polygon: ArrayLike | Sequence[ArrayLike], friction: float, normal_force: float, cohesion: float = 0.0
 ) -> PolygonLaw:
-    """Uniform pressure N/A over a polygon, or over a union of polygons that do not overlap (paper eq. 1 and 5); a
+    """Uniform pressure N/A over a polygon, or over a union of polygons that do not overlap (paper eq. 1 and 5);
     ``cohesion`` (Pa) scales the same surface: V_0 = c A + mu N."""
     _checked(friction, normal_force, cohesion)
     parts = as_parts(polygon)
@@ -233,7 +232,7 @@ def convex(
 def linear_pressure(
     polygon: ArrayLike | Sequence[ArrayLike], friction: float, level: float, slope: ArrayLike, about: ArrayLike = (0, 0)
 ) -> PolygonLaw:
-    """Pressure max(0, level + slope . (r - about)) (Pa, Pa/m) over a polygon or a union of polygons, exactly."""
+    """Exact law for the pressure max(0, level + slope . (r - about)) (Pa, Pa/m) over a polygon or union of polygons."""
     _checked(friction, 0.0)
     slope, about = np.asarray(slope, float), np.asarray(about, float)
     pressed = [clip(part - about, slope, level) + about for part in as_parts(polygon)]
@@ -244,8 +243,8 @@ def linear_pressure(
 
 
 def points(arms: ArrayLike, normal_forces: ArrayLike, friction: float, adhesion: ArrayLike | None = None) -> PointLaw:
-    """Coulomb friction at points ``arms`` (n, 2) about O, each under its normal force (n,) in N, never negative; what
-    is pressed has an ``adhesion`` (n,) in N besides."""
+    """Coulomb friction at points ``arms`` (n, 2) about O, each under a normal force (n,) >= 0 in N; points under
+    pressure also have an ``adhesion`` (n,) in N."""
     arms, normal_forces = np.array(arms, float), np.array(normal_forces, float)
     if arms.ndim != 2 or arms.shape[1:] != (2,) or normal_forces.shape != arms.shape[:1] or len(arms) == 0:
         raise ScenarioError("points needs arms of shape (n, 2) and normal forces of shape (n,), n at least 1")

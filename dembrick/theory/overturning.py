@@ -1,8 +1,8 @@
-"""Loads above the joint: they overturn it, so the pressure moves while they grow.
+"""Loads above the joint: they overturn it, so that the centre of pressure moves as they grow.
 
-A horizontal load V f at height h above the joint shifts the centre of pressure by V h (f1, f2) / N. Where friction
-follows the pressure, the limit load solves V = limit(pressure at V); where the centre of pressure reaches the edge of
-the joint first, the block overturns. The paper's formulas assume h = 0.
+A horizontal load V f at height h above the joint shifts the centre of pressure by V h (f1, f2) / N. If friction depends
+on the pressure, the limit load solves V = limit(pressure at V); if the centre of pressure reaches the edge of the joint
+first, the block overturns. The paper's formulas assume h = 0.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def overturning_load(
 ) -> float:
     """V at which the centre of pressure reaches the edge of the points or of the polygon; inf if it never does.
 
-    ``overturning`` (2,) in N m per unit of V is the sum of h_i (f1, f2)_i over the loads; ``centre`` is where N acts at
-    V = 0.
+    ``overturning`` (2,) in N m per unit of V is the sum of h_i (f1, f2)_i over the loads; ``centre`` is the centre of
+    pressure at V = 0.
     """
     start = formulation.middle if centre is None else np.asarray(centre, float)
     shift = np.asarray(overturning, float) / normal_force
@@ -52,8 +52,8 @@ def limit_load_at_height(
 ) -> LimitLoad:
     """Limit multiplier of a load (f1, f2, m) about O acting ``height`` above the joint, by sliding or overturning.
 
-    ``overturning`` (2,) replaces height * (f1, f2) where several loads act at different heights. ``centre`` is where
-    the normal force acts at V = 0, dead loads included. The first V from below that meets the limit is returned.
+    ``overturning`` (2,) replaces height * (f1, f2) if several loads act at different heights. ``centre`` is the centre
+    of pressure at V = 0, including dead loads. The lowest V that meets the limit is returned.
     """
     load = np.asarray(load, float)
     start = formulation.middle if centre is None else np.asarray(centre, float)
@@ -72,7 +72,7 @@ def limit_load_at_height(
     if not formulation.follows_pressure or not lever.any():
         sliding = limit_load(formulation.law(normal_force, start), load, dead_load)
         return sliding if sliding.V <= V_tip else tipped
-    # no distribution of N bears more than V_0 = c A + mu N in translation
+    # no distribution of N carries more than V_0 = c A + mu N in translation
     force = float(np.hypot(*load[:2]))
     bound = np.inf
     if force > 0.0:
@@ -82,8 +82,8 @@ def limit_load_at_height(
     below, excess_below = 0.0, limit(0.0).V
     steps = np.linspace(0.0, end, _SCAN + 1)[1:]
     if excess_below > 0.0:
-        # While all of the joint is pressed, the pressure is linear in V, so that the limit, the least of D / (f . q)
-        # over all twists, is concave in it: it comes down to V but once.
+        # While the whole joint is pressed, the pressure is linear in V. The limit, the minimum of D / (f . q) over all
+        # twists, is then concave in V and crosses V only once.
         linear = formulation.parts is None or formulation.pressure == "linear"
         closed = min(closed_until(formulation, normal_force, start, lever), end) if linear else 0.0
         steps = np.concatenate([[closed] if closed > 0.0 else [], steps[steps > closed]])
@@ -100,9 +100,9 @@ def limit_load_at_height(
 
 
 def _before_tipping(limit: Callable[[float], LimitLoad], V_tip: float) -> tuple[float, float]:
-    """A V as close to ``V_tip`` as a pressure can be found for, and how far the limit lies above it (N).
+    """A V as close to ``V_tip`` as possible for which a pressure can be found, and the excess of the limit over it (N).
 
-    A joint of several parts that tips about an edge of its hull is pressed at a few corners only.
+    A joint of several parts that tips about an edge of its hull is pressed at few corners only.
     """
     for short in _SHORT_OF_TIPPING[:-1]:
         V = V_tip * (1.0 - short)
@@ -122,7 +122,7 @@ def closed_until(
         moments = (phi * formulation.areas[:, None]).T @ phi
     else:
         moments = sum(moment_matrix(part) for part in formulation.parts)
-    if np.linalg.matrix_rank(moments) < 3:  # points in a line
+    if np.linalg.matrix_rank(moments) < 3:  # collinear points
         return 0.0
     thrust = normal_force * np.array([1.0, *centre])
     ends = np.linalg.solve(moments, np.array([thrust, [0.0, *lever]]).T)
@@ -134,7 +134,7 @@ def closed_until(
 
 
 def _root(f, x_0: float, f_0: float, x_1: float, f_1: float) -> float:
-    """Zero of f between x_0 and x_1 of opposite signs, to rounding: false position with halving (Illinois)."""
+    """Zero of f between x_0 and x_1 with opposite signs, to rounding: false position with halving (Illinois)."""
     tolerance = 2e-14 * max(abs(x_0), abs(x_1))
     for _ in range(100):
         if f_1 == 0.0:

@@ -2,7 +2,7 @@
 
 Source: "Formulating the Torsion Strength of Dry-Stacked Stone Blocks by Comparing Convex and Concave Contact
 Formulations and Experimental Results", Tables 1 to 3. Two dry tuff blocks of 0.3 x 0.2 x 0.1 m, joint 0.3 x 0.2 m under
-467 N; horizontal forces along y in the mid-plane of the upper block. The friction is not printed there: 0.64 was
+467 N; horizontal forces along y in the mid-plane of the upper block. The paper does not state the friction: 0.64 was
 inferred from the analytical columns of Table 3, which it reproduces within 0.6 N.
 """
 
@@ -11,14 +11,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 FRICTION = 0.64
-MID_HEIGHT = 0.05  # m, of the jacks above the joint
+MID_HEIGHT = 0.05  # m, height of the jacks above the joint
 
 
 class LabSet(NamedTuple):
-    """One set of tests: its arm or eccentricity over a, measured V, and V printed for two formulations (N)."""
+    """One set of tests: arm or eccentricity over a, measured V, and the printed V of two formulations (N)."""
 
     name: str
-    loading: str  # "couple" of two jacks, or a "single" one
+    loading: str  # "couple" of two jacks, or "single" jack
     arm_over_a: float  # arm of the couple, or eccentricity of the single force
     experiment: float
     printed: dict[str, float]

@@ -1,4 +1,4 @@
-"""Plane geometry that the theory needs: moments, clipping, hulls. Polygons are (m, 2) arrays in joint axes, in m."""
+"""Plane geometry for the theory: moments, clipping, hulls. Polygons are (m, 2) arrays in joint axes, in m."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from dembrick.errors import ScenarioError
 
-_SAME = 1e-12  # of a polygon's size: corners, or a corner and an edge, that lie no further apart
+_SAME = 1e-12  # of a polygon's size: smaller distances between corners, or corner and edge, are zero
 
 
 def as_polygon(vertices: ArrayLike) -> np.ndarray:
-    """The vertices as a counter-clockwise (m, 2) float array; refuses what has no area."""
+    """The vertices as a counter-clockwise (m, 2) float array; refuse a polygon without area."""
     polygon = np.array(vertices, dtype=float)
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not np.isfinite(polygon).all():
         raise ScenarioError("a polygon needs at least three vertices with two finite coordinates each")
@@ -61,7 +61,7 @@ def centroid(parts: Sequence[np.ndarray]) -> np.ndarray:
 def clip(polygon: np.ndarray, normal: ArrayLike, offset: float) -> np.ndarray:
     """The part of the polygon where normal . r + offset >= 0, as a (k, 2) array; k = 0 if there is none.
 
-    A non-convex polygon may come back with edges that run to and fro along the line; its integrals are right.
+    For a non-convex polygon the result may have edges that coincide along the line; its integrals are correct.
     """
     level = polygon @ np.asarray(normal, float) + offset
     kept = []
@@ -112,9 +112,9 @@ def convex_hull(points: ArrayLike) -> np.ndarray:
 
 
 def distance_to_exit(hull: np.ndarray, start: ArrayLike, direction: ArrayLike) -> float:
-    """How many times ``direction`` fits from ``start`` to the boundary of a convex hull: inf if it never leaves.
+    """Multiple of ``direction`` from ``start`` to the boundary of a convex hull: inf if the ray never leaves the hull.
 
-    Negative when ``start`` is outside already. Corners that differ by rounding are one: no edge lies between them.
+    Negative if ``start`` is outside already. Corners that differ by rounding are merged: no edge lies between them.
     """
     start, direction = np.asarray(start, float), np.asarray(direction, float)
     edges, size = np.roll(hull, -1, axis=0) - hull, float(np.ptp(hull, axis=0).max())

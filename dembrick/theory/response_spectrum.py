@@ -1,4 +1,4 @@
-"""Response spectrum of a record of the ground: the greatest that linear oscillators of many periods do under it."""
+"""Response spectrum of a ground motion: peak response of linear oscillators over a range of periods."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 
-_A_PERIOD = 40  # steps of the shortest period, at the least: a peak between two is missed by 0.3 %
+_A_PERIOD = 40  # least number of steps per shortest period: a peak between two steps is missed by at most 0.3 %
 
 
 class Spectrum(NamedTuple):
-    """``period`` (k,) s, and of oscillators with these the greatest ``displacement`` (k,) m against the ground;
-    ``damping`` of critical."""
+    """Peak ``displacement`` (k,) m relative to the ground of oscillators with ``period`` (k,) s; ``damping``: fraction
+    of critical."""
 
     period: np.ndarray
     displacement: np.ndarray
@@ -21,17 +21,17 @@ class Spectrum(NamedTuple):
 
     @property
     def pseudo_acceleration(self) -> np.ndarray:
-        """omega^2 times the displacement (m/s2): force over mass in the spring."""
+        """omega^2 times the displacement (m/s2): spring force per mass."""
         return (2.0 * np.pi / self.period) ** 2 * self.displacement
 
 
 def response_spectrum(time, acceleration, period, damping: float = 0.05) -> Spectrum:
-    """The spectrum of accelerations (T,) m/s2 of the ground at ``time`` (T,) s, straight between them and zero after
-    them, at each ``period`` (k,) s; ``damping`` of critical, below 1.
+    """The spectrum of ground accelerations (T,) m/s2 at ``time`` (T,) s, linear between these and zero afterwards, at
+    each ``period`` (k,) s; ``damping``: fraction of critical, below 1.
 
-    Exact steps for a straight piece of acceleration (Nigam and Jennings, Bull. Seism. Soc. Am. 59, 1969), so short that
-    no peak is missed by more than 0.3 %; what swings on after the record has its greatest peak in closed form.
-    ScenarioError for values that are none.
+    Steps are exact for linear segments of acceleration (Nigam and Jennings, Bull. Seism. Soc. Am. 59, 1969), and so
+    short that no peak is missed by more than 0.3 %; the peak of the free vibration after the record is in closed form.
+    Raises ScenarioError for invalid values.
     """
     t, a, T = (np.asarray(values, float) for values in (time, acceleration, period))
     if not (len(t) > 1 and t.shape == a.shape and (np.diff(t) > 0.0).all() and np.isfinite(a).all()):
@@ -52,24 +52,24 @@ def response_spectrum(time, acceleration, period, damping: float = 0.05) -> Spec
 
 
 def _free_peak(period: np.ndarray, damping: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """The greatest displacement (k,) m of oscillators that are left to themselves at u (m) with v (m/s): where they
-    turn first, if not at the start, since what follows is damped."""
+    """Peak displacement (k,) m of a free vibration from u (m) and v (m/s): that at the start or at the first reversal,
+    as later ones are damped."""
     w = 2.0 * np.pi / period
     free = w * np.sqrt(1.0 - damping**2)
-    # u(t) = exp(-damping w t) (u cos + (v + damping w u) / free sin), whose rate is zero at
+    # u(t) = exp(-damping w t) (u cos + (v + damping w u) / free sin), whose derivative is zero at
     turn = np.mod(np.arctan2(v * free, w * (w * u + damping * v)), np.pi)
     swing = u * np.cos(turn) + (v + damping * w * u) / free * np.sin(turn)
     return np.maximum(np.abs(u), np.exp(-damping * w / free * turn) * np.abs(swing))
 
 
 def _steps(period: np.ndarray, damping: float, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How displacement and velocity after a step of ``h`` (s) follow from those before it (2, 2, k), from the ground's
-    acceleration before it (2, k) and from that after it (2, k)."""
+    """Matrices of a step of ``h`` (s): from displacement and velocity before it (2, 2, k), from the ground acceleration
+    before it (2, k), and from that after it (2, k)."""
     w = 2.0 * np.pi / period
     free = w * np.sqrt(1.0 - damping**2)
     decay, s, c = np.exp(-damping * w * h), np.sin(free * h), np.cos(free * h)
     forth = decay * np.array([[c + damping * w / free * s, s / free], [-(w**2) / free * s, c - damping * w / free * s]])
-    # under -(a0 + (a1 - a0) t / h) the particular motion is p + q t
+    # under -(a0 + (a1 - a0) t / h) the particular solution is p + q t
     q = -np.array([-1.0, 1.0])[:, None] / (h * w**2)
     p = -np.array([1.0, 0.0])[:, None] / w**2 - 2.0 * damping / w * q
     end = np.stack([p + q * h, q], axis=1)  # (2 accelerations, 2, k)
