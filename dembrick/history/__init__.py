@@ -1,9 +1,8 @@
-"""History files (HDF5): written as the run goes, readable at any moment, also after a kill.
+"""History files (HDF5): written during the run, readable at any time, also after a kill.
 
-A file that is being written has all its datasets from the start, longer than needed. New rows are put into the
-reserved space with plain writes, then the count in ``/written`` is raised: HDF5's own structure, which no system
-writes in one piece, is never touched while the run goes on. Growing past the reserved space and finishing make a new
-file beside the old one and rename it.
+A file in progress has all its datasets from the start, longer than needed. New rows go into the reserved space by plain
+writes, then the count in ``/written`` is increased. HDF5's own structure, which cannot be updated atomically, is never
+modified during the run. To extend the reserved space, and to finish, a new file is made beside the old one and renamed.
 """
 
 from dembrick.history import recorded
@@ -16,7 +15,7 @@ from dembrick.history.products import is_ours, product, refuse_foreign, refuse_i
 from dembrick.history.reader import History, is_of, read
 from dembrick.history.writer import OWN, HistoryWriter
 
-read_history = read  # its name at the top of the package
+read_history = read  # name at the top level of the package
 
 __all__ = [
     "OWN",

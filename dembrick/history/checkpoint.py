@@ -1,9 +1,9 @@
-"""Checkpoints: all that a run goes on from, in two small files beside its history that are written in turn.
+"""Checkpoints: the data from which a run restarts, in two small files beside its history that are written in turn.
 
-``FILE.h5.checkpoint-0`` and ``-1`` are zip archives of arrays, as ``numpy.savez`` makes them. Each is written under
-another name, put on the disk and then renamed, so that a kill or a power cut leaves the last one or the one before.
-They are read as files that anyone may have made: nothing is unpickled, no array is taken that has not the shape and
-the type it must have, and the checksums of all of them are right.
+``FILE.h5.checkpoint-0`` and ``-1`` are zip archives of arrays, as written by ``numpy.savez``. Each is written under
+another name, synced to disk and then renamed, so that after a kill or a power cut the last or the one before is intact.
+Reading does not trust them: nothing is unpickled, arrays must have the expected shape and type, and all checksums are
+verified.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ FORMAT = 2
 _ABOUT = "about"
 _MOST_ARRAYS = 1000
 _LONGEST_LINE = 100  # characters
-# RuntimeError: zipfile, also of a way of packing that a flipped byte makes of it
+# RuntimeError: from zipfile, also if a flipped byte gives an unknown compression method
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 class Checkpoint:
-    """One checkpoint, whole and right; ``about`` says what was going on."""
+    """A complete and verified checkpoint; ``about`` describes the run at that time."""
 
     def __init__(self, path: str):
-        """Raises HistoryError if the file is damaged, or not one of ours."""
+        """Raises HistoryError if the file is damaged, or not written by this package."""
         self.path = path
         try:
             self._read_about()
@@ -67,7 +67,7 @@ class Checkpoint:
         return name in self._names
 
     def array(self, name: str, like: np.ndarray) -> np.ndarray:
-        """The array ``name``, which must have the shape and the type of ``like``; HistoryError otherwise."""
+        """The array ``name``; HistoryError unless it has the shape and the type of ``like``."""
         try:
             with np.load(self.path, allow_pickle=False) as archive:
                 found = np.asarray(archive[name])
@@ -80,7 +80,7 @@ class Checkpoint:
 
 
 def _line(error: BaseException) -> str:
-    """Text of an error, in short."""
+    """Text of an error, shortened to one line."""
     return (str(error).splitlines() or [type(error).__name__])[0][:100]
 
 
@@ -92,7 +92,7 @@ class Checkpoints:
         self._next = self._number = 0
 
     def save(self, arrays: Mapping[str, np.ndarray], about: Mapping) -> None:
-        """Write a checkpoint in the place of the older one; WriteError if that fails, and then both are kept."""
+        """Write a checkpoint in place of the older one; raise a WriteError if that fails, with both old ones intact."""
         path = self.paths[self._next]
         text = json.dumps({"format": FORMAT, "number": self._number + 1, **about}).encode()
         arrays = {name: np.asarray(value, order="C") for name, value in arrays.items()}
@@ -106,11 +106,11 @@ class Checkpoints:
         self._next, self._number = 1 - self._next, self._number + 1
 
     def existing(self) -> list[str]:
-        """Those of the two files that are there."""
+        """Those of the two files that exist."""
         return [path for path in self.paths if os.path.exists(path)]
 
     def newest(self, run: str) -> tuple[Checkpoint | None, list[str]]:
-        """The last good checkpoint of the run with that name, and why others could not be used.
+        """The last valid checkpoint of the run with that name, and reasons why others are unusable.
 
         The next ``save`` replaces the other file.
         """
@@ -134,9 +134,9 @@ class Checkpoints:
         return checkpoint, faults
 
     def discard(self) -> None:
-        """Remove both: the run is over."""
+        """Remove both files at the end of the run."""
         for path in self.paths:
             with suppress(OSError):
                 os.unlink(path)
-            clear_parts(path)  # of a process that was killed while it wrote one
+            clear_parts(path)  # of a process that was killed while writing
         self._next = self._number = 0

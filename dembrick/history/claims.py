@@ -1,6 +1,6 @@
-"""One writer a file: a second run that would write the same history is refused while the first one goes on.
+"""One writer per file: a second run that would write the same history is refused while the first is running.
 
-The lock is that of the system, see `_file_locks`.
+It uses a lock of the operating system, see `_file_locks`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ _NO_LINKS = getattr(os, "O_NOFOLLOW", 0)  # Windows has no such flag
 
 @contextmanager
 def claimed(path: str | os.PathLike) -> Iterator[None]:
-    """Within, no other process writes the file ``path``; OutputError if one does.
+    """Context in which no other process writes the file ``path``; raise an OutputError if one does.
 
-    A lock on a hidden neighbour, which the system lets go of when a process dies. Where the disk knows no locks, or
-    cannot be written, nothing is claimed.
+    The lock is on a hidden file beside it and ends with the process. On a disk without locks, or one that cannot be
+    written, there is no protection.
     """
     folder, name = os.path.split(os.path.realpath(path))
     neighbour = os.path.join(folder, f".{name}.lock")
@@ -30,15 +30,15 @@ def claimed(path: str | os.PathLike) -> Iterator[None]:
     finally:
         if lock is not None:
             with suppress(OSError):
-                os.unlink(neighbour)  # before it is let go of: who opened it meanwhile finds it gone, and makes another
+                os.unlink(neighbour)  # before unlocking: a process that has opened it finds it gone and makes another
             os.close(lock)
-            if os.name == "nt":  # there an open file cannot be removed, nor one that the next writer has opened
+            if os.name == "nt":  # Windows cannot remove an open file, also if the next writer has opened it
                 with suppress(OSError):
                     os.unlink(neighbour)
 
 
 def _locked(neighbour: str, path: str) -> int | None:
-    """An open and locked file, None if that is impossible."""
+    """Open and lock a file; None if that is impossible."""
     while True:
         try:
             lock = os.open(neighbour, os.O_RDWR | os.O_CREAT | _NO_LINKS, 0o600)
@@ -54,7 +54,7 @@ def _locked(neighbour: str, path: str) -> int | None:
                 f"{path}: another run is writing this file; wait until it is over, or choose another name"
             ) from None
         except FileNotFoundError:
-            pass  # its last holder removed it in between
+            pass  # its last owner removed it in between
         except OSError:
             os.close(lock)
             return None

@@ -1,7 +1,7 @@
-"""Files that appear whole or not at all: checks of an output path, and writing under a temporary name.
+"""Atomic file output: checks of an output path, and writing under a temporary name.
 
-Everything the package leaves behind goes through :func:`replacing`: the bytes are written to a hidden neighbour
-``.NAME.PID.part`` which takes the final name only when it is complete.
+All output of the package goes through :func:`replacing`: the bytes are written to a hidden file ``.NAME.PID.part`` in
+the same folder, which is renamed when it is complete.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dembrick.history import products
 
 
 def reason(error: BaseException) -> str:
-    """The operating system's words for a failed write, also out of HDF5's long messages."""
+    """The operating system's words for a failed write, extracted from HDF5's long messages if need be."""
     found = re.search(r"errno = (\d+)", str(error))
     if found:
         return os.strerror(int(found.group(1)))
@@ -26,15 +26,15 @@ def reason(error: BaseException) -> str:
 
 
 def part_name(path: str) -> str:
-    """The temporary neighbour of ``path``, of this process alone."""
+    """Temporary file of this process for ``path``."""
     folder, name = os.path.split(path)
     return os.path.join(folder, f".{name}.{os.getpid()}.part")
 
 
 def clear_parts(path: str) -> None:
-    """Remove the temporary neighbours of ``path`` that killed processes of this machine left behind."""
+    """Remove the temporary files for ``path`` left by killed processes of this machine."""
     folder, name = os.path.split(path)
-    if os.name != "posix":  # where asking for a process may end it
+    if os.name != "posix":  # on Windows, the test whether a process exists may end it
         return
     part = re.compile(re.escape(f".{name}.") + r"([0-9]{1,9})\.part", re.ASCII)
     for found in filter(None, map(part.fullmatch, os.listdir(folder or "."))):
@@ -44,15 +44,15 @@ def clear_parts(path: str) -> None:
             with suppress(OSError):
                 os.unlink(os.path.join(folder, found[0]))
         except OSError:
-            continue  # it lives, and belongs to somebody else
+            continue  # the process exists and belongs to another user
 
 
 def check_output(path: str | os.PathLike) -> str:
-    """The real path behind ``path`` if a file can be written there; its folder is made if missing.
+    """The real path of ``path`` if a file can be written there; its folder is made if missing.
 
-    OutputError if the path makes no sense, if its folder has no parent either (a slip of the pen, as a rule), or if
-    another's file is there (see `products`); WriteError if the system refuses.
-    Whether the folder can be written is tried, not asked: permissions alone do not tell of a read-only disk.
+    Raises OutputError if the path is invalid, if the parent of its folder is missing too (usually a typing error), or
+    if it is a foreign file (see `products`); WriteError if the system refuses. Whether the folder is writable is found
+    out by a trial write: permissions do not reveal a read-only disk.
     """
     real = os.path.realpath(path)
     folder = os.path.dirname(real)
@@ -79,7 +79,7 @@ def check_output(path: str | os.PathLike) -> str:
 
 
 def _make(folder: str, path: str | os.PathLike) -> None:
-    """Make the one ``folder`` that ``path`` lacks."""
+    """Make ``folder``, the only one missing for ``path``."""
     parent = os.path.dirname(folder)
     if not os.path.isdir(parent):
         raise OutputError(f"{path}: the folder {parent} does not exist; make it first or choose another path")
@@ -95,18 +95,18 @@ def _make(folder: str, path: str | os.PathLike) -> None:
 
 @contextmanager
 def writing(path: str | os.PathLike, what: str) -> Iterator[None]:
-    """A failed write becomes a WriteError that names ``what`` was to go to ``path``."""
+    """Turn a failed write into a WriteError, which names ``what`` was to be written to ``path``."""
     try:
         yield
-    except (OSError, RuntimeError) as error:  # HDF5 tells of a failed write by either
+    except (OSError, RuntimeError) as error:  # HDF5 reports a failed write by either
         raise WriteError(f"{path}: the {what} cannot be written ({reason(error)}); choose another path") from error
 
 
 @contextmanager
 def replacing(path: str, sync: bool = False) -> Iterator[str]:
-    """Give a temporary name to write to; on success the file takes the name ``path``, on any error it goes away.
+    """Yield a temporary name to write to; on success the file is renamed to ``path``, on any error it is removed.
 
-    ``sync``: put the bytes on the disk before the rename, so that a power cut cannot leave an empty file.
+    ``sync``: flush the bytes to the disk before the rename, so that a power cut cannot leave an empty file.
     """
     products.refuse_foreign(path, path)
     part = part_name(path)
@@ -121,7 +121,7 @@ def replacing(path: str, sync: bool = False) -> Iterator[str]:
         if sync and os.name == "posix":
             folder = os.open(os.path.dirname(path) or ".", os.O_RDONLY)
             try:
-                os.fsync(folder)  # the new name too
+                os.fsync(folder)  # for the new name too
             finally:
                 os.close(folder)
     except BaseException:
@@ -131,8 +131,8 @@ def replacing(path: str, sync: bool = False) -> Iterator[str]:
 
 
 def write_whole(path: str | os.PathLike, content: bytes | str, what: str) -> None:
-    """Write a file at once; ``what`` it is, "page", for the WriteError if that fails."""
+    """Write a file at once; ``what`` is its name, "page", in the WriteError if that fails."""
     target = check_output(path)
     with writing(path, what), replacing(target) as part, open(part, "wb") as file:
-        # names of files are text in which Python keeps bytes that its locale does not know
+        # file names are text in which Python escapes bytes that its locale cannot decode
         file.write(content.encode(errors="surrogateescape") if isinstance(content, str) else content)

@@ -1,8 +1,8 @@
-"""Reading an HDF5 file that anyone may have made: nothing outside the file is opened, nothing absurd is allocated.
+"""Safe reading of untrusted HDF5 files: no other file is opened and no excessive memory is allocated.
 
-Every function raises HistoryError with one sentence. Refused are links that are not plain members of the file (soft,
+Every function raises HistoryError with one sentence. Refused are links other than plain members of the file (soft,
 external), data stored in other files (external storage, virtual datasets), filters that would load a plug-in, shapes
-and types other than ours, and sizes that the bytes in the file cannot hold.
+and types other than expected, and sizes that the bytes in the file cannot contain.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from h5py import h5a, h5d, h5g, h5l, h5t, h5z
 from dembrick.errors import HistoryError
 from dembrick.history.hdf5_files import check_heaps
 
-MAX_READ = 4 << 30  # bytes of one read: a longer one is a mistake or an attack
-_CACHE = 1 << 20  # bytes of unpacked chunks kept for each dataset; some versions of HDF5 would keep eight times that
+MAX_READ = 4 << 30  # bytes of one read: anything longer is a mistake or an attack
+_CACHE = 1 << 20  # bytes of uncompressed chunks cached per dataset; some versions of HDF5 would cache eight times that
 _FILTERS = {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}
-_GZIP_BOUND = 1100  # no gzip stream expands more than 1032 times
+_GZIP_BOUND = 1100  # largest compression ratio: gzip reaches at most 1032
 _KINDS = {"number": (h5t.FLOAT, h5t.INTEGER), "integer": (h5t.INTEGER,), "text": (h5t.STRING,)}
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError, AttributeError)
 
 
 @contextmanager
 def damaged(path: str, what: str) -> Iterator[None]:
-    """Turn whatever HDF5 raises on broken bytes into one sentence."""
+    """Turn any error of HDF5 on damaged bytes into one sentence."""
     try:
         yield
     except _DAMAGE as error:
@@ -37,10 +37,10 @@ def damaged(path: str, what: str) -> Iterator[None]:
 
 
 def open_file(path: str | os.PathLike) -> h5py.File:
-    """Open for reading, while a run may go on writing the file: its writer heeds no lock.
+    """Open for reading, even while a run is writing the file, as its writer ignores locks.
 
-    As h5py opens by itself, or HDF5 would not let a second `h5py.File` of the same process have the file beside ours;
-    and without a lock where one is not to be had, or the file is open without one already.
+    The lock is h5py's default: otherwise HDF5 would refuse a second `h5py.File` of the same process for this file. If
+    no lock is available, or the file is open without one already, it is opened without.
     """
     path = os.fspath(path)
     if not os.path.exists(path):
@@ -68,7 +68,7 @@ def open_file(path: str | os.PathLike) -> h5py.File:
 
 
 def attribute(owner: h5py.File | h5py.Dataset, name: str) -> str | int | None:
-    """A scalar text or integer attribute of the root or a dataset, None if it is missing or anything else."""
+    """A scalar text or integer attribute of the root or a dataset; None if it is missing or of another type."""
     with damaged(owner.file.filename, f"the attribute {name!r}"):
         if not h5a.exists(owner.id, name.encode()):
             return None
@@ -80,7 +80,7 @@ def attribute(owner: h5py.File | h5py.Dataset, name: str) -> str | int | None:
 
 
 def exists(file: h5py.File, name: str) -> bool:
-    """Whether the root has a member of that name, of whatever kind."""
+    """Whether the root has a member of that name, of any type."""
     with damaged(file.filename, name):
         root = _group(file, "")
         return bool(root.links.exists(name.encode()))
@@ -100,7 +100,7 @@ def members(file: h5py.File, path: str) -> list[str]:
 
 
 def dataset(file: h5py.File, path: str, kind: str, shape: tuple[int | None, ...]) -> h5py.Dataset:
-    """Open the dataset ``path`` if it is stored in this file, with numbers or text of that shape (None: any length)."""
+    """Open the dataset ``path``; it must be stored in this file, with numbers or text of that shape (None: any)."""
     where = f"{file.filename}: {path}"
     with damaged(file.filename, path):
         parent, _, name = path.rpartition("/")
@@ -114,13 +114,13 @@ def dataset(file: h5py.File, path: str, kind: str, shape: tuple[int | None, ...]
         ):
             wanted = " x ".join("any" if n is None else str(n) for n in shape)
             raise HistoryError(f"{where} has the shape {data.shape}; {wanted or 'a single value'} was expected")
-        # of the file that is open: by now a run may have put another, smaller one in its place
+        # of the open file: a run may have replaced it by a smaller one
         _check_storage(data, where, os.fstat(file.id.get_vfd_handle()).st_size)
         return h5py.Dataset(data)
 
 
 def values(data: h5py.Dataset, start: int = 0, stop: int | None = None) -> np.ndarray:
-    """Entries start to stop along the first axis, nothing else of the dataset."""
+    """Read entries start to stop along the first axis only."""
     count = (data.shape[0] if stop is None else stop) - start
     size = count * data.dtype.itemsize * math.prod(data.shape[1:])
     if size > MAX_READ:
@@ -148,7 +148,7 @@ def _plain_link(file, group, name: bytes, path: str) -> None:
 
 
 def _group(file, path: str):
-    """Walk down by plain members only, so that no link is ever followed."""
+    """Open a group by plain members only, so that no link is followed."""
     group = h5g.open(file.id, b"/")
     for name in filter(None, path.split("/")):
         _plain_link(file, group, name.encode(), path)

@@ -1,15 +1,14 @@
-"""Writing HDF5 files so that a disk that fills up is an error and no crash.
+"""Writing HDF5 files so that a full disk is an error and not a crash; and a check of heaps before reading.
 
-HDF5 keeps what it has not yet written when a write fails, fails once more on closing, and the process dies. So it never
-writes to the disk itself: its bytes pass through a Python file that takes every one of them and remembers the first
-failure, which is raised once HDF5 has closed the file in peace.
+When a write fails, HDF5 keeps the unwritten data, fails again on closing, and the process dies. Therefore HDF5 never
+writes to the disk itself: its bytes go through a Python file that accepts all of them and stores the first failure,
+which is raised after HDF5 has closed the file.
 
-The heaps in which an HDF5 file keeps its texts, looked through before HDF5 is asked for one.
-
-HDF5 (2.0) trusts the sizes in a heap: one damaged byte there may send it round for ever, where any
-other damage is an error. A heap is a run of objects, each with a header of 16 bytes: its number (2 bytes), how often it
-is referred to (2), 4 bytes of nothing, its size (8); the size is rounded up to a multiple of 8. Number 0 is what is
-free, header included, up to the end of the heap ("Global Heap" of the HDF5 File Format Specification, version 3).
+The heaps in which an HDF5 file stores its texts are checked before HDF5 reads from one: HDF5 (2.0) trusts the sizes in
+a heap, and one damaged byte can make it loop forever, where any other damage is an error. A heap is a sequence of
+objects, each with a header of 16 bytes: its number (2 bytes), its reference count (2), 4 reserved bytes, its size (8);
+the size is rounded up to a multiple of 8. Number 0 is the free space, including its header, up to the end of the heap
+("Global Heap" of the HDF5 File Format Specification, version 3).
 """
 
 from __future__ import annotations
@@ -24,17 +23,17 @@ import h5py
 
 from dembrick.errors import HistoryError
 
-_READABLE = ("v108", "v108")  # by any HDF5 in use; and no marks of a file that is open for writing
+_READABLE = ("v108", "v108")  # format that every HDF5 in use reads, without marks of files open for writing
 
 
 class Patient:
-    """A file that HDF5 writes through: after a write that failed the rest is kept in memory, for HDF5 to read again."""
+    """A file through which HDF5 writes: after a failed write, further data stays in memory for HDF5 to read again."""
 
     def __init__(self, path: str | os.PathLike, mode: str):
-        """``mode``: "w" for a new file, "r+" for one that is there."""
+        """``mode``: "w" for a new file, "r+" for an existing one."""
         self._file = open(path, {"w": "w+b", "r+": "r+b"}[mode], buffering=0)  # noqa: SIM115 - closed by `close`
         self._place = 0
-        self._kept: dict[int, bytes] = {}  # by place in the file
+        self._kept: dict[int, bytes] = {}  # by offset in the file
         self.failure: OSError | None = None
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
@@ -45,7 +44,7 @@ class Patient:
         return self._place
 
     def readinto(self, buffer) -> int:
-        """Fill a buffer; beyond the end of the file with zeros."""
+        """Fill a buffer; with zeros beyond the end of the file."""
         view = memoryview(buffer).cast("B")
         kept = self._kept.get(self._place, b"")[: len(view)]
         view[: len(kept)] = kept
@@ -62,7 +61,7 @@ class Patient:
         return self._file.read(size)
 
     def write(self, data) -> int:
-        """Write all of it, or remember why that failed."""
+        """Write all data, or store the reason for a failure."""
         rest = memoryview(data).cast("B")
         if self.failure is None:
             try:
@@ -86,28 +85,28 @@ class Patient:
         return size
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """No effect: writes are not buffered."""
 
     def close(self) -> None:
         """Close the file on the disk."""
         self._file.close()
 
     def check(self) -> None:
-        """Raise the first failure."""
+        """Raise the first failure, if any."""
         if self.failure is not None:
             raise self.failure
 
 
 def _without_trace(error: OSError) -> OSError:
-    """The same error alone: a trace would hold on to objects of HDF5 until after Python's end, where they crash."""
+    """A copy of the error without traceback, which would keep HDF5 objects until Python exits and crash there."""
     return OSError(error.errno, error.strerror)
 
 
 @contextmanager
 def rewritten(path: str | os.PathLike, mode: str = "w") -> Iterator[tuple[h5py.File, Callable[[], None]]]:
-    """An HDF5 file to write, new ("w") or there already ("r+"), and a function that raises OSError once a write failed.
+    """Open an HDF5 file for writing, new ("w") or existing ("r+"); also yield a function that raises a failed write.
 
-    It is raised at the end in any case; long writers ask in between, so that little is kept in memory.
+    A failure (OSError) is raised at the end in any case; long writers check in between, so that little stays in memory.
     """
     patient = Patient(path, mode)
     try:
@@ -123,11 +122,11 @@ _HEADER = 16
 _CHUNK = 1 << 20
 _SEARCHED = (
     32 << 20
-)  # bytes at either end of a file; heaps come first, when it is laid out, and last, when it is closed
+)  # bytes at either end of a file; heaps are at the start, made with the layout, and at the end, made on closing
 
 
 def check_heaps(path: str) -> None:
-    """Raise HistoryError if a heap of the file ``path`` does not end where it should."""
+    """Raise a HistoryError if a heap of the file ``path`` does not end where it should."""
     with open(path, "rb") as file:
         for start in _starts(file):
             if not _ends_well(file, start):
@@ -135,7 +134,7 @@ def check_heaps(path: str) -> None:
 
 
 def _starts(file) -> Iterator[int]:
-    """Where heaps start."""
+    """Offsets of heaps."""
     size = file.seek(0, os.SEEK_END)
     for first, last in ((0, min(size, _SEARCHED)), (max(_SEARCHED, size - _SEARCHED), size)):
         for begin in range(first, last, _CHUNK):
@@ -148,7 +147,7 @@ def _starts(file) -> Iterator[int]:
 
 
 def _ends_well(file, start: int) -> bool:
-    """Whether the objects of the heap at ``start`` fill it."""
+    """Whether the objects of the heap at offset ``start`` fill it exactly."""
     file.seek(start)
     heap = file.read(_HEADER)
     size = struct.unpack_from("<Q", heap, 8)[0] if len(heap) == _HEADER else 0

@@ -1,6 +1,6 @@
-"""Files that a scenario reads, meshes and records in time, as a history holds them: byte by byte, under their names.
+"""Files that a scenario reads (meshes, time histories), stored in its history as bytes under their names.
 
-A file may read others beside it, as a glTF scene does; they are held with it, by their path from its folder.
+A file may refer to others, as a glTF scene does; these are stored too, under their paths relative to its folder.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from dembrick.scenario.files import companions_of, names_of
 if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
-_MOST = 10_000  # files of one history
+_MOST = 10_000  # limit per history
 
 
 class Input(NamedTuple):
-    """One file: ``name`` as the scenario has it, ``place`` from the folder of the file of that name, ``data``."""
+    """One file: ``name`` in the scenario; ``place``, path relative to the folder of the file of that name; ``data``."""
 
     name: str
     place: str
@@ -33,8 +33,8 @@ class Input(NamedTuple):
 
 
 def inputs_of(scenario: Scenario) -> list[Input]:
-    """The files that a scenario names and those that they read; what is no ordinary file is left out, as no run reads
-    it."""
+    """The files that a scenario names and those that these refer to, except any that is not a regular file: no run
+    reads it."""
     found = []
     for name in names_of(scenario):
         path = scenario.path_of(name)
@@ -48,7 +48,7 @@ def inputs_of(scenario: Scenario) -> list[Input]:
 
 
 def tables(inputs: Sequence[Input]) -> list[Table]:
-    """The datasets of a history that hold them; none without files."""
+    """The datasets that store the files in a history; none without files."""
     if not inputs:
         return []
     sizes = np.cumsum([0, *(len(one.data) for one in inputs)], dtype=np.int64)
@@ -62,7 +62,7 @@ def tables(inputs: Sequence[Input]) -> list[Table]:
 
 
 def read_inputs(file) -> list[Input]:
-    """The files in an open history; HistoryError if they are not as `tables` has them, or lead out of a folder."""
+    """The files in an open history; HistoryError if they do not match `tables`, or if a path leaves its folder."""
     if not guard.exists(file, "files"):
         return []
     names, places = (guard.texts(guard.dataset(file, f"files/{key}", "text", (None,))) for key in ("name", "place"))
@@ -78,7 +78,7 @@ def read_inputs(file) -> list[Input]:
 
 
 def unpacked(inputs: Iterable[Input]) -> Mapping[str, str]:
-    """Paths of the files by their names, in a folder that is there as long as this process."""
+    """Write the files to a temporary folder that exists until this process ends; return their paths by name."""
     inputs = list(inputs)
     if not inputs:
         return {}
@@ -90,11 +90,11 @@ def unpacked(inputs: Iterable[Input]) -> Mapping[str, str]:
         os.makedirs(os.path.dirname(path), exist_ok=True)
         with open(path, "wb") as file:
             file.write(one.data)
-        paths.setdefault(one.name, path)  # those that it reads come after it
+        paths.setdefault(one.name, path)  # the files that it refers to follow it
     return paths
 
 
-_FOLDERS: list[tempfile.TemporaryDirectory] = []  # removed as the process ends
+_FOLDERS: list[tempfile.TemporaryDirectory] = []  # removed when the process ends
 
 
 def _inside(place: str) -> bool:

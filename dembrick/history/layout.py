@@ -1,13 +1,13 @@
-"""The layout of a history file: which datasets it has, and how it is made.
+"""The layout of a history file: its datasets, and how the file is created.
 
-A history is one HDF5 file. Numbers that grow with the run are those of the run's channels (``simulation.channels``),
-with one entry a row (``/history``), one a frame (``/frames``), or one for each new contact of a frame
-(``/frames/new_contacts``); what is known at the start is a :class:`Table`. ``/written`` says how many rows and frames
-are valid: in a file that is still being written the growing datasets are longer, and zero beyond.
+A history is one HDF5 file. Numbers that grow with the run are those of its channels (``simulation.channels``), with one
+entry per row (``/history``), per frame (``/frames``), or per new contact of a frame (``/frames/new_contacts``); data
+known at the start are in a :class:`Table` each. ``/written`` holds the numbers of valid rows and frames: in a file in
+progress the growing datasets are longer, and zero beyond.
 
-A frame may have any number of new contacts, those of all frames stand one after the other, and
-``/frames/new_contacts/end`` says for each frame where its own end. So the number of valid ones follows from that of
-the frames, and a file that was cut off by a kill is as whole as its frames are.
+A frame may have any number of new contacts. Those of all frames are stored one after the other, and
+``/frames/new_contacts/end`` contains the end of each frame. The number of valid contacts thus follows from that of the
+frames, and after a kill a file is as complete as its frames are.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _TEXT = h5py.string_dtype()
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A dataset known at the start: numbers (float64, int64, uint8) or a list of strings; ``packed``: compressed."""
+    """A dataset known at the start: numbers (float64, int64, uint8) or list of strings; ``packed``: compressed."""
 
     path: str
     value: np.ndarray
@@ -55,7 +55,7 @@ _STRENGTHS = (
 
 
 def geometry(assembly: Assembly) -> list[Table]:
-    """Blocks, joints and actuators at rest, as far as a picture needs them; ragged lists as values and starts."""
+    """Initial geometry of blocks, joints and actuators, as needed for pictures; ragged lists as values and starts."""
     shapes, joints, points, actuators = assembly.shapes, assembly.joints, assembly.contact_points, assembly.actuators
     faces = [face for shape in shapes for face in shape.faces]
     arms = np.column_stack([points.normal_arm, points.shear_arm, points.area])
@@ -148,11 +148,11 @@ def create(
     attributes: Mapping[str, object],
     packed: Mapping[str, int],
 ) -> dict[str, int]:
-    """Make a file with every dataset in place and closed again; return where each one that grows starts in it.
+    """Create a file with all datasets, and close it; return the offset of each growing dataset.
 
     ``growing``: entries to reserve for each field. They are contiguous and unwritten (a hole on most disks), so that
-    whoever writes into them at the returned offsets never touches the structure of the file. ``packed``: fields to
-    compress instead, with the entries a chunk; they have no offset. With nothing growing there is no count either.
+    writing at the returned offsets never changes the structure of the file. ``packed``: fields to compress instead,
+    with the entries per chunk; they have no offset. If nothing grows there is no count either.
     """
     offsets = {}
 
@@ -188,8 +188,8 @@ def create(
     return offsets
 
 
-# A history has dozens of datasets with two texts each. h5py's calls of the library itself make them in a third of the
-# time of its objects, which every short run would notice.
+# A history has dozens of datasets with two texts each. The low-level calls of h5py create them in a third of the time
+# of its objects, which matters in short runs.
 
 
 def _unwritten() -> h5p.PropDCID:
@@ -200,12 +200,12 @@ def _unwritten() -> h5p.PropDCID:
 
 def _untimed() -> h5p.PropDCID:
     how = h5p.create(h5p.DATASET_CREATE)
-    how.set_obj_track_times(False)  # equal runs make equal files
+    how.set_obj_track_times(False)  # for reproducible files
     return how
 
 
 def _links() -> h5p.PropLCID:
-    """Links of which the groups above a dataset are made with it."""
+    """Link properties that create missing groups above a dataset."""
     links = h5p.create(h5p.LINK_CREATE)
     links.set_create_intermediate_group(True)
     links.set_char_encoding(h5t.CSET_UTF8)
@@ -216,7 +216,7 @@ _LINKS, _SCALAR, _KIND_OF_TEXT = _links(), h5s.create(h5s.SCALAR), h5t.py_create
 
 
 def _dataset(file: h5py.File, name: str, shape: tuple[int, ...], kind: np.dtype, how: h5p.PropDCID) -> h5d.DatasetID:
-    """A new dataset, with the groups above it."""
+    """Create a dataset, and the groups above it."""
     space = h5s.create_simple(shape) if shape else _SCALAR
     return h5d.create(file.id, name.encode(), h5t.py_create(kind, logical=True), space, dcpl=how, lcpl=_LINKS)
 
@@ -228,12 +228,12 @@ def _describe(made: h5d.DatasetID, units: str, description: str) -> None:
 
 @cache
 def _as_text(text: str) -> np.ndarray:
-    """A text as h5py writes it; files name the same few units and descriptions again and again."""
+    """A text as h5py writes it; cached, as files repeat the same few units and descriptions."""
     return np.array(text, dtype=_TEXT)
 
 
 def put(file, position: int, array: np.ndarray) -> None:
-    """Write an array at a place in the file; unbuffered files may take it in pieces."""
+    """Write an array at an offset in the file; unbuffered files may accept only part at a time."""
     rest = memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""
     file.seek(position)
     while len(rest):

@@ -1,9 +1,9 @@
-"""Whose a file is: nothing replaces a file that this program did not write, as the same kind, from the same scenario.
+"""Protection of existing files: one is replaced only by output of the same kind for the same scenario.
 
-Figures, pictures, movies, pages and exports carry a mark at their end, in a remark that their format passes over; a
-table (CSV) or a scenario (TOML) has none and gives way only to the same text. A command states what it makes by
-`product`; then `files.check_output` and `files.replacing` see to it. Outside of one, as in a script of the user's, a
-path is taken as it is given.
+Figures, pictures, movies, pages and exports have a mark at their end, in a comment of their format; a table (CSV) or a
+scenario (TOML) has none and is replaced only by identical text. A command declares its output by `product`, and
+`files.check_output` and `files.replacing` apply the rule. Outside of such a context, as in a user's script, any path is
+accepted.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from dataclasses import dataclass
 from dembrick.errors import OutputError
 
 _TEXTS = (".csv", ".toml")
-_TAIL = 1024  # bytes at the end of a file that are searched for a mark
+_TAIL = 1024  # bytes at the end of a file in which a mark is searched for
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True)
 class Product:
-    """Product of a command: its ``mark``, the files that it reads, and whether it may replace whatever is there."""
+    """Output of a command: its ``mark``, the files that it reads, and whether it may replace any file."""
 
     mark: bytes
     inputs: tuple[str, ...]
@@ -38,8 +38,8 @@ _making: ContextVar[Product | None] = ContextVar("product", default=None)
 
 @contextmanager
 def product(kind: str, texts: Iterable[str], inputs: Iterable[str | os.PathLike] = (), force: bool = False) -> Iterator:
-    """Within, files are written as ``kind`` ("curve", "page") from the scenarios ``texts``; ``inputs`` stay as they
-    are, and with ``force`` anything else may be replaced."""
+    """Context in which files are output of ``kind`` ("curve", "page") for the scenarios ``texts``; ``inputs`` must not
+    be overwritten, and with ``force`` any other file may be replaced."""
     digest = hashlib.sha256("\0".join(sorted(texts)).encode("utf-8", "backslashreplace")).hexdigest()[:16]
     given = Product(f"dembrick {kind} {digest}".encode(), tuple(map(os.fspath, inputs)), force)
     token = _making.set(given)
@@ -50,8 +50,7 @@ def product(kind: str, texts: Iterable[str], inputs: Iterable[str | os.PathLike]
 
 
 def is_ours(target: str) -> bool:
-    """Whether nothing is lost where the product of now takes the place of ``target``: it is not there, or empty, or
-    carries the mark."""
+    """Whether the current output may replace ``target`` without loss: it does not exist, is empty, or has the mark."""
     making = _making.get()
     if making is None or making.force or not os.path.exists(target) or os.path.getsize(target) == 0:
         return True
@@ -61,17 +60,17 @@ def is_ours(target: str) -> bool:
 
 
 def refuse_foreign(path: str | os.PathLike, target: str) -> None:
-    """OutputError if ``target``, the file behind ``path``, is not for the product of now to replace."""
+    """Raise an OutputError if the current output must not replace ``target``, the file behind ``path``."""
     making = _making.get()
     if making is None:
         return
     refuse_inputs(path, target, making.inputs)
-    if not _is_text(target) and not is_ours(target):  # texts are told apart when the new one is there
+    if not _is_text(target) and not is_ours(target):  # texts are compared when the new one is written
         raise OutputError(_other(path))
 
 
 def refuse_inputs(path: str | os.PathLike, target: str, inputs: Iterable[str]) -> None:
-    """OutputError if ``target`` is one of the files that are read."""
+    """Raise an OutputError if ``target`` is one of the files that are read."""
     for file in inputs:
         if os.path.exists(target) and os.path.exists(file) and os.path.samefile(target, file):
             raise OutputError(
@@ -80,7 +79,7 @@ def refuse_inputs(path: str | os.PathLike, target: str, inputs: Iterable[str]) -
 
 
 def refuse_other_text(target: str, part: str) -> None:
-    """OutputError if ``target`` is a text that says something else than the new one, ``part``."""
+    """Raise an OutputError if the text in ``target`` differs from the new one, ``part``."""
     making = _making.get()
     if making is None or making.force or not _is_text(target) or not os.path.exists(target):
         return
@@ -100,7 +99,7 @@ def _other(path: str | os.PathLike) -> str:
 
 
 def sign(target: str, part: str) -> None:
-    """Put the mark at the end of the new file ``part``, as remarks are written in the format of ``target``."""
+    """Append the mark to the new file ``part``, as a comment in the format of ``target``."""
     making = _making.get()
     ending = os.path.splitext(target)[1].lower()
     if making is None or ending in (*_TEXTS, ".vtu"):
@@ -119,8 +118,8 @@ def sign(target: str, part: str) -> None:
             file.write(size + chunk + check + _PNG_END)
         elif ending == ".gif":
             file.seek(-1, os.SEEK_END)
-            file.write(b"!\xfe" + bytes([len(mark)]) + mark + b"\0;")  # a comment, then the end again
+            file.write(b"!\xfe" + bytes([len(mark)]) + mark + b"\0;")  # a comment, then the trailer again
         elif ending == ".mp4":
             file.write((8 + len(mark)).to_bytes(4, "big") + b"free" + mark)
         else:
-            file.write(mark)  # HDF5 knows where its file ends
+            file.write(mark)  # HDF5 ignores bytes after its end of file

@@ -1,4 +1,4 @@
-"""Reading a history: lazily, never more than was asked for, also while a run is still writing it."""
+"""Reading a history: lazily, no more than requested, also while a run is still writing it."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
 _SEARCHING = (LIMIT_LOAD.name, PATH_FOLLOWING.name)
-_COUNTING = {regime.name for regime in REGIMES if regime.counts_equilibria}  # but with a law of the user's own
-_FOUND = (YIELD, COLLAPSE)  # statuses of those that found a limit
+_COUNTING = {regime.name for regime in REGIMES if regime.counts_equilibria}  # except with a user-defined law
+_FOUND = (YIELD, COLLAPSE)  # statuses of runs that found a limit
 
 
 def read(path: str | os.PathLike) -> History:
@@ -40,7 +40,7 @@ def read(path: str | os.PathLike) -> History:
 
 
 def is_of(found: History, scenario_text: str, source: object = None) -> bool:
-    """Whether a history is of the scenario with that text, read from the file ``source`` (a path, or nothing)."""
+    """Whether a history is of the scenario with that text, read from the file ``source`` (a path, or None)."""
     named = found.settings.get("scenario") or None
     if isinstance(named, str) != isinstance(source or None, str) or (named and Path(named) != Path(source)):
         return False
@@ -68,9 +68,9 @@ def _status(file) -> str:
 class History(RestGeometry):
     """A history file, open for reading.
 
-    ``status``: ``running`` as long as the run goes on (or after it was killed), then what it ended with. ``begun`` is
-    False if the run was killed before its first row: there is a scenario, and no block yet.
-    ``n_row`` rows and ``n_frames`` frames are there, as of the moment of opening. Series are arrays (T,) or (T, n).
+    ``status``: ``running`` while the run goes on (or after it was killed), then its final status. ``begun`` is False if
+    the run was killed before its first row: there is a scenario, but no blocks yet. ``n_row`` rows and ``n_frames``
+    frames were valid at the time of opening. Series are arrays (T,) or (T, n).
     """
 
     def __init__(self, path: str | os.PathLike):
@@ -85,7 +85,7 @@ class History(RestGeometry):
 
     @property
     def _file(self):
-        """The file; HistoryError if the history was closed."""
+        """The file; HistoryError if it was closed."""
         if not self._opened_file.id.valid:
             raise HistoryError(
                 f"{self.path}: this history was closed; read it again, or ask inside its 'with' statement"
@@ -93,7 +93,7 @@ class History(RestGeometry):
         return self._opened_file
 
     def _open_series(self) -> None:
-        self._series: dict[str, tuple[tuple[int | None, ...], str, int]] = {}  # shape, kind, entries that were written
+        self._series: dict[str, tuple[tuple[int | None, ...], str, int]] = {}  # shape, kind, number of valid entries
         self._opened: dict[str, h5py.Dataset] = {}
         self.energy_names, self.has_frames, self.has_joints = (), False, False
         self.n_row = self.n_frames = self.n_block = self.n_joint = self.n_actuator = self.n_control_point = 0
@@ -126,7 +126,7 @@ class History(RestGeometry):
         for channel in CHANNELS:
             if channel.grows_by != CONTACTS and self._has(channel, found):
                 expect(channel, self.n_frames if channel.grows_by == FRAMES else self.n_row)
-        for path in ("history/time", "frames/time"):  # whose lengths bear out how many there are
+        for path in ("history/time", "frames/time"):  # whose lengths confirm the counts
             if path in self._series:
                 self._data(path)
         if self.has_new_contacts:
@@ -139,7 +139,7 @@ class History(RestGeometry):
             raise HistoryError(f"{self.path}: frames/time is missing, so this is not a history of ours")
 
     def _has(self, channel: Channel, found: Mapping[str, Container[str]]) -> bool:
-        """Whether a channel was recorded; what comes as one array, or as one group, comes together."""
+        """Whether a channel was recorded; channels of one array, or of one group, are recorded together."""
         if channel.grows_by == FRAMES and not self.has_frames:
             return False
         if channel.path.startswith("history/energy/"):
@@ -148,7 +148,7 @@ class History(RestGeometry):
         return channel.always or group in found[folder]
 
     def _data(self, path: str) -> h5py.Dataset:
-        """The dataset of a channel, looked at when it is first asked for: a plot needs few of dozens."""
+        """The dataset of a channel, opened on first use: a plot needs few of dozens."""
         file = self._file
         if path not in self._opened:
             shape, kind, count = self._series[path]
@@ -181,19 +181,19 @@ class History(RestGeometry):
 
     @cached_property
     def inputs(self) -> list[Input]:
-        """The files that the scenario reads, as the run read them."""
+        """The files that the scenario reads, as they were in the run."""
         return read_inputs(self._file)
 
     def scenario(self, path: str | None, overrides: Iterable[str] = ()) -> Scenario:
-        """The scenario, with the files that it reads, which are unpacked as long as this process lives.
+        """The scenario, with the files that it reads, extracted to a folder that exists until this process ends.
 
-        ``path``: the file that it counts as, None if it was written in Python; ``overrides``: as for ``--set``.
+        ``path``: its nominal file, None if it was written in Python; ``overrides``: as for ``--set``.
         """
         return scenarios.loads(self.scenario_text, path, overrides, unpacked(self.inputs))
 
     @property
     def sources(self) -> list[str]:
-        """Files that no command may write over: this one, that of its scenario, and those that the scenario reads."""
+        """Files that no command may overwrite: this one, that of its scenario, and those that the scenario reads."""
         source = self.settings.get("scenario")
         if not isinstance(source, str) or not source:
             return [self.path]
@@ -212,7 +212,7 @@ class History(RestGeometry):
 
     @property
     def run(self) -> str | None:
-        """Name of the run, by which its checkpoints know that they belong to it."""
+        """Identifier of the run, by which checkpoints are matched to it."""
         found = guard.attribute(self._file, "run")
         return found if isinstance(found, str) else None
 
@@ -223,12 +223,12 @@ class History(RestGeometry):
 
     @cached_property
     def small_displacements(self) -> bool:
-        """Whether the run stayed in the geometry of the start: its rotations are small and add up."""
+        """Whether the run used small displacements: the initial geometry, with small rotations added up."""
         return guard.attribute(self._file, "kinematics") == "small displacements"
 
     @cached_property
     def settings(self) -> dict:
-        """Numbers that the program chose: time step, damping, rates."""
+        """Numbers chosen by the program: time step, damping, rates."""
         return self._json("settings")
 
     @cached_property
@@ -248,7 +248,7 @@ class History(RestGeometry):
     # --- series ---
 
     def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
-        """Entries start to stop (default: all that were written) of a series such as ``load`` or ``joint/N``."""
+        """Entries start to stop (default: all) of a series such as ``load`` or ``joint/N``."""
         path = f"history/{name}"
         if path not in self._series:
             if not self.begun:
@@ -258,11 +258,11 @@ class History(RestGeometry):
         return guard.values(self._data(path), start, max(start, stop))
 
     def series_names(self, group: str) -> list[str]:
-        """Names of what grows with the run in ``history`` or ``frames``."""
+        """Names of the growing datasets in ``history`` or ``frames``."""
         return [name.removeprefix(f"{group}/") for name in self._series if name.startswith(f"{group}/")]
 
     def entries(self, path: str, start: int, stop: int) -> np.ndarray:
-        """Entries start to stop of a dataset that grows with the run, by its path in the file."""
+        """Entries start to stop of a growing dataset, by its path in the file."""
         return guard.values(self._data(path), start, stop)
 
     @cached_property
@@ -303,27 +303,27 @@ class History(RestGeometry):
 
     @property
     def in_real_time(self) -> bool:
-        """Whether the run was one in real time, in which blocks part and meet again."""
+        """Whether the run was in real time, so that blocks separate and meet again."""
         return "history/new_contacts" in self._series
 
     @cached_property
     def regime(self) -> str:
-        """How the run was carried out: the name of one of `scenario.regimes`."""
+        """How the run was carried out: name of one of `scenario.regimes`."""
         return guard.attribute(self._file, "regime")
 
     @cached_property
     def searches_limit(self) -> bool:
-        """Whether the run was a search for a limit load in the geometry of the start, and found it."""
+        """Whether the run was a limit load search with small displacements, and found the limit."""
         return self.regime in _SEARCHING and self.status in _FOUND
 
     @cached_property
     def counts_equilibria(self) -> bool:
-        """Whether times are the numbers of equilibria, of a search that follows a path of them."""
+        """Whether times are numbers of equilibria along a path."""
         return self.regime in _COUNTING and "custom_law" not in self.settings
 
     @cached_property
     def curve(self) -> Curve:
-        """Curve of the record: names of load and displacement, and the unit of the load."""
+        """The recorded curve: names of load and displacement, and unit of the load."""
         names = ("load_name", "load_unit", "displacement_name")
         load, unit, displacement = (guard.attribute(self._file, name) for name in names)
         if not all(isinstance(text, str) for text in (load, unit, displacement)):
@@ -331,8 +331,7 @@ class History(RestGeometry):
         return Curve(load or None, unit, "", displacement)
 
     def unit(self, path: str) -> str:
-        """The unit of a dataset that grows with the run, by its path in the file or its name in ``history``; KeyError
-        if there is none."""
+        """Unit of a growing dataset, by its path in the file or its name in ``history``; KeyError if there is none."""
         where = path if path in self._series else f"history/{path}"
         if where not in self._series:
             known = [name.removeprefix("history/") for name in self._series]
@@ -342,7 +341,7 @@ class History(RestGeometry):
 
     @cached_property
     def new_contacts(self) -> np.ndarray:
-        """(T,): how many contacts formed since the start carry a force; zero in runs that know none."""
+        """(T,): number of loaded contacts formed since the start; zero in runs without new contacts."""
         return self.series("new_contacts") if self.in_real_time else np.zeros(self.n_row)
 
     @cached_property
@@ -352,19 +351,19 @@ class History(RestGeometry):
 
     @property
     def support_names(self) -> list[str]:
-        """Names of the blocks that `reaction` is of."""
+        """Names of the blocks in `reaction`."""
         return [name for name, held in zip(self.block_names, self.block_held.any(axis=1), strict=True) if held]
 
     @cached_property
     def reaction(self) -> np.ndarray:
-        """(T, n_support, 6) N, N m: force and moment of the supports on the structure, about their centroids at the
-        start, and of the guides on every block that they hold; world axes. (T, 0, 6) where there are none, and where
-        the run did not record them."""
+        """(T, n_support, 6) N, N m: force and moment that supports exert on the structure, about their initial
+        centroids, and likewise the guides of every held block; world axes. (T, 0, 6) if there are none, or if they were
+        not recorded."""
         return self.series("reaction") if self.n_support else np.zeros((self.n_row, 0, 6))
 
     @cached_property
     def tension(self) -> np.ndarray:
-        """(T, n_tie) N: tension of the ties, negative if a bar is pressed."""
+        """(T, n_tie) N: force of the ties, tension positive."""
         return self.series("tension") if self.n_tie else np.zeros((self.n_row, 0))
 
     # --- tables of other libraries ---
@@ -390,12 +389,12 @@ class History(RestGeometry):
         return guard.values(self._data("frames/time"), 0, self.n_frames) if self.has_frames else np.zeros(0)
 
     def frame(self, name: str, k: int) -> np.ndarray | None:
-        """Record of the blocks in frame k, negative from the end; None if it was not recorded.
+        """Values of frame k (negative: counted from the end); None if they were not recorded.
 
-        ``position`` (n_block, 3) m of the centroids; ``displacement`` (n_block, 3) m from the start, which keeps digits
-        that positions lose; ``orientation`` (n_block, 4) as (w, x, y, z); ``velocity`` (n_block, 3) m/s and ``spin``
-        (n_block, 3) rad/s; ``contact_force`` (n_point, 3) N on block b at each contact point, of one joint after the
-        other: convex ones have none. World axes.
+        ``position`` (n_block, 3) m of the centroids; ``displacement`` (n_block, 3) m from the start, with digits that
+        positions lose; ``orientation`` (n_block, 4) as (w, x, y, z); ``velocity`` (n_block, 3) m/s and ``spin``
+        (n_block, 3) rad/s; ``contact_force`` (n_point, 3) N on block b at each contact point, joint by joint (convex
+        joints have none). World axes.
         """
         if not -self.n_frames <= k < self.n_frames:
             raise IndexError(f"frame {k} of {self.path}, which has {self.n_frames}")
@@ -412,20 +411,20 @@ class History(RestGeometry):
 
     @property
     def has_new_contacts(self) -> bool:
-        """Whether the forces of contacts that formed since the start were recorded."""
+        """Whether forces of contacts formed since the start were recorded."""
         return "frames/new_contacts/end" in self._series
 
     def new_contacts_before(self, frame: int) -> int:
-        """How many new contacts the frames before ``frame`` have in all; zero if they were not recorded."""
+        """Total number of new contacts in all frames before ``frame``; zero if they were not recorded."""
         if not self.has_new_contacts or frame <= 0:
             return 0
         return int(guard.values(self._data("frames/new_contacts/end"), frame - 1, frame)[0])
 
     def frame_new_contacts(self, start: int, stop: int) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
-        """New contacts of the frames start to stop, None if not recorded: where those of each frame begin and the last
-        ones end (f + 1,), and of all of them (c, ...) ``blocks`` (2,), ``point`` (3,) m, ``normal`` (3,) from the first
-        block to the second, ``force`` (3,) N on the second, ``torque`` (3,) N m on it about the point, ``area`` m2 and
-        ``slip`` m; world axes.
+        """New contacts of the frames start to stop; None if not recorded. Offsets (f + 1,) of the contacts of each
+        frame, and of all of them (c, ...) ``blocks`` (2,), ``point`` (3,) m, ``normal`` (3,) from the first block to
+        the second, ``force`` (3,) N on the second, ``torque`` (3,) N m on it about the point, ``area`` m2 and ``slip``
+        m; world axes.
         """
         if not 0 <= start <= stop <= self.n_frames:
             raise IndexError(f"frames {start} to {stop} of {self.path}, which has {self.n_frames}")

@@ -1,4 +1,4 @@
-"""The rows and frames of a history as mappings of arrays, read when they are asked for and not before."""
+"""Rows and frames of a history as mappings of arrays, which are read on access."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class _Recorded(Mapping):
 
 
 class Rows(_Recorded):
-    """Rows as a `Result` has them in memory: series by name, ``joint`` (T, j, 7), ``energy`` by name."""
+    """Rows as in a `Result` in memory: series by name, ``joint`` (T, j, 7), ``energy`` by name."""
 
     def __getitem__(self, name: str):
         with read(self._path) as file:
@@ -34,8 +34,8 @@ class Rows(_Recorded):
 
 
 class Frames(_Recorded):
-    """All frames, a channel at a time: ``time`` (F,), ``displacement`` (F, n, 3) and so on; ``new_contacts`` is a
-    mapping with the ``count`` (F,) of each frame and the rest of all (C, ...)."""
+    """All frames, by channel: ``time`` (F,), ``displacement`` (F, n, 3) and so on; ``new_contacts`` is a mapping of the
+    ``count`` (F,) per frame and arrays of all contacts (C, ...)."""
 
     def __getitem__(self, name: str):
         with read(self._path) as file:

@@ -1,4 +1,4 @@
-"""Geometry at rest in a history: blocks, joints, actuators, control points and ties as they stood at the start."""
+"""Initial geometry in a history: blocks, joints, actuators, control points and ties at the start."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from dembrick.history import guard
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import FORMULATIONS, PRESSURES
 
-_EARLIER = {"pressure on ": PRESSURE, "load on ": BODY_FORCE}  # how names of earlier versions begin
-STRENGTHS = ("cohesion", "tensile_strength", "residual_cohesion", "residual_friction")  # of joints that are not dry
-CRUSHING = "compressive_strength"  # where any joint crushes, zero for those that do not; not in earlier versions' files
+_EARLIER = {"pressure on ": PRESSURE, "load on ": BODY_FORCE}  # prefixes of names in earlier versions
+STRENGTHS = ("cohesion", "tensile_strength", "residual_cohesion", "residual_friction")  # unless all joints are dry
+CRUSHING = "compressive_strength"  # recorded if any joint crushes, zero for others; not in files of earlier versions
 
 
 class RestGeometry:
-    """Geometry at the start of a recorded run; read when asked for, and checked against its own counts.
+    """Initial geometry of a recorded run; read on access, and checked against its counts.
 
-    The class that opens the file gives ``path`` and ``_file``, ``begun`` and the counts ``n_block``, ``n_joint``,
+    A subclass opens the file and sets ``path`` and ``_file``, ``begun`` and the counts ``n_block``, ``n_joint``,
     ``n_actuator``, ``n_control_point`` and ``n_tie``.
     """
 
@@ -62,7 +62,7 @@ class RestGeometry:
 
     @cached_property
     def block_held(self) -> np.ndarray:
-        """(n_block, 6) bool: the directions x, y, z, rx, ry, rz in which a block is held, all of a support."""
+        """(n_block, 6) bool: whether x, y, z, rx, ry, rz of a block are held; all for a support."""
         held = self._optional("blocks/held", 6)
         return np.repeat(self.block_fixed[:, None], 6, axis=1) if held is None else held.astype(bool)
 
@@ -119,9 +119,9 @@ class RestGeometry:
 
     @cached_property
     def joints(self) -> list[dict]:
-        """One dict a joint: blocks, ``origin``, ``axes`` (rows t1, t2, n), ``polygon`` (m, 2), law, contact points;
-        ``STRENGTHS`` where any joint has more than friction, and where any crushes ``compressive_strength``, which is
-        infinite for those that do not."""
+        """One dict per joint: blocks, ``origin``, ``axes`` (rows t1, t2, n), ``polygon`` (m, 2), law, contact points;
+        ``STRENGTHS`` if any joint has more than friction, and ``compressive_strength`` if any joint crushes (infinite
+        for the others)."""
         n = self.n_joint
         if not n:
             return []
@@ -152,7 +152,7 @@ class RestGeometry:
         return joints
 
     def _words(self, path: str, count: int, known: tuple[str, ...]) -> list[str]:
-        """Texts of a closed set; HistoryError for any other."""
+        """Texts from a closed set; HistoryError for any other."""
         found = self._texts(path, count)
         strange = next((word for word in found if word not in known), None)
         if strange is not None:
@@ -163,8 +163,8 @@ class RestGeometry:
 
     @cached_property
     def actuators(self) -> list[dict]:
-        """One dict an actuator: ``name``, ``block``, ``point``, ``direction``, ``weight``, and its ``kind``, of
-        `assembly.actuators.KINDS`, which files of earlier versions tell by the name alone."""
+        """One dict per actuator: ``name``, ``block``, ``point``, ``direction``, ``weight``, and its ``kind``, one of
+        `assembly.actuators.KINDS`; in files of earlier versions the kind follows from the name."""
         n = self.n_actuator
         names, blocks = self._texts("actuators/name", n), self._numbers("actuators/block", self.n_block, count=n)
         point, direction = (self._table(f"actuators/{name}", 3, count=n) for name in ("point", "direction"))
@@ -181,7 +181,7 @@ class RestGeometry:
 
     @cached_property
     def loads(self) -> list[dict]:
-        """One dict a dead load besides gravity, of a pressure one a face: ``block``, ``point``, ``force`` at the
+        """One dict per dead load besides gravity (for a pressure, per face): ``block``, ``point``, ``force`` at the
         start; none in files of earlier versions."""
         if not self.begun or not guard.members(self._file, "geometry/loads"):
             return []
@@ -191,7 +191,7 @@ class RestGeometry:
 
     @cached_property
     def control_points(self) -> list[dict]:
-        """One dict a control point: ``name``, ``block``, ``point`` at the start."""
+        """One dict per control point: ``name``, ``block``, ``point`` at the start."""
         n = self.n_control_point
         if not n:
             return []
@@ -202,7 +202,7 @@ class RestGeometry:
 
     @cached_property
     def ties(self) -> list[dict]:
-        """One dict a tie: ``name``, ``blocks`` (2), ``points`` (2, 3) m at the start."""
+        """One dict per tie: ``name``, ``blocks`` (2), ``points`` (2, 3) m at the start."""
         n = self.n_tie
         if not n:
             return []

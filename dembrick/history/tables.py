@@ -20,9 +20,9 @@ AXES[6] = ("component", ["F_x", "F_y", "F_z", "M_x", "M_y", "M_z"])
 
 
 def names_of(history: History) -> dict[str, list[str]]:
-    """Names of joints, blocks, actuators, control points, supports and ties, by what the shape of a channel counts.
+    """Names of joints, blocks, actuators, control points, supports and ties, by array dimension.
 
-    Joints are called by their blocks, with a number if several join the same two.
+    Joints are named after their blocks; if two have the same name, all names get a number.
     """
     names = history.block_names
     pairs = [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
@@ -34,7 +34,7 @@ def names_of(history: History) -> dict[str, list[str]]:
 
 
 def columns_of(history: History) -> list[tuple[str, list[str]]]:
-    """The series of a history that are tables, with the headings of their columns, units in brackets."""
+    """The tabular series of a history, with column headings that have units in brackets."""
     names, there = names_of(history), set(history.series_names("history"))
     return [
         (channel.name, channel.titles(names, history.unit(channel.path)))
@@ -44,7 +44,7 @@ def columns_of(history: History) -> list[tuple[str, list[str]]]:
 
 
 def to_pandas(history: History) -> pandas.DataFrame:
-    """All series, a row each, indexed by time (s) or by the number of the equilibrium; units stand in the headings.
+    """All series, one row each, indexed by time (s) or by the number of the equilibrium; headings include units.
 
     Raises MissingDependency without pandas.
     """
@@ -58,8 +58,8 @@ def to_pandas(history: History) -> pandas.DataFrame:
 
 def to_xarray(history: History) -> xarray.Dataset:
     """All series and frames with named dimensions: ``row`` and ``frame`` (with their times), ``joint``, ``block``,
-    ``actuator``, ``control_point``, ``support``, ``tie`` (with their names), ``axis``; unit and meaning are attributes
-    of each variable. Where no upper bound is known yet, ``upper`` is infinite.
+    ``actuator``, ``control_point``, ``support``, ``tie`` (with their names), ``axis``; unit and description are
+    attributes of each variable. While no upper bound is known, ``upper`` is infinite.
 
     Raises MissingDependency without xarray.
     """
@@ -90,7 +90,7 @@ def to_xarray(history: History) -> xarray.Dataset:
 
 
 class _Words(dict):
-    """Words of a description that only a run knows stand as they are."""
+    """Leaves placeholders of a description unchanged if only a run could fill them."""
 
     def __missing__(self, word: str) -> str:
         return word if word != "when" else ""

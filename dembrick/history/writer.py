@@ -1,4 +1,4 @@
-"""Writing a history while the run goes on, so that a kill at any moment costs nothing that was flushed."""
+"""Writing a history during the run, so that a kill at any time loses nothing that was flushed."""
 
 from __future__ import annotations
 
@@ -31,29 +31,28 @@ if TYPE_CHECKING:
 
 RUNNING, FAILED = "running", "failed"
 REPLACE = "choose another name, or --force replaces it (force=True in Python)"
-OWN = "own"  # what `force` says of a finished history of the same scenario: it may be replaced
-_SLAB = 4 << 20  # bytes moved at a time: what a rewrite holds in memory
-_HELD = 4 << 20  # bytes that may wait for the file; a short run of few blocks has less in all
+OWN = "own"  # value of ``force`` for which a finished history of the same scenario may be replaced
+_SLAB = 4 << 20  # bytes moved at a time in a rewrite, which limits its memory
+_HELD = 4 << 20  # bytes that may be buffered; a short run of few blocks has less in total
 _RESERVE = 16 << 20  # bytes reserved for rows, and again for frames, in a new file; a hole until it is written
-_PACK_FROM = 1 << 20  # bytes below which compressing a dataset is not tried
+_PACK_FROM = 1 << 20  # bytes: smaller datasets are not compressed
 _CHUNK = 256 << 10  # bytes of a compressed chunk
-_SYNC_AFTER = 1.0  # s: a run that took longer is put on the disk for good before its file takes its name
-_FAILURES = (OSError, RuntimeError, ValueError)  # what h5py raises when the system refuses
+_SYNC_AFTER = 1.0  # s: files of longer runs are synced to disk before the rename
+_FAILURES = (OSError, RuntimeError, ValueError)  # what h5py raises if the system refuses
 
 
 class HistoryWriter:
     """Writes one history file.
 
-    Rows and frames of ``append`` and ``append_frames`` stay in memory for ``hold`` seconds at most, and some megabytes,
-    before they are in the file: a run of milliseconds writes its data a single time, finished, and a long one not at
-    every row; the file itself is there from the start, unless it would take the place of a finished one. ``finish``
-    makes the final file: exact lengths, compressed where that halves a long series. Until then the status is
-    ``running``. ``resume`` goes on with a file that was left behind.
-    ``channels``: what is recorded (see ``model.Output``). ``control``: what is done to the blocks, which says what the
-    load is. ``inputs``: the files that the scenario reads.
+    Rows and frames of ``append`` and ``append_frames`` are buffered for at most ``hold`` seconds and some megabytes: a
+    run of milliseconds writes its data only once, in final form, and a long one not at every row. The file itself
+    exists from the start, unless it would replace a finished one. ``finish`` makes the final file: exact lengths, long
+    series compressed if that halves them. Until then the status is ``running``. ``resume`` continues an incomplete
+    file. ``channels``: what is recorded (see ``model.Output``). ``control``: control of the run, which defines the
+    load. ``inputs``: the files that the scenario reads.
 
-    A file that is there gives way if it is a run that failed, or an unfinished history of the same scenario; with
-    ``force`` = `OWN` also a finished one of it, with True any.
+    An existing file is replaced if it is of a failed run, or an unfinished history of the same scenario; with ``force``
+    = `OWN` also if it is a finished history of that, with True whatever it is.
 
     Raises OutputError if the path cannot be used, WriteError if a write fails; what was flushed before
     stays readable.
@@ -88,7 +87,7 @@ class HistoryWriter:
         self._capacity = self._stored = (0, 0, 0)
         self._pending: dict[str, list[np.ndarray]] = {}
         self._pending_count, self._pending_bytes = [0, 0, 0], 0
-        self._source: History | None = None  # a file left behind, until what is kept of it has moved to ours
+        self._source: History | None = None  # an incomplete file, until its data has been moved to the new one
         self._closed = False
         self.run = os.urandom(8).hex()
         self._set_fields()
@@ -106,9 +105,9 @@ class HistoryWriter:
         cls, left: History, assembly: Assembly, settings: Mapping, channels: Iterable[str], rows: int, frames: int,
         control: Control | None = None,
     ):  # fmt: skip
-        """Go on with the file that ``left`` reads, after its first ``rows`` rows and ``frames`` frames.
+        """Continue the file of ``left`` after its first ``rows`` rows and ``frames`` frames.
 
-        The others are dropped; ``left`` is closed.
+        Later ones are dropped; ``left`` is closed.
         """
         text = left.scenario_text
         self = cls(left.path, text, assembly, settings, True, channels, control=control, inputs=left.inputs)
@@ -136,28 +135,28 @@ class HistoryWriter:
 
     @property
     def flush_is_due(self) -> bool:
-        """Whether what is appended next goes to the file at once."""
+        """Whether the next data appended will be written at once."""
         return time.monotonic() - self._flushed >= self._hold
 
     def place(self, assembly: Assembly) -> None:
-        """Take the assembly with its contact points where they stay, before the first row."""
+        """Set the assembly with the final contact points, before the first row."""
         self._assembly, self._tables = assembly, None
         self._set_fields()
 
     def append(self, record: Mapping) -> None:
-        """Add T rows: what ``simulation.channels`` declares for rows, each (T, ...); ``joint`` is one array (T,
-        n_joint,
-        7), ``energy`` a mapping of names. What is no channel of this history is left out."""
+        """Add T rows of the channels that ``simulation.channels`` declares for rows, each (T, ...); ``joint`` is one
+        array (T, n_joint, 7), ``energy`` a mapping by name. Data of channels that this history does not record is
+        ignored."""
         rows = {field.path: taken(record, field, self._assembly) for field in self._of_rows}
         self._add(rows, (len(record["time"]), 0, 0))
 
     def append_frames(
         self, time, displacement, orientation, *, new_contacts: Mapping | None = None, **channels: np.ndarray
     ) -> None:
-        """Add F frames: ``time`` (F,), ``displacement`` from the start (F, n_block, 3), ``orientation``
-        (F, n_block, 4), and the other ``channels`` that are declared for frames, each (F, ...); in a run in real time
-        also ``new_contacts``: ``count`` (F,), how many each frame has, and what is declared of all of them (C, ...).
-        What is no channel of this history is left out."""
+        """Add F frames: ``time`` (F,), ``displacement`` from the start (F, n_block, 3), ``orientation`` (F, n_block,
+        4), and the other ``channels`` declared for frames, each (F, ...); in real time also ``new_contacts``: ``count``
+        (F,) per frame, and the channels of all contacts (C, ...). Data of channels that this history does not record is
+        ignored."""
         if "frames" not in self._channels:
             raise ValueError("this history was opened without frames")
         displacement = np.asarray(displacement, float)
@@ -189,7 +188,7 @@ class HistoryWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Bring everything to the file now. A kill after this call loses none of it."""
+        """Write everything to the file now. A kill after this call loses none of it."""
         with self._failures():
             wanted = self._counts
             if self._file is None or any(a > b for a, b in zip(wanted, self._capacity, strict=True)):
@@ -200,28 +199,28 @@ class HistoryWriter:
                     array = np.concatenate(pending) if len(pending) > 1 else pending[0]
                     place = self._offsets[field.path] + self._stored[field.grows_by] * field.entry_bytes
                     layout.put(self._file, place, array)
-            # The count goes last: whatever it covers is in the file already.
+            # The count is written last: all data that it covers is in the file then.
             layout.put(self._file, self._offsets[layout.WRITTEN], np.array(wanted[:2], "<i8"))
             self._stored, self._flushed = wanted, time.monotonic()
             self._forget_pending()
 
     def finish(self, status: str, results: Mapping, settings: Mapping | None = None) -> None:
-        """Make the final file with its status, the results (the object of ``run --json``) and further settings."""
+        """Make the final file with its status, results (the object of ``run --json``) and additional settings."""
         if self._closed:
             raise WriteError(f"{self.path}: the history was closed before, so it cannot be finished")
         self._settings |= settings or {}
         if self._file is not None:
-            self.flush()  # should the final file fail, the running one has everything
+            self.flush()  # if the final file fails, the running one is complete
         sync = time.monotonic() - self._opened > _SYNC_AFTER
         with self._failures(), replacing(self._target, sync) as part:
             self._write_whole(part, self._counts, status, results, final=True)
-            self._release()  # before the rename: an open file cannot be replaced everywhere
+            self._release()  # before the rename: some systems cannot replace an open file
         self._closed = True
         self._stored = self._counts
         self._forget_pending()
 
     def abandon(self) -> bool:
-        """Leave no file behind if nothing was recorded, as of a run that its input keeps from starting; whether so."""
+        """Remove the file if nothing was recorded, as for a run with invalid input; return whether it was removed."""
         if self.n_row or self.n_frames or self._closed or self._source is not None:
             return False
         self._closed = True
@@ -232,7 +231,7 @@ class HistoryWriter:
         return True
 
     def close(self) -> None:
-        """Stop writing. Without ``finish`` the file keeps the status ``running``, like after a kill."""
+        """Stop writing. Without ``finish`` the status remains ``running``, as after a kill."""
         if not self._closed:
             try:
                 if self.n_row or self.n_frames:
@@ -248,13 +247,13 @@ class HistoryWriter:
         if kind is None:
             self.close()
         else:
-            with suppress(WriteError):  # the error on its way out says more
+            with suppress(WriteError):  # the error being raised says more
                 self.close()
 
     # --- inside ---
 
     def _begin(self) -> None:
-        """A file that says what is being run, and has no data yet."""
+        """Make a file that identifies the run and has no data yet."""
         with self._failures(), replacing(self._target) as part:
             layout.create(part, {}, self._said, self._attributes(RUNNING, {}), {})
 
@@ -268,12 +267,12 @@ class HistoryWriter:
 
     @contextmanager
     def _failures(self) -> Iterator[None]:
-        """Turns a failed write into a WriteError that says what stays readable."""
+        """Turn a failed write into a WriteError that says which data remains readable."""
         try:
             yield
         except _FAILURES as error:
             rows, frames, _ = self._stored
-            # A file that could not be opened again must not be replaced by one without its rows.
+            # A file that could not be reopened must not be replaced by one without its rows.
             self._closed |= self._file is None and rows + frames > 0
             kept = f"the {rows} rows and {frames} frames written before stay readable in it"
             if not rows and not frames:
@@ -292,7 +291,7 @@ class HistoryWriter:
             self._source = None
 
     def _grow(self, wanted: tuple[int, int, int]) -> None:
-        """A new running file with room for twice the entries, holding what the old one holds."""
+        """Make a new running file with room for twice the entries, and move the data of the old one."""
         sizes = [sum(f.entry_bytes for f in self._fields if f.grows_by == what) for what in range(3)]
         rows, frames, contacts = (
             max(16, 2 * max(count, 1), min(_RESERVE // max(size, 1), 1 << 16))
@@ -333,10 +332,10 @@ class HistoryWriter:
         return offsets
 
     def _slabs(self, field: Channel, pending: bool) -> Iterator[np.ndarray]:
-        """All entries of a field, a few megabytes at a time: those in the file, then those in memory."""
+        """All entries of a field, a few megabytes at a time: first those in the file, then those in memory."""
         stored = self._stored[field.grows_by]
         if self._source is not None or (self._file is not None and field.path in self._offsets):
-            # whole chunks, so that no chunk of a compressed dataset is packed twice
+            # whole chunks, so that no chunk of a compressed dataset is compressed twice
             chunk = self._chunk(field)
             step = max(_SLAB // field.entry_bytes // chunk, 1) * chunk
             for start in range(0, stored, step):
@@ -355,7 +354,7 @@ class HistoryWriter:
         return max(1, _CHUNK // max(field.entry_bytes, 1))
 
     def _worth_packing(self, field: Channel, count: int) -> int:
-        """Entries a chunk if compressing halves the field's middle, else 0."""
+        """Entries per chunk if compression halves a sample from the middle of the field, else 0."""
         if count * field.entry_bytes < _PACK_FROM:
             return 0
         entries = min(self._chunk(field), count)
@@ -370,8 +369,8 @@ class HistoryWriter:
 
 
 def _refuse_other(path: str, target: str, scenario_text: str, source: object, own: bool) -> None:
-    """An existing file gives way if it is empty, a run that failed, or an unfinished history of the same scenario; with
-    ``own`` also a finished one."""
+    """Refuse to replace a file, unless it is empty, of a failed run, or an unfinished history of the same scenario;
+    with ``own`` also a finished one."""
     if not os.path.exists(target) or os.path.getsize(target) == 0:
         return
     try:
@@ -391,14 +390,14 @@ def _json(value) -> str:
 
 
 def _plain(value):
-    """numpy numbers and arrays, mappings and paths as JSON knows them."""
+    """Convert numpy numbers and arrays, mappings and paths for JSON."""
     if hasattr(value, "tolist"):
         return value.tolist()
     return dict(value) if isinstance(value, Mapping) else str(value)
 
 
 def _versions() -> dict:
-    """Versions that decide about the numbers, and the machine; numba's only where a kernel ran."""
+    """Versions that affect the results, and the machine; numba's only if a kernel was used."""
     found = {"dembrick": getattr(dembrick, "__version__", "unknown"), "python": platform.python_version()}
     found |= {"numpy": np.__version__, "h5py": h5py.__version__, "hdf5": h5py.version.hdf5_version}
     if "numba" in sys.modules:
