@@ -5,14 +5,14 @@
     >>> result.yield_point.V, result.yield_point.half_width
     >>> wall = dembrick.Wall("wall", "stone", block=(0.3, 0.2, 0.1), courses=12, blocks=6)
 
-Nothing heavy is imported until a name is used.
+Heavy dependencies are imported only when a name is used.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # for editors and type checkers, which do not follow names that are imported when they are used
+if TYPE_CHECKING:  # for editors and type checkers, which do not follow lazy imports
     from dembrick import theory as theory
     from dembrick.errors import BracketError as BracketError
     from dembrick.errors import DembrickError as DembrickError
@@ -106,7 +106,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
 
 __version__ = "0.1.0"
 
-_NAMES = {  # by the module that has them
+_NAMES = {  # by module
     "dembrick": "theory",
     "dembrick.errors": "BracketError DembrickError DivergedError EnergyAuditError HistoryError "
     "MissingDependency NotConvergedError OutputError OverlapError ScenarioError UndecidedError "

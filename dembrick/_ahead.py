@@ -1,9 +1,9 @@
-"""Compile ahead: while a first run compiles one kernel, a second process compiles what it will want later.
+"""Ahead-of-time compilation: while a first run compiles one kernel, a second process compiles those needed later.
 
-The command line allows it (`second_process`), and a run says what it will want (`meanwhile`). The second process is
-started when the first kernel is not found in the cache, so that a run that finds its kernels there pays nothing. It
-puts what it compiles into the cache (`_kernel_cache`); a run that comes to a kernel before it is done waits for it
-there, and compiles it itself where the second process died. It ends with the first one, however that ends.
+The command line enables this (`second_process`), and a run states what it will need (`meanwhile`). The second process
+starts when the first kernel is not found in the cache, so that a run that finds its kernels there pays nothing. It
+stores what it compiles in the cache (`_kernel_cache`). A run that reaches a kernel before it is ready waits for it
+there, and compiles it itself if the second process died. The second process ends with the first, however that ends.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from dembrick import _file_locks, _kernel_cache
 from dembrick._jit import WHY_PUBLIC, hearing
 from dembrick._kernel_sources import compiler_hash
 
-SWITCH = "DEMBRICK_COMPILE_AHEAD"  # 0 in the environment: no second process
+SWITCH = "DEMBRICK_COMPILE_AHEAD"  # 0 in the environment disables the second process
 COMMAND = "import pickle, sys; sys.path[:], tasks = pickle.load(sys.stdin.buffer); "
 COMMAND += "from dembrick._ahead import work; work(tasks)"
 
-Task = tuple  # a function that a module has by its name, and its arguments
+Task = tuple  # a function at the top level of a module, and its arguments
 Wanted = Callable[[], list[Task]]
 
 
 class _Helper:
-    """The second process, and what it is to do if a kernel is compiled."""
+    """The second process, and its tasks if a kernel is compiled."""
 
     def __init__(self):
         self.process: subprocess.Popen | None = None
         self.wanted: Wanted | None = None
 
     def begin(self) -> None:
-        """Start the second process, as a kernel is compiled."""
+        """Start the second process when a kernel is compiled."""
         wanted, self.wanted = self.wanted, None
         if wanted is not None and (self.process is None or self.process.poll() is not None):
             tasks = wanted()
@@ -47,7 +47,7 @@ class _Helper:
                 self.start(tasks)
 
     def start(self, tasks: list[Task]) -> None:
-        """Start a process that does the ``tasks``, one after the other; where that fails the run does without."""
+        """Start a process that executes the ``tasks`` in order; if that fails, the run continues without it."""
         self.stop()
         told = pickle.dumps((sys.path, pickle.dumps(tasks)))
         silent = subprocess.DEVNULL
@@ -55,10 +55,10 @@ class _Helper:
             command = [sys.executable, "-c", COMMAND]
             self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=silent, stderr=silent)
             self.process.stdin.write(told)
-            self.process.stdin.flush()  # and stays open: its end is the end of this process
+            self.process.stdin.flush()  # and is not closed: its end of file signals the end of this process
 
     def stop(self) -> None:
-        """End it; what it has compiled is kept."""
+        """End the process; what it has compiled remains in the cache."""
         if self.process is not None:
             self.process.kill()
             self.process.wait()
@@ -68,12 +68,12 @@ class _Helper:
 
 
 class _Known:
-    helper: _Helper | None = None  # within `second_process`
+    helper: _Helper | None = None  # set within `second_process`
 
 
 @contextmanager
 def second_process() -> Iterator[None]:
-    """Within, this process may start another one that compiles, if there is a core for it and a cache to share."""
+    """Context in which this process may start a second one that compiles, if there is a core and a shared cache."""
     if not possible() or _Known.helper is not None:
         yield
         return
@@ -87,7 +87,7 @@ def second_process() -> Iterator[None]:
 
 
 def possible() -> bool:
-    """Whether a second process would help: two cores, the cache a folder that others find, and locks in it."""
+    """Whether a second process would help: needs two cores, a cache folder that it finds too, and file locks."""
     kept = _kernel_cache.CACHE_FOLDER.name == compiler_hash()
     return (
         os.environ.get(SWITCH) != "0"
@@ -100,13 +100,13 @@ def possible() -> bool:
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def meanwhile(wanted: Wanted) -> Iterator[None]:
-    """Within, a second process does the tasks that ``wanted`` returns if a kernel has to be compiled."""
+    """Context in which a second process executes the tasks returned by ``wanted`` if a kernel has to be compiled."""
     helper = _Known.helper
     if helper is None or helper.wanted is not None:
         yield
@@ -119,28 +119,28 @@ def meanwhile(wanted: Wanted) -> Iterator[None]:
 
 
 def compiling(kernel, arguments: tuple) -> Task:
-    """The task of compiling a kernel for such ``arguments``."""
+    """Task: compile a kernel for arguments of the types of these."""
     types = tuple(kernel.called.typeof_pyval(argument) for argument in arguments)
     return compile_kernel, kernel.__module__, kernel.__name__, types
 
 
 def compile_kernel(module: str, name: str, types: tuple) -> None:
-    """Compile a kernel for arguments of these types into the cache, if it is not there."""
+    """Compile a kernel for arguments of these types into the cache, unless it is there."""
     getattr(import_module(module), name).called.compile(types)
 
 
 def work(tasks: bytes) -> None:
-    """Work of the second process. A signal from the terminal reaches both processes: the first one acts on it."""
+    """Main function of the second process. It ignores SIGINT, which the terminal sends to both processes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    gc.disable()  # a compiler keeps most of what it makes
+    gc.disable()  # nearly all objects of a compiler live on
     threading.Thread(target=_end_with_the_first, daemon=True).start()
     try:
         for function, *arguments in pickle.loads(tasks):
             function(*arguments)
     finally:
-        os._exit(0)  # at once: a thread is still reading
+        os._exit(0)  # immediately, as a thread is blocked in a read
 
 
 def _end_with_the_first() -> None:
-    os.read(0, 1)  # nothing comes: it returns when the first process is gone
+    os.read(0, 1)  # returns only at end of file, when the first process has ended
     os._exit(0)

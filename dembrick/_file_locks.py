@@ -1,4 +1,4 @@
-"""Locks of files, by the calls of POSIX or of Windows: none outlives its process, however that ends."""
+"""File locks, by system calls of POSIX or Windows: a lock ends with its process, however that ends."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def _module(name: str) -> Any:
-    """A module of this system, None if it is one of another."""
+    """A module of the standard library that only some systems have; None if it is missing."""
     try:
         return import_module(name)
     except ImportError:
@@ -20,14 +20,14 @@ MOST = 2**31 - 1  # the last byte that both systems can lock
 
 
 def known() -> bool:
-    """Whether this system has locks at all."""
+    """Whether this system supports file locks."""
     return bool(fcntl or msvcrt)
 
 
 def lock(file: int, wait: bool = False) -> None:
-    """Lock an open file until it is closed: BlockingIOError if another has it, OSError on a disk without locks.
+    """Lock an open file until it is closed: BlockingIOError if another has the lock, OSError on a disk without locks.
 
-    With ``wait`` until the other lets go; Windows gives up after ten seconds, with an OSError.
+    With ``wait``, block until the lock is free; Windows gives up after ten seconds, with an OSError.
     """
     if fcntl is not None:
         fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
@@ -36,19 +36,19 @@ def lock(file: int, wait: bool = False) -> None:
 
 
 def lock_byte(file: int, byte: int) -> None:
-    """Lock one byte of an open file, which need not be there: BlockingIOError if another process has it, OSError on a
+    """Lock one byte of an open file, possibly beyond its end: BlockingIOError if another process has it, OSError on a
     disk without locks."""
     if fcntl is None:
         _of_windows(file, byte, msvcrt.LK_NBLCK)
         return
     try:
         fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
-    except PermissionError as error:  # POSIX allows this as well
+    except PermissionError as error:  # POSIX permits this error too
         raise BlockingIOError(error.errno, error.strerror) from None
 
 
 def unlock_byte(file: int, byte: int) -> None:
-    """Let go of a byte."""
+    """Unlock a byte."""
     if fcntl is None:
         _of_windows(file, byte, msvcrt.LK_UNLCK)
     else:
@@ -56,7 +56,7 @@ def unlock_byte(file: int, byte: int) -> None:
 
 
 def _of_windows(file: int, byte: int, how: int) -> None:
-    """One byte by the call of Windows, which takes the one that comes next in the file."""
+    """Lock or unlock one byte on Windows, whose call applies to the current position in the file."""
     os.lseek(file, byte, os.SEEK_SET)
     try:
         msvcrt.locking(file, how, 1)

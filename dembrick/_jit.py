@@ -1,4 +1,4 @@
-"""The one decorator of the compiled kernels (in five strengths)."""
+"""The decorators of all compiled kernels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numba import get_num_threads, prange
 
 from dembrick._numba_check import refusal
 
-if WHY_PUBLIC := refusal():  # reason why kernels are compiled by numba's public means
+if WHY_PUBLIC := refusal():  # reason for compiling kernels by numba's public API
     from dembrick import _numba_public as compiler
 else:
     from dembrick import _numba as compiler  # type: ignore[no-redef]
@@ -35,9 +35,9 @@ __all__ = [
     "versions",
 ]
 
-# A product and a sum may be rounded once instead of twice (a fused multiply-add): no result gets worse, what is not a
-# number stays so, and the order of a sum is as written. All else that is called fast math is left alone: it reorders
-# sums, or takes it that NaN and infinity never come, and a run lives by its NaN guard.
+# "contract" allows fused multiply-add, with one rounding instead of two: no result gets less accurate, NaN is preserved
+# and sums keep their order. The other fast-math flags are not used: they reorder sums, or assume that NaN and infinity
+# never occur, and the NaN guard of runs relies on these.
 FLOATS = {"contract"}
 
 
@@ -51,65 +51,64 @@ def _inlined(function, **options):
 def jit(function):
     """Compile lazily, cached on disk.
 
-    Without numba's memory runtime nothing can be allocated in a kernel, and no array is reference-counted in its inner
-    loop; inlined, nothing is copied for a call. Together that made a step of the lab scene five times faster. Python's
-    lock is let go of, so that threads can share a batch.
+    Without numba's memory runtime a kernel cannot allocate, and no array is reference-counted in its inner loop; by
+    inlining, no call copies its arguments. Together this made a step of the lab scene five times faster. The GIL is
+    released, so that threads can share a batch.
     """
     return _inlined(function, fastmath=FLOATS)
 
 
 def jit_rounded(function):
-    """The same, every product and every sum rounded by itself, as numpy does: who adds up the same numbers there finds
-    the same bits."""
+    """The same with every product and every sum rounded separately, as in numpy: the same sum there has equal bits."""
     return _inlined(function, fastmath=False)
 
 
 def jit_sum(function):
-    """The same for a sum whose terms may be added in any order, and so several at once; no block must move by it."""
+    """The same for a sum whose terms may be reordered and so vectorised; no motion of a block may depend on it."""
     return _inlined(function, fastmath=FLOATS | {"reassoc"})
 
 
 def entry(function):
-    """The same for a loop that Python or a batch enters: compiled once, not inlined into every caller."""
+    """The same for a loop that is called from Python or by a batch: compiled once, not inlined into every caller."""
     return function if numba.config.DISABLE_JIT else compiler.entry(function, fastmath=FLOATS)
 
 
 def ready(kernel, *arguments) -> Callable:
-    """The machine code of an `entry` for arguments of these types, compiled or out of the cache: what to call instead.
+    """Machine code of an `entry` for arguments of these types, compiled or from the cache, to be called directly.
 
-    Whoever calls the kernel itself has the types of all arguments found at every call, which takes 8 us for the 70
-    arrays of a search, ten times as long as unpacking them. What is called here takes them for known: where an array
-    has another data type, layout or number of dimensions it ends the process, or reads what is not there.
+    A call of the kernel itself determines the types of all arguments, which takes 8 us for the 70 arrays of a search,
+    ten times as long as unpacking them. The function returned here does not check types: an array of another data type,
+    layout or number of dimensions crashes the process, or causes invalid reads.
     """
     return kernel.ready(*arguments) if hasattr(kernel, "ready") else kernel
 
 
 def address(kernel, *arguments) -> int | Callable:
-    """Where the machine code of an `entry` for arguments of these types lies in this process, for `call_at`."""
+    """Address of the machine code of an `entry` for arguments of these types in this process, for `call_at`."""
     return kernel.address(*arguments) if hasattr(kernel, "address") else kernel
 
 
 def call_at(place, *arguments):
-    """Call the `entry` of four arguments, and one integer that it returns, whose code lies at that `address`.
+    """Call an `entry` with four arguments and one integer result, whose machine code is at that `address`.
 
-    Its code does not become part of the caller's: it is compiled once for all loops that call it. Nobody checks that
-    the arguments are of the types for which the address was asked.
+    Its code is not inlined into the caller: it is compiled once for all loops that call it. The types of the arguments
+    are not checked against those for which the address was obtained.
     """
     return place(*arguments)
 
 
 def call_law(place, move, record, memory, answer) -> None:
-    """Call the function of four rows of numbers that lies at an address (`_pointer_law`), by the conventions of C.
+    """Call the function of four rows of numbers at an address (`_pointer_law`), by the C calling convention.
 
-    Nobody checks that there is one, or that the rows are long enough.
+    Neither the address nor the lengths of the rows are checked.
     """
     place(move, record, memory, answer)
 
 
 def prefetch(array, index, byte) -> None:
-    """Have the line of the cache with a byte of one entry of an array (one-dimensional) on its way before it is needed.
+    """Prefetch the cache line with a byte of one entry of a one-dimensional array.
 
-    It is no error if there is no such entry.
+    The entry need not exist.
     """
 
 
@@ -118,12 +117,12 @@ if not numba.config.DISABLE_JIT:
 
 
 def jit_parallel(function):
-    """The same for a loop over threads (``prange``); it compiles for much longer, so only large scenes call for it."""
+    """The same for a loop over threads (``prange``); it takes much longer to compile, so only large scenes use it."""
     return function if numba.config.DISABLE_JIT else compiler.parallel(function, fastmath=FLOATS)
 
 
 def versions() -> list[str]:
-    """Lines about Python, numba, and where machine code of the kernels comes from."""
+    """Lines about Python, numba, and the source of the machine code of the kernels."""
     lines = [f"Python {platform.python_version()}, numba {numba.__version__}"]
     if WHY_PUBLIC:
         return [*lines, f"kernels: compiled by public means of numba alone, which takes longer: {WHY_PUBLIC}"]

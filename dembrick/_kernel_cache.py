@@ -1,8 +1,8 @@
-"""Where the machine code of the kernels is kept, who compiles it, and how it is loaded.
+"""Cache of the machine code of kernels: its folder, and claims that let one process compile while others wait.
 
-The cache folder carries a hash of all that every kernel depends on in its name (`_kernel_sources.compiler_hash`), the
-files of a kernel that of its module's sources (`closure_hash`). What is not there may have come with the package
-(`_packaged_kernels`).
+The name of the cache folder contains a hash of everything that all kernels depend on (`_kernel_sources.compiler_hash`),
+the files of a kernel contain that of its module's sources (`closure_hash`). Machine code that is not there may come
+with the package (`_packaged_kernels`).
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from types import FunctionType
 from dembrick import _file_locks
 from dembrick._kernel_sources import compiler_hash
 
-PATIENCE = 60.0  # s, for which a process waits for another that compiles what it wants; then it compiles that itself
-LOOK = 0.02  # s, between two looks whether the other is done
-WAITING = "dembrick:waiting"  # numba's event of such a wait
+PATIENCE = 60.0  # s: longest wait for another process that compiles a kernel; then this one compiles it too
+LOOK = 0.02  # s: polling interval of that wait
+WAITING = "dembrick:waiting"  # event of numba for that wait
 
 
 def is_own(folder: Path) -> bool:
-    """Make a folder, if it is missing, and say whether it is this user's alone: numba unpickles what lies in it.
+    """Make a folder if it is missing; return whether only this user can write in it, as numba unpickles its files.
 
-    It must be a folder and no link, belong to whoever runs this, and nobody else may write in it.
+    It must be a folder and no link, belong to the user of this process, and not be writable by others.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -39,12 +39,12 @@ def is_own(folder: Path) -> bool:
 
 
 def _others_write(found: os.stat_result) -> bool:
-    """Whether anyone but the owner may write in a folder; what systems without owners report says nothing."""
+    """Whether anyone but the owner may write in a folder; false on systems without owners."""
     return hasattr(os, "geteuid") and bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
 def _is_safe(base: Path) -> bool:
-    """Whether nobody else can put another folder in the place of one of ours in ``base``, which is made if missing."""
+    """Whether nobody else can replace one of our folders in ``base``, which is made if missing."""
     try:
         base.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = os.stat(base)
@@ -55,9 +55,9 @@ def _is_safe(base: Path) -> bool:
 
 
 def cache_folder() -> Path:
-    """``$DEMBRICK_CACHE_DIR``, else the user's cache folder, else a temporary one; a folder per `compiler_hash` in it.
+    """``$DEMBRICK_CACHE_DIR``, else the user's cache folder, else a temporary one; in it a folder per `compiler_hash`.
 
-    One that others could have written is not taken: then the machine code is kept for this process alone.
+    A folder in which others could write is not used: machine code then lasts for this process only.
     """
     bases = []
     if os.environ.get("DEMBRICK_CACHE_DIR"):
@@ -75,17 +75,17 @@ CACHE_FOLDER = cache_folder()
 
 
 def renamed(function, name: str):
-    """A copy of a Python function under another name: compiled in another way, it must not share a cache entry."""
+    """A copy of a Python function under another name: with other compiler options it must not share a cache entry."""
     copy = FunctionType(function.__code__, function.__globals__, name, function.__defaults__, function.__closure__)
     copy.__qualname__, copy.__doc__, copy.__module__ = name, function.__doc__, function.__module__
     return copy
 
 
 class Claims:
-    """Who compiles what: of the processes that want a kernel for the same arguments one compiles it, others wait.
+    """Claims to compile: of the processes that need a kernel for the same arguments one compiles it, the others wait.
 
-    A claim is a locked byte of a file, so that a process that dies leaves none. The file stays open: to close it would
-    let go of all claims of this process.
+    A claim is a locked byte of a file, so that it ends with its process. The file stays open, since closing it would
+    release all claims of this process.
     """
 
     def __init__(self, path: Path):
@@ -94,10 +94,10 @@ class Claims:
         self._held: set[int] = set()
 
     def take(self, byte: int) -> bool:
-        """Whether no other process has the claim: this one has it then, or nobody can, as on a disk without locks."""
+        """Try to take a claim: false if another process has it; true also without file locks, where nobody can."""
         if not _file_locks.known() or byte in self._held:
             return True
-        with suppress(OSError):  # where the file cannot be made, or on a disk without locks
+        with suppress(OSError):  # if the file cannot be made, or on a disk without locks
             if self._file is None:
                 self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
             try:
@@ -108,13 +108,13 @@ class Claims:
         return True
 
     def wait(self, byte: int) -> None:
-        """Take a claim, if need be when who has it is done, or after `PATIENCE`."""
+        """Take a claim, waiting for its owner to finish, for at most `PATIENCE`."""
         began = time.monotonic()
         while not self.take(byte) and time.monotonic() - began < PATIENCE:
             time.sleep(LOOK)
 
     def let_go(self, byte: int) -> None:
-        """Let others have it."""
+        """Release a claim."""
         if self._file is not None and byte in self._held:
             self._held.remove(byte)
             with suppress(OSError):
@@ -123,5 +123,5 @@ class Claims:
 
 @cache
 def claims_in(folder: Path) -> Claims:
-    """Those of the processes that keep their machine code in a folder."""
+    """Claims of the processes that share a cache folder."""
     return Claims(folder / ".claims")

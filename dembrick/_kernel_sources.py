@@ -1,7 +1,7 @@
-"""Hashes of the kernels' sources: they name the machine code that is kept, so that none outlives an edit of its source.
+"""Hashes of the kernels' sources, which name cached machine code so that none is used after an edit of its source.
 
-numba's own cache looks at the file of a kernel only, and would go on serving old physics after an edit in a module that
-the kernel imports. Here each kernel's machine code carries the hash of its module and of all that the module imports.
+numba's own cache checks only the file of a kernel, and would continue to use old machine code after an edit in a module
+that the kernel imports. Here each kernel's machine code has the hash of its module and of all that the module imports.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 import numba
 
 PACKAGE = Path(__file__).parent
-# Beside numba, what all machine code depends on.
+# Besides numba, files on which all machine code depends.
 TOOLS = ("_jit.py", "_kernel_cache.py", "_numba.py", "_numba_check.py", "_numba_public.py")
 _IMPORT = re.compile(r"^[ ]*(?:from ([\w.]+) import (?:\(([^)]*)\)|([^\n]*))|import ([^\n]*))", re.M)
 _NAME = re.compile(r"([\w.]+)(?: as \w+)?")
@@ -23,12 +23,12 @@ _COMMENT = re.compile(r"#[^\n]*")
 
 @cache
 def kernel_hash() -> str:
-    """Hash of everything that ends up in machine code, as its sources were when it was first asked for."""
+    """Hash of everything that affects machine code, for the sources at the first call."""
     return source_hash(PACKAGE)
 
 
 def source_hash(package: Path) -> str:
-    """Hash of the compiler (`compiler_hash`) and of all sources of kernels in a copy of the package, at any depth."""
+    """Hash of the compiler (`compiler_hash`) and of all kernel sources in a copy of the package, at any depth."""
     digest = hashlib.sha256(compiler_hash(package).encode())
     for source in sorted((package / "kernels").rglob("*.py")):
         digest.update(_entry(package, source))
@@ -36,11 +36,10 @@ def source_hash(package: Path) -> str:
 
 
 def compiler_hash(package: Path = PACKAGE) -> str:
-    """Hash of what all machine code depends on.
+    """Hash of everything on which all machine code depends.
 
-    numba counts by its version, by whether it checks bounds (``NUMBA_BOUNDSCHECK``) and by how far it optimises
-    (``NUMBA_OPT``), which its own cache ignores. The path does not count: copies of the same sources share what one of
-    them has compiled.
+    For numba this is its version, its bounds checks (``NUMBA_BOUNDSCHECK``) and its optimisation level (``NUMBA_OPT``),
+    which its own cache ignores. The path is not included: copies with equal sources share machine code.
     """
     digest = hashlib.sha256(f"{numba.__version__} {numba.config.BOUNDSCHECK} {numba.config.OPT}".encode())
     for name in TOOLS:
@@ -50,7 +49,7 @@ def compiler_hash(package: Path = PACKAGE) -> str:
 
 @cache
 def closure_hash(module: str, package: Path = PACKAGE) -> str:
-    """Hash of a module of kernels and of all modules of kernels that it imports, directly or not."""
+    """Hash of a kernel module and of all kernel modules that it imports, directly or not."""
     digest = hashlib.sha256(module.encode())
     for source in sorted(import_closure(module, package)):
         digest.update(_entry(package, source))
@@ -58,7 +57,7 @@ def closure_hash(module: str, package: Path = PACKAGE) -> str:
 
 
 def import_closure(module: str, package: Path = PACKAGE) -> set[Path]:
-    """Files of a module (its dotted name) and of all modules of kernels that it imports, directly or not."""
+    """Files of a module (its dotted name) and of all kernel modules that it imports, directly or not."""
     found: set[Path] = set()
     open_ends = [source_of(module, package)]
     while open_ends:
@@ -71,7 +70,7 @@ def import_closure(module: str, package: Path = PACKAGE) -> set[Path]:
 
 @cache
 def imported(source: Path, package: Path) -> tuple[Path, ...]:
-    """Files of the kernels' modules that a source imports, wherever in it."""
+    """Files of the kernel modules that a source imports, at any place in it."""
     found = []
     for origin, listed, line, plain in _IMPORT.findall(source.read_text(encoding="utf-8")):
         given = _NAME.findall(_COMMENT.sub("", listed or line or plain))
@@ -83,7 +82,7 @@ def imported(source: Path, package: Path) -> tuple[Path, ...]:
 
 
 def source_of(module: str, package: Path = PACKAGE) -> Path | None:
-    """File of a module of kernels by its dotted name; None if it is no module of kernels."""
+    """File of a kernel module by its dotted name; None if it is not a kernel module."""
     first, *rest = module.split(".")
     if first != PACKAGE.name or rest[:1] != ["kernels"]:
         return None

@@ -1,6 +1,6 @@
-"""The private parts of numba that kernels are compiled, kept and loaded with: nothing else in the package uses any.
+"""Use of numba's private API for compiling, caching and loading kernels; no other module of the package uses it.
 
-`_numba_check` lists them, and refuses a numba that lacks one; then `_numba_public` stands in.
+`_numba_check` lists the private names and refuses a numba that lacks one; then `_numba_public` is used instead.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from dembrick._packaged_kernels import keeps, packaged_kernels
 
 
 def target() -> tuple[str, str, str]:
-    """numba's name of what it compiles for: system, processor, features."""
+    """numba's description of its compilation target: system, processor, features."""
     return cpu_target.target_context.codegen().magic_tuple()
 
 
 class _Beginning(event.Listener):
-    """Listener that calls a function when something begins."""
+    """Listener that calls a function at the start of an event."""
 
     def __init__(self, begun: Callable[[], None]):
         self._begun = begun
 
     def on_start(self, event) -> None:
-        """See numba."""
+        """Overrides numba's method."""
         self._begun()
 
     def on_end(self, event) -> None:
-        """See numba."""
+        """Overrides numba's method."""
 
 
 @contextmanager
 def hearing(kinds: tuple[str, ...], begun: Callable[[], None]) -> Iterator[None]:
-    """Context in which ``begun`` is called whenever an event of numba of one of these kinds begins."""
+    """Context in which ``begun`` is called at the start of every numba event of one of these kinds."""
     listener = _Beginning(begun)
     for kind in kinds:
         event.register(kind, listener)
@@ -62,43 +62,43 @@ def hearing(kinds: tuple[str, ...], begun: Callable[[], None]) -> Iterator[None]
 
 
 class _Folder:
-    """Where the machine code of a kernel is kept: found by its module and the sources of that, not by its path."""
+    """Location of a kernel's machine code, which depends on its module and sources, but not on its path."""
 
     def __init__(self, function):
         self._stamp = closure_hash(function.__module__)
         self._name = f"{function.__module__}-{function.__code__.co_firstlineno}-{self._stamp}"
-        self._py_file = function.__code__.co_filename  # where numba warns of a kernel that it cannot keep
+        self._py_file = function.__code__.co_filename  # named in numba's warning about a kernel that it cannot cache
 
     @classmethod
     def from_function(cls, function, _file):
-        """See numba."""
+        """Overrides numba's method."""
         return cls(function)
 
     def ensure_cache_path(self):
-        """The folder was made when its name was chosen."""
+        """No effect: the folder was made when its name was chosen."""
 
     def get_cache_path(self):
-        """See numba."""
+        """Overrides numba's method."""
         return str(_kernel_cache.CACHE_FOLDER)
 
     def get_source_stamp(self):
-        """Stamp of a source: an edit makes old machine code useless, and gives the file another name as well."""
+        """Stamp of a source: an edit invalidates old machine code, and also changes the name of the file."""
         return self._stamp
 
     def get_disambiguator(self):
-        """See numba."""
+        """Overrides numba's method."""
         return self._name
 
 
 class CacheFile(IndexDataCacheFile):
-    """numba's file of one kernel, whose index is read and written again by one process at a time.
+    """numba's file of one kernel, with its index updated by one process at a time.
 
-    Two processes that compile the same kernel for other arguments would lose an entry, or give two the same number.
-    What cannot be written, on a full disk for one, is compiled again by the next run.
+    Otherwise two processes that compile a kernel for different arguments could lose an entry, or use one number twice.
+    If writing fails, as on a full disk, the next run compiles the kernel again.
     """
 
     def save(self, key, data):
-        """See numba."""
+        """Overrides numba's method."""
         with suppress(OSError), open(_kernel_cache.CACHE_FOLDER / ".lock", "a") as lock:
             if _file_locks.known():
                 with suppress(OSError):  # a disk without locks
@@ -107,8 +107,8 @@ class CacheFile(IndexDataCacheFile):
 
 
 class _Kept(JITCodeLibrary):
-    """Machine code out of the cache. What other kernels would take into their own code is parsed if one of them does:
-    that took longer than all else that loading a kernel takes."""
+    """Machine code from the cache. Bitcode for inlining into other kernels is parsed only on demand: that took longer
+    than everything else in loading a kernel."""
 
     @classmethod
     def _unserialize(cls, codegen, state):
@@ -130,13 +130,13 @@ class _Impl(FunctionCache._impl_class):
     _locator_classes = [_Folder]
 
     def reduce(self, cres):
-        """See numba. The names that the machine code defines are kept beside it."""
+        """Overrides numba's method: also stores the names that the machine code defines."""
         module = cres._asdict()["library"]._get_module_for_linking()
         found = (*module.functions, *module.global_variables)
         return [one.name for one in found if not one.is_declaration], super().reduce(cres)
 
     def rebuild(self, target_context, kept):
-        """See numba, of whose compiler lock nobody else has the code generator meanwhile."""
+        """Overrides numba's method; numba's compiler lock protects the code generator meanwhile."""
         (names, payload), codegen = kept, target_context.codegen()
         codegen._engine._defined_symbols.update(names)
         codegen._library_class = _Kept
@@ -147,7 +147,7 @@ class _Impl(FunctionCache._impl_class):
 
 
 class ParallelKernelCache(FunctionCache):
-    """numba's cache in the package's own folder; what is not there is compiled by one process at a time."""
+    """numba's cache in the package's own folder; a missing kernel is compiled by one process at a time."""
 
     _impl_class = _Impl
 
@@ -157,7 +157,7 @@ class ParallelKernelCache(FunctionCache):
         self._claimed: dict = {}
 
     def load_overload(self, sig, target_context):
-        """See numba. Where there is nothing this process has claimed it when it returns."""
+        """Overrides numba's method. If nothing is found, this process has the claim to compile on return."""
         found = self._load(sig, target_context)
         if found is None:
             what = f"{self._impl.filename_base} {sig} {target_context.codegen().magic_tuple()}"
@@ -175,7 +175,7 @@ class ParallelKernelCache(FunctionCache):
         return self._from_package(sig, target_context) if found is None else found
 
     def _from_package(self, sig, target_context):
-        """Machine code that came with the package, for any processor that has what it needs; None if there is none."""
+        """Machine code that came with the package and suits this processor; None if there is none."""
         package = packaged_kernels()
         if package is None:
             return None
@@ -187,21 +187,22 @@ class ParallelKernelCache(FunctionCache):
         return None if data is None else self._impl.rebuild(target_context, data)
 
     def _index_key(self, sig, codegen):
-        """See numba. Machine code reads a named tuple by the places of its fields, numba's type has their names only
-        by the class, which another version of the package may define otherwise."""
+        """Overrides numba's method: adds field names of named tuples. Machine code accesses their fields by position,
+        but the numba type has field names only through the class, which may differ in another version of the
+        package."""
         return (*super()._index_key(sig, codegen), _fields(sig))
 
     def let_go(self, sig) -> None:
-        """Let others compile it, or find what was compiled."""
+        """Release the claim, so that others can compile or find the result."""
         if sig in self._claimed:
             claims_in(_kernel_cache.CACHE_FOLDER).let_go(self._claimed.pop(sig))
 
 
 class KernelCache(ParallelKernelCache):
-    """The same, but machine code that is found there is loaded as it is.
+    """The same, but machine code from the cache is loaded without preparation of the compiler.
 
-    numba first prepares for all that could be compiled, which took longer than loading the kernels of a short run.
-    A kernel without the memory runtime needs none of it, and where nothing is found the compiler prepares itself.
+    numba's preparation took longer than loading the kernels of a short run. A kernel without the memory runtime does
+    not need it to be loaded, and if nothing is found the compiler prepares itself.
     """
 
     def _load(self, sig, target_context):
@@ -211,13 +212,13 @@ class KernelCache(ParallelKernelCache):
 
 
 def _fields(kinds) -> tuple:
-    """Names of the fields of all named tuples in numba's types of arguments, at any depth, in order."""
+    """Field names of all named tuples in numba types of arguments, at any depth, in order."""
     named = [(kind.fields, _fields(kind.types)) for kind in kinds if isinstance(kind, types.BaseNamedTuple)]
     return (*named, *(_fields(kind.types) for kind in kinds if isinstance(kind, types.Tuple | types.UniTuple)))
 
 
 def _type_of(value):
-    """numba's type of an argument: of an array of numpy's own class, of tuples of them, or of what else there is."""
+    """numba's type of an argument; fast for plain numpy arrays and tuples of them."""
     if type(value) is np.ndarray:
         return types.Array(from_dtype(value.dtype), value.ndim, map_layout(value), readonly=not value.flags.writeable)
     if isinstance(value, tuple):
@@ -227,7 +228,7 @@ def _type_of(value):
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Within, nobody looks for garbage: a compiler keeps most of what it makes, and looking is a tenth of its work."""
+    """Context without garbage collection, which took 10% of the compiler's time to free next to nothing."""
     wanted = gc.isenabled()
     gc.disable()
     try:
@@ -238,10 +239,10 @@ def _no_collection() -> Iterator[None]:
 
 
 class _Called(CPUDispatcher):
-    """A function as Python calls it."""
+    """Dispatcher of a kernel for calls from Python."""
 
     def typeof_pyval(self, value):
-        """See numba, which loads masked arrays to see that an array is none."""
+        """Overrides numba's method, which loads masked arrays to test for them."""
         if not isinstance(value, tuple | np.ndarray):
             return super().typeof_pyval(value)
         found = _type_of(value)
@@ -249,10 +250,10 @@ class _Called(CPUDispatcher):
         return found
 
     def _compilation_chain_init_hook(self):
-        """See numba, which looks through all installed packages for types that no kernel has."""
+        """Overrides numba's method with nothing: it searches all installed packages for types that no kernel uses."""
 
     def compile(self, sig):
-        """See numba."""
+        """Overrides numba's method."""
         try:
             with _no_collection():
                 return super().compile(sig)
@@ -264,16 +265,16 @@ class _Called(CPUDispatcher):
 def _compiled(function, cache=KernelCache, **options):
     wanted = {"nopython": True, "boundscheck": None, "error_model": "numpy", **options}
     kernel = _Called(function, targetoptions={"no_cfunc_wrapper": True, **wanted})
-    if function.__module__.startswith(f"{__package__}.kernels."):  # what the name of the folder answers for
-        kernel._cache = cache(function)  # what ``cache=True`` does
+    if function.__module__.startswith(f"{__package__}.kernels."):  # modules covered by the hash in the folder's name
+        kernel._cache = cache(function)  # as ``cache=True`` does
     return kernel
 
 
 class _Part(JITCodeLibrary):
-    """Code that only ever becomes part of other code: it is optimised, and made machine code, there and not by itself.
+    """Code that is only inlined into other code; it is optimised and compiled there and not by itself.
 
-    numba does both for every function it compiles, together with all that it calls: what is called from a depth of ten
-    was optimised ten times, and nobody ever ran nine of them.
+    numba does both for every compiled function, including all that it calls: a function at a call depth of ten was
+    optimised ten times, and nine results were never executed.
     """
 
     def _optimize_final_module(self):
@@ -291,18 +292,18 @@ class _PartCompiler(Compiler):
 
 
 class _Parts(CPUDispatcher):
-    """A function as other kernels see it."""
+    """Dispatcher of a kernel for calls from other kernels."""
 
     def add_overload(self, cres):
-        """See numba. What was compiled has no entry point, the name under which numba would find it: it gets one."""
+        """Overrides numba's method. Parts have no entry point, by which numba finds them, so they are given one."""
         cres, part = cres._replace(entry_point=object()), cres._asdict()["library"]
         self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [part])
         self.overloads[tuple(cres.signature.args)] = cres
 
 
 class Kernel:
-    """A kernel that Python and other kernels call. numba's dispatcher of it is made when it is first asked for: a run
-    that finds its kernels in the cache asks for few."""
+    """A kernel that Python and other kernels call. Its numba dispatcher is made on first use: a run that finds its
+    kernels in the cache uses few."""
 
     def __init__(self, function, **options):
         self.__name__, self.__qualname__ = function.__name__, function.__qualname__
@@ -313,27 +314,27 @@ class Kernel:
 
     @cached_property
     def called(self):
-        """The function as Python calls it."""
+        """The dispatcher for calls from Python."""
         return _compiled(self.py_func, **self._options)
 
     @cached_property
     def _numba_type_(self):
-        """The function as other kernels see it; a weak reference."""
+        """The type for calls from other kernels; a weak reference."""
         return types.Dispatcher(self.called)
 
     def __call__(self, *arguments):
-        """Call it from Python."""
+        """Call the kernel from Python."""
         return self.called(*arguments)
 
     def ready(self, *arguments) -> Callable:
-        """See `ready`."""
+        """See `_jit.ready`."""
         prints = tuple(map(compute_fingerprint, arguments))
         if prints not in self._ready:
             self._ready[prints] = self.called.compile(tuple(map(self.called.typeof_pyval, arguments)))
         return self._ready[prints]
 
     def address(self, *arguments) -> int:
-        """See `address`."""
+        """See `_jit.address`."""
         kinds = tuple(map(self.called.typeof_pyval, arguments))
         self.called.compile(kinds)
         code = self.called.overloads[kinds]._asdict()
@@ -341,11 +342,11 @@ class Kernel:
 
 
 class Inlined(Kernel):
-    """A kernel that other kernels take into their own code, and that Python may call as well.
+    """A kernel that is inlined into other kernels, and that Python may call as well.
 
-    Other kernels take it as `_Parts`, without the code by which Python calls it, which holds the whole body once more;
-    a first run compiles in less than half the time. ``called`` is compiled if Python calls. Not so for a kernel that
-    only Python calls, which is better an `entry`.
+    Other kernels use it as `_Parts`, without the wrapper for Python, which contains the whole body again; this more
+    than halves the compile time of a first run. ``called`` is compiled on a call from Python. A kernel that only Python
+    calls should be an `entry` instead.
     """
 
     @cached_property
@@ -355,17 +356,17 @@ class Inlined(Kernel):
 
     @cached_property
     def _numba_type_(self):
-        """The function as other kernels see it; a weak reference."""
+        """The type for calls from other kernels; a weak reference."""
         return types.Dispatcher(self._part)
 
     @cached_property
     def called(self):
-        """The function as Python calls it."""
+        """The dispatcher for calls from Python."""
         return _compiled(renamed(self.py_func, f"{self.py_func.__name__}_called"), **self._options)
 
 
 def _call_at(_, place, first, second, third, fourth):
-    """`call_at` for numba: its own convention of a call, to an address."""
+    """`call_at` for numba: a call with numba's calling convention, to an address."""
     kinds = (first, second, third, fourth)
 
     def code(context, builder, signature, arguments):
@@ -381,7 +382,7 @@ def _call_at(_, place, first, second, third, fourth):
 
 
 def _call_law(_, place, move, record, memory, answer):
-    """`call_law` for numba: a call by the conventions of C, with the places of the rows."""
+    """`call_law` for numba: a call with the C calling convention, with pointers to the rows."""
 
     def code(context, builder, signature, arguments):
         rows = [
@@ -396,7 +397,7 @@ def _call_law(_, place, move, record, memory, answer):
 
 
 def _prefetch(_, array, index, byte):
-    """`prefetch` for numba: the instruction of the processor."""
+    """`prefetch` for numba: the processor's instruction."""
 
     def code(context, builder, signature, arguments):
         place = builder.gep(context.make_array(signature.args[0])(context, builder, arguments[0]).data, [arguments[1]])
@@ -412,17 +413,17 @@ def _prefetch(_, array, index, byte):
 
 
 def inlined(function, **options) -> Inlined:
-    """Kernel that other kernels take into their own code; without numba's memory runtime."""
+    """Kernel that is inlined into other kernels; without numba's memory runtime."""
     return Inlined(function, nogil=True, _nrt=False, **options)
 
 
 def entry(function, **options) -> Kernel:
-    """Kernel that Python or a batch enters; without numba's memory runtime."""
+    """Kernel that is called from Python or by a batch; without numba's memory runtime."""
     return Kernel(function, nogil=True, _nrt=False, **options)
 
 
 def parallel(function, **options) -> Kernel:
-    """Kernel over threads."""
+    """Kernel with a parallel loop."""
     return Kernel(function, cache=ParallelKernelCache, parallel=True, **options)
 
 

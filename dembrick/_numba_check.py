@@ -1,7 +1,7 @@
-"""Whether this numba has the private parts that `_numba` uses: numba promises none of them.
+"""Check that this numba has the private names that `_numba` uses, as numba does not guarantee them.
 
-Where one is gone, or numba is a version that was not tried, `_jit` compiles by numba's public means (`_numba_public`).
-``DEMBRICK_NUMBA`` in the environment: "public" for that at once, "private" to try a version that was not tried.
+If one is missing, or this version of numba was not tested, `_jit` compiles by numba's public API (`_numba_public`).
+``DEMBRICK_NUMBA`` in the environment: "public" selects that always, "private" allows an untested version.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from importlib import import_module
 import numba
 
 SWITCH = "DEMBRICK_NUMBA"
-TRIED = (0, 62), (0, 68)  # first and last version of numba with which all tests ran
+TRIED = (0, 62), (0, 68)  # first and last version of numba with which all tests passed
 USED = (
     "numba._dispatcher.compute_fingerprint",
     "numba.core.caching.FunctionCache._guard_against_spurious_io_errors",
@@ -45,16 +45,16 @@ USED = (
     "numba.np.numpy_support.map_layout",
 )
 
-USED_OF_CODEGEN = ("_engine._defined_symbols", "create_library", "magic_tuple")  # it is made when something is compiled
+USED_OF_CODEGEN = ("_engine._defined_symbols", "create_library", "magic_tuple")  # made only on compilation
 
 
 def moved(names=USED) -> list[str]:
-    """Those of some dotted names of numba that this version does not have."""
+    """Those of some dotted names of numba that are missing in this version."""
     return [name for name in names if not _is_there(name)]
 
 
 def moved_from(thing, names) -> list[str]:
-    """Those of some dotted names that an object does not have."""
+    """Those of some dotted names that an object lacks."""
     return [name for name in names if not _has(thing, name.split("."))]
 
 
@@ -75,7 +75,7 @@ def _has(thing, parts: list[str]) -> bool:
 
 
 def refusal(version: str = numba.__version__, names=USED) -> str:
-    """Reason why private parts are not used; empty if they are."""
+    """Reason for not using private names; empty if they are used."""
     switch = os.environ.get(SWITCH)
     if switch == "public":
         return f"{SWITCH} is public"

@@ -1,9 +1,9 @@
-"""Kernels by public means of numba alone, where its private parts (`_numba`) moved: right, and slower to compile.
+"""Kernels by numba's public API alone, for versions whose private names (`_numba`) changed: correct, slower to compile.
 
-Called kernels are inlined by ``forceinline`` and compiled once for every caller; nothing comes with a wheel, and no
-second process compiles ahead. Machine code is kept by numba's own cache, in a folder that is named by all sources of
-kernels, as that cache looks at the file of a kernel only. It may lose or mix entries that two processes write at once:
-the first process has the folder for as long as it lives, others compile for themselves.
+Called kernels are inlined by ``forceinline`` and compiled once per caller; there is no machine code from a wheel, and
+no second process that compiles ahead. Machine code is in numba's own cache, in a folder named by the hash of all kernel
+sources, as that cache checks only the file of a kernel. It may lose or mix entries when two processes write at once;
+therefore the first process owns the folder as long as it lives, and others compile for themselves.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ compute_fingerprint = numba.typeof
 
 @cache
 def _folder() -> Path | None:
-    """Folder of the machine code; None if this process cannot have it for itself."""
+    """Folder of the machine code; None if this process cannot own it."""
     folder = _kernel_cache.CACHE_FOLDER / f"public-{kernel_hash()}"
     if not _file_locks.known() or not is_own(folder):
         return None
@@ -37,7 +37,7 @@ def _folder() -> Path | None:
 
 @contextmanager
 def _numba_keeps_in(folder: Path | None) -> Iterator[None]:
-    """Context in which numba makes the cache of a kernel in a folder; afterwards that of others is where it was."""
+    """Context in which numba places the cache of a kernel in a folder; the setting is restored afterwards."""
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = before if folder is None else str(folder)
     try:
@@ -53,34 +53,34 @@ def _compiled(function, **options):
 
 
 def inlined(function, **options):
-    """Kernel that other kernels take into their own code."""
+    """Kernel that is inlined into other kernels."""
     return _compiled(function, nogil=True, forceinline=True, **options)
 
 
 def entry(function, **options):
-    """Kernel that Python or a batch enters."""
+    """Kernel that is called from Python or by a batch."""
     return _compiled(function, nogil=True, **options)
 
 
 def parallel(function, **options):
-    """Kernel over threads."""
+    """Kernel with a parallel loop."""
     return _compiled(function, parallel=True, **options)
 
 
 @contextmanager
 def hearing(_kinds: tuple[str, ...], _begun: Callable[[], None]) -> Iterator[None]:
-    """Context that hears of nothing: numba's events are private."""
+    """Context without effect, as numba's events are private."""
     yield
 
 
 def call_at(place, *arguments):
-    """`_jit.call_at`: the kernel itself is its address."""
+    """`_jit.call_at`: here the kernel itself serves as its address."""
     return place(*arguments)
 
 
 @overload(call_at)
 def _call(place, *arguments):
-    """`call_at` for numba; no kernel, the number 0, is there where the call is never reached."""
+    """`call_at` for numba; in place of a kernel there may be the number 0, where the call is never reached."""
     if isinstance(place, types.Integer):
         return lambda place, *arguments: 0
     return lambda place, *arguments: place(*arguments)
@@ -88,7 +88,7 @@ def _call(place, *arguments):
 
 @overload(operator.ne)
 def _differs(place, number):
-    """The test whether there is a kernel to call."""
+    """Comparison of an address with 0, true for a kernel."""
     if isinstance(place, types.Dispatcher) and isinstance(number, types.Integer):
         return lambda place, number: True
     return None
@@ -106,10 +106,10 @@ def _call_c(_, place, move, record, memory, answer):
 
 @register_jitable
 def call_law(place, move, record, memory, answer):
-    """`_jit.call_law` for numba: the places of the rows as whole numbers."""
+    """`_jit.call_law` for numba: row addresses are passed as integers."""
     _call_c(place, move.ctypes.data, record.ctypes.data, memory.ctypes.data, answer.ctypes.data)
 
 
 @numba.njit
 def prefetch(*_):
-    """`_jit.prefetch`: nothing, as no public instruction does it."""
+    """`_jit.prefetch` without effect, as there is no public instruction for it."""

@@ -1,8 +1,8 @@
-"""Machine code of the kernels that came with the package: a wheel made by ``tools/build_wheel.py`` has it.
+"""Machine code of kernels that comes with the package, in a wheel made by ``tools/build_wheel.py``.
 
 It was compiled for one version of numba and of Python and for a processor with named features (`Package`). If any of
-them differs, or ``DEMBRICK_KERNELS=off`` is set, kernels are compiled here; so is a kernel whose sources were edited.
-By ``DEMBRICK_KERNELS=keep`` what is loaded goes into the cache as well, from which a wheel is made.
+these differs, or ``DEMBRICK_KERNELS=off`` is set, kernels are compiled here; so is a kernel whose sources were edited.
+With ``DEMBRICK_KERNELS=keep``, loaded kernels are also stored in the cache, from which a wheel is made.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from dembrick._kernel_sources import compiler_hash
 FOLDER = Path(__file__).parent / "_kernels"
 MANIFEST = "manifest.json"
 KEYS = {"numba", "python", "compiler", "target", "features"}  # of the manifest
-SWITCH = "DEMBRICK_KERNELS"  # in the environment: "off" is as if the package had none; "keep", see above
+SWITCH = "DEMBRICK_KERNELS"  # in the environment: "off" ignores packaged kernels; "keep", see above
 
 
 class Package(NamedTuple):
-    """Kernels of a wheel."""
+    """Kernels of a wheel, and their compilation target."""
 
     folder: Path
-    target: tuple[str, str, str]  # numba's name of what it was compiled for: system, processor, features
+    target: tuple[str, str, str]  # numba's compilation target: system, processor, features
 
 
 def keeps() -> bool:
-    """Whether kernels that came with the package go into the cache if they are loaded."""
+    """Whether kernels that came with the package are stored in the cache when they are loaded."""
     return os.environ.get(SWITCH) == "keep"
 
 
@@ -45,7 +45,7 @@ def packaged_kernels() -> Package | None:
 
 
 def why_compiled() -> str:
-    """Reason in a few words why a kernel is compiled although kernels came with the package; empty if none did."""
+    """Short reason why kernels are compiled although the package contains some; empty if it contains none."""
     if not FOLDER.is_dir():
         return ""
     if os.environ.get(SWITCH) == "off":
@@ -79,7 +79,7 @@ def _misfit(manifest: dict) -> str:
 
 
 def _missing(target: list[str], features: list[str]) -> list[str]:
-    """Features that kernels need and the processor for which numba compiles here (``NUMBA_CPU_NAME``) has not."""
+    """Features that the kernels need and the processor for which numba compiles here (``NUMBA_CPU_NAME``) lacks."""
     system, name, _ = target
     if system != binding.get_process_triple():
         return [system]

@@ -1,7 +1,7 @@
-"""Functions that kernels call by an address (`_jit.call_law`): joint laws of the user's own.
+"""Functions that kernels call by an address (`_jit.call_law`): user-defined joint laws.
 
-No kernel is compiled with them: one machine code serves all such laws, and the cache of the kernels never holds one.
-By public means of numba.
+Kernels are not compiled with them: one machine code serves all such laws, and none enters the kernel cache. Only
+numba's public API is used.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ ANSWERS = 4  # numbers that a law returns
 
 
 class PointerLaw:
-    """A function of three records, of the ``kinds`` given, that returns `ANSWERS` numbers: compiled, with an address.
+    """A compiled function with an address: it takes three records of the ``kinds`` and returns `ANSWERS` numbers.
 
-    Where it raises an exception it answers with no number. Without a compiler (``NUMBA_DISABLE_JIT``) the address is a
-    function itself. Raises what numba raises for a function that it cannot compile.
+    If it raises an exception, the results are NaN. Without a compiler (``NUMBA_DISABLE_JIT``) the address is a
+    function. Raises numba's error for a function that it cannot compile.
     """
 
     def __init__(self, function: Callable, kinds: Sequence[np.dtype]):
@@ -32,7 +32,7 @@ class PointerLaw:
         def called(move, record, memory, answer):
             found = carray(answer, ANSWERS)
             for k in range(ANSWERS):
-                found[k] = np.nan  # what stays if the law raises an exception
+                found[k] = np.nan  # remains if the law raises an exception
             one, own, kept = carray(move, 1), carray(record, 1), carray(memory, 1)
             found[0], found[1], found[2], found[3] = law(one[0], own[0], kept[0])
 
@@ -42,13 +42,13 @@ class PointerLaw:
 
     @property
     def at(self) -> np.ndarray:
-        """Where it lies in this process (1,), for `_jit.call_law`."""
+        """Its address in this process (1,), for `_jit.call_law`."""
         if self._compiled is None:
             return np.array([self._plain], object)
         return np.array([self._compiled.address], np.int64)
 
     def __call__(self, *rows: np.ndarray) -> None:
-        """Call it with a row of each kind, and one of `ANSWERS` numbers for what it answers."""
+        """Call it with a row of each kind, and one of `ANSWERS` numbers for the results."""
         if self._compiled is None:
             self._plain(*rows)
             return
@@ -57,7 +57,7 @@ class PointerLaw:
 
 
 def _plain(function: Callable, kinds: Sequence[np.dtype]) -> Callable:
-    """The same in plain Python."""
+    """The same function without compilation."""
 
     def called(move, record, memory, answer):
         rows = (row.view(kind).view(np.recarray)[0] for row, kind in zip((move, record, memory), kinds, strict=True))

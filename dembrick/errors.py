@@ -1,7 +1,7 @@
-"""The errors a user can meet, each with the exit code of the command that shows it.
+"""All errors that users may see, each with the exit code of the command line.
 
-Every message names the cause and the remedy in one sentence or two; the command line prints it without a
-traceback. Exit codes: 1 no answer, 2 invalid input or usage, 4 an optional dependency is missing.
+Every message states the cause and the remedy in a sentence or two; the command line prints it without a traceback.
+Exit codes: 1 no result, 2 invalid input or usage, 4 an optional dependency is missing.
 """
 
 from importlib import import_module
@@ -9,21 +9,21 @@ from types import ModuleType
 
 
 class DembrickError(Exception):
-    """Base of all errors that are addressed to the user; ``answer`` is the JSON object of the run that failed."""
+    """Base class of all errors addressed to the user; ``answer`` is the JSON object of the failed run."""
 
     exit_code = 1
-    status = "failed"  # of the JSON object
+    status = "failed"  # in the JSON object
     answer: dict | None = None
 
 
 class ScenarioError(DembrickError):
-    """The input cannot describe a test: unknown key, wrong type, impossible value or geometry."""
+    """The input does not describe a valid test: unknown key, wrong type, impossible value or geometry."""
 
     exit_code = 2
 
 
 class OverlapError(ScenarioError):
-    """Blocks that share volume at the start; ``blocks`` are their numbers in the scenario."""
+    """Blocks overlap at the start; ``blocks`` are their indices in the scenario."""
 
     def __init__(self, message: str, blocks: tuple[int, ...] = ()):
         super().__init__(message)
@@ -31,27 +31,27 @@ class OverlapError(ScenarioError):
 
 
 class HistoryError(DembrickError):
-    """A history file that cannot be read: missing, truncated, or not one of ours."""
+    """A history file cannot be read: missing, truncated, or not written by this package."""
 
     exit_code = 2
 
 
 class OutputError(DembrickError):
-    """An output path that cannot be used: missing folder, a finished history in the way."""
+    """An output path cannot be used: missing folder, or a finished history exists already."""
 
     exit_code = 2
 
 
 class WriteError(DembrickError):
-    """A write that failed: no permission, a read-only disk, a disk that is full, a folder that is gone."""
+    """A write failed: no permission, read-only or full disk, folder removed."""
 
 
 class DivergedError(DembrickError):
-    """The time stepping left the physical range: NaN, runaway energy, a block thrown away."""
+    """Time stepping diverged: NaN, runaway energy, or a block thrown far away."""
 
 
 class NotConvergedError(DembrickError):
-    """The answer was not reached; ``yield_point`` carries the best bracket found, if there is one."""
+    """No result was reached; ``yield_point`` is the best bracket found, or None."""
 
     def __init__(self, message: str, yield_point=None):
         super().__init__(message)
@@ -59,17 +59,17 @@ class NotConvergedError(DembrickError):
 
 
 class UndecidedError(NotConvergedError):
-    """The dead loads are seen neither to be balanced nor to bring blocks down within the effort made."""
+    """Within the allowed effort neither equilibrium nor collapse under the dead loads was found."""
 
     status = "undecided"
 
 
 class BracketError(DembrickError):
-    """The bounds of a limit load contradict each other: a fault of the program, never of the input."""
+    """The bounds of a limit load contradict each other: an error of the program, never of the input."""
 
 
 class EnergyAuditError(DembrickError):
-    """The energy balance of a run is off, or friction created energy."""
+    """The energy balance of a run is violated, or friction created energy."""
 
 
 class MissingDependency(DembrickError):
@@ -79,7 +79,7 @@ class MissingDependency(DembrickError):
 
 
 def needed(package: str, what: str) -> ModuleType:
-    """The module of a ``package`` that may be missing; MissingDependency then says ``what`` needs it."""
+    """Import a ``package`` that may be missing; a MissingDependency then names ``what`` needs it."""
     try:
         return import_module(package)
     except ImportError as error:
