@@ -77,8 +77,8 @@ class Attached:
 
 @dataclass(frozen=True, eq=False)
 class ActuatorTable:
-    """Actuators: ``names``; points ``at`` which they push; ``direction`` (k, 3) unit, world; ``weight`` (k,); ``kind``
-    (k,), one of `KINDS`."""
+    """Actuators: ``names``; ``at``, the points that they push; ``direction`` (k, 3) unit, world; ``weight`` (k,);
+    ``kind`` (k,), one of `KINDS`."""
 
     names: tuple[str, ...]
     at: Attached
@@ -94,7 +94,7 @@ class ActuatorTable:
 
 @dataclass(frozen=True, eq=False)
 class ControlPoints:
-    """Material points whose displacement is recorded: ``names``, and the points ``at`` which they are."""
+    """Material points whose displacement is recorded: ``names``, and the points, ``at``."""
 
     names: tuple[str, ...]
     at: Attached

@@ -6,8 +6,8 @@ in real time.
 Fills act on each upward bare face of a block, by the column above it and by horizontal pressure.
 
 With sigma(z) = gamma (z_s - z) on a face of outward normal n, the traction is -sigma (K n_x, K n_y, n_z) per area:
-sigma on the horizontal projection of the area, and K sigma on its vertical projections. The traction has one direction
-all over a face, so that its resultant acts at the centre of sigma, like that of a pressure.
+sigma times the area in plan, and K sigma times the area in elevation. The traction has one direction all over a face,
+so that its resultant acts at the centre of sigma, like that of a pressure.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class HistoryWriter:
     load. ``inputs``: the files that the scenario reads.
 
     An existing file is replaced if it is of a failed run, or an unfinished history of the same scenario; with ``force``
-    = `OWN` also if it is a finished history of that, with True whatever it is.
+    = `OWN` also a finished one, with True any file.
 
     Raises OutputError if the path cannot be used, WriteError if a write fails; what was flushed before
     stays readable.

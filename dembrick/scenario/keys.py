@@ -114,7 +114,7 @@ def _object(kind: Any) -> dict:
     if issubclass(kind, Control):
         properties = {"kind": {"const": kind.kind}, **properties}
         required.insert(0, "kind")
-    if kind is JointLaw:  # alternatives to two numbers in a file
+    if kind is JointLaw:  # a file may have this instead of two numbers
         properties["points"] = {"anyOf": [properties["points"], {"const": "auto"}]}
     return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
 

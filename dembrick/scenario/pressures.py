@@ -87,7 +87,7 @@ class Fill:
 
     The vertical stress at depth h below the height ``surface`` (m, along +z) is ``weight`` (N/m3) times h, the
     horizontal stress K times that. A face carries the column of fill above it, and K times the vertical stress on its
-    horizontally projected area. ``pressure`` selects K: "none" (0), "at-rest" (1 - sin phi, Jaky 1944), "active" or
+    area in elevation. ``pressure`` selects K: "none" (0), "at-rest" (1 - sin phi, Jaky 1944), "active" or
     "passive" ((1 - sin phi) / (1 + sin phi) and its inverse, Rankine 1857), with phi = ``friction_angle`` (deg); or
     ``coefficient`` is K. A passive pressure as a dead load presumes that the blocks push into the fill.
     ``stages``: numbers of the stages in which it acts, None for all.

@@ -45,7 +45,7 @@ def controls_of(scenario: Scenario) -> tuple[Control, ...]:
 
 
 def in_deformed_geometry(controls: tuple[Control, ...]) -> tuple[Control, ...]:
-    """The controls of all stages; searches after a settlement in the deformed geometry are set to that geometry."""
+    """The controls of all stages; searches after a stage in the deformed geometry are set to that geometry."""
     found: list[Control] = []
     for control in controls:
         deformed = bool(found) and found[-1].in_deformed_geometry

@@ -145,8 +145,8 @@ def _end_of(wall: Wall, other: Wall) -> tuple[int, float]:
 
 
 def _misplaced(first: Wall, second: Wall, along: float, across: float) -> str:
-    """Error message with a remedy for a second wall that is off the end of the first by ``along``, and the first off
-    its end by ``across`` (m)."""
+    """Error message with a remedy for two walls that overlap away from their ends, by ``along`` (m, on the first wall)
+    and ``across`` (m, on the second)."""
     lead = f"walls '{first.name}' and '{second.name}' lie in one another"
     if max(abs(along), abs(across)) > max(first.block[0], second.block[0]):
         return (

@@ -1,7 +1,7 @@
 """Walls of coursed blocks: running bond, patterns, openings with lintels, returns; how a course ends at a corner.
 
-A course is a row of intervals along the axis of the wall. Every rule below works on intervals, so that openings,
-corners and patterns meet in one place, and a piece that would be too short to lay is made up with its neighbour.
+A course is a list of intervals along the axis of the wall. All rules below work on intervals: openings, corners and
+patterns are combined in one place, and a piece that is too short to lay is merged with its neighbour.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from dembrick.scenario.generators.stacks import (
 
 ENDS = ("half", "quoin", "toothed")
 PATTERN = {"1": (1.0, True), "h": (0.5, True), "q": (1.5, True), "o": (1.0, False), ".": (0.5, False)}
-_SLIVER = 0.24  # of a block's length: a shorter piece is made up with its neighbour
-_SAME = 1e-9  # of a block's length
+_SLIVER = 0.24  # of a block's length: a shorter piece is merged with its neighbour
+_SAME = 1e-9  # of a block's length: smaller differences are zero
 
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A door or window: ``span`` (m, from the left end of the wall, or from its outer face along a return) in
+    """A door or window: ``span`` (m, from the left end of the wall, or in a return from the wall's outer face) in
     ``courses`` (first and last, from 1).
 
-    ``lintel`` (m) spans it by one long block in the course above, with that much bearing on both sides.
+    ``lintel`` (m) puts one long block over it in the course above, with that bearing length on both sides.
     """
 
     span: tuple[float, float] = field(
@@ -67,9 +67,9 @@ class Opening:
 
 @dataclass(frozen=True, slots=True)
 class Return:
-    """A wall that turns the corner: at the ``end`` "left" or "right" of the wall, to the "front" or "back" ``side``
-    (front: towards -y of a wall along x), ``blocks`` long from the outer face of the wall; ``openings``: of its
-    own, behind the wall."""
+    """A wall around the corner: at the ``end`` "left" or "right" of the wall, towards the "front" or "back" ``side``
+    (front: -y for a wall along x), with a length of ``blocks`` blocks from the outer face of the wall; ``openings``:
+    its own, behind the wall."""
 
     end: str = field(metadata=choice(("left", "right"), "at which end of the wall"))
     side: str = field(metadata=choice(("front", "back"), "to which side; front is towards -y of a wall along x"))
@@ -82,8 +82,8 @@ class Return:
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """Neighbour of a wall at one of its ends: another wall, called ``other``, so thick (``thickness``, m) and so many
-    ``courses`` high. ``parity``: the remainder by 2 of the courses (from 0) in which the other runs through."""
+    """The other wall at one end of a wall, with its name ``other``, ``thickness`` (m) and height in ``courses``.
+    ``parity``: remainder by 2 of the courses (from 0) in which the other wall runs through."""
 
     other: str
     thickness: float
@@ -95,7 +95,7 @@ class Corner:
         return course < self.courses and course % 2 == self.parity
 
 
-Corners = tuple[Corner | None, Corner | None]  # at the left and at the right end; None: the end is free
+Corners = tuple[Corner | None, Corner | None]  # at the left and the right end; None: a free end
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,20 +103,20 @@ class Wall:
     """A wall along x (or ``heading``, deg), in running bond or by a pattern.
 
     ``block`` (length, thickness, height) in m. ``position`` is the left end of the wall's axis: middle of the
-    thickness, at the bottom. ``courses`` of ``blocks`` each; every second course is shifted by ``bond`` of a block,
-    and its ``ends`` are closed with "half" blocks or with "quoin" (a block and a half, in place of half and whole), or
-    left "toothed". ``pattern`` gives the courses instead, bottom to top, repeated as often as ``courses`` asks: ``1``
-    a block, ``h`` half of one, ``q`` one and a half, ``o`` a gap as long as a block, ``.`` as long as half; blanks
-    do not count. ``base`` (m) adds a fixed slab, so thick and reaching so far beyond the wall.
+    thickness, at the bottom. There are ``courses`` of ``blocks`` each; every second course is shifted by ``bond`` of a
+    block, and its ``ends`` are closed with "half" blocks or with "quoin" (a block and a half, instead of a half and a
+    whole one), or left "toothed". ``pattern`` gives the courses instead, bottom to top, repeated up to the number of
+    ``courses``: ``1`` a block, ``h`` half a block, ``q`` one and a half, ``o`` a gap of one block, ``.`` a gap of half
+    a block; blanks are ignored. ``base`` (m) adds a fixed slab of that thickness, which extends as far beyond the wall.
 
-    ``openings``: doors and windows; ``returns``: walls across its ends, in bond with it. Two walls whose ends lie in
-    one another, outer face at outer face, meet at a corner in bond: of the first, second, third, ... course of the
-    lower one, those with odd numbers run through in the wall that is written first, the others in the other. Walls
-    that meet, and those whose slabs would overlap, stand on one slab.
+    ``openings``: doors and windows; ``returns``: walls across its ends, in bond with it. Two walls whose ends overlap,
+    each ending at the outer face of the other, meet at a corner in bond: the wall that is written first runs through in
+    the first, third, ... course, the other in the second, fourth, ..., counted in the lower wall. Walls that meet, and
+    those whose slabs would overlap, stand on one slab.
 
-    Blocks of ``material``, and of a ``group``, are called ``name``.course.number, both from 1, from the bottom and from
-    the left; those of a return name.left.course.number or name.right.course.number, from the corner on; the slab
-    name.base.
+    Blocks, of ``material`` and in the ``group`` if one is given, are called ``name``.course.number, both from 1, from
+    the bottom and from the left; those of a return name.left.course.number or name.right.course.number, from the corner
+    on; the slab name.base.
     """
 
     name: str = field(metadata=NAME)
@@ -176,7 +176,7 @@ class Wall:
             self._check_openings(corner.openings, self.block[1], reach, f" in {who}{label}", f"behind the wall, {who}")
 
     def _check_openings(self, openings: tuple[Opening, ...], start: float, stop: float, label: str, who: str) -> None:
-        """ScenarioError for what is not cut out between ``start`` and ``stop`` (m) and within the courses."""
+        """Raise a ScenarioError unless openings lie between ``start`` and ``stop`` (m) and within the courses."""
         courses = present(self.courses)
         for opening in openings:
             inside = start * (1.0 - _SAME) <= opening.span[0] and opening.span[1] <= stop * (1.0 + _SAME)
@@ -210,7 +210,7 @@ class Wall:
         return self.block[0] * present(self.blocks)
 
     def count(self) -> int:
-        """At most how many blocks the wall has, reckoned without laying any."""
+        """Upper bound of the number of blocks, without building the wall."""
         per_course = max(map(len, self.pattern)) if self.pattern is not None else present(self.blocks) + 1
         return (
             present(self.courses)
@@ -219,7 +219,7 @@ class Wall:
         )
 
     def branches(self) -> tuple[Wall, ...]:
-        """The returns, as walls from the corner on."""
+        """The returns, as walls that start at the corner."""
         place, half = Frame(self.position, self.heading), 0.5 * self.block[1]
         found = []
         for corner in self.returns:
@@ -241,7 +241,7 @@ class Wall:
         return tuple(found)
 
     def stones(self, corners: Corners) -> list[Block]:
-        """The blocks of the wall itself, from the bottom to the top, each course from the left."""
+        """The blocks of the wall itself, course by course from the bottom, each from the left."""
         frame = Frame(self.position, self.heading)
         return [
             self._stone(f"{course + 1}.{number}", frame, course, piece)
@@ -252,7 +252,7 @@ class Wall:
     def _stone(self, name: str, frame: Frame, course: int, piece: Interval) -> Block:
         length, thickness, height = self.block
         edge = piece[1] - piece[0]
-        whole = round(2.0 * edge / length) * 0.5 * length  # equal blocks share one shape to the last bit
+        whole = round(2.0 * edge / length) * 0.5 * length  # rounded, so that equal blocks share one shape exactly
         if abs(edge - whole) <= _SAME * length:
             edge = whole
         place = frame.point(0.5 * (piece[0] + piece[1]), 0.0, (course + 0.5) * height)
@@ -271,10 +271,10 @@ class Wall:
     def _bonded(self, course: int, corners: Corners) -> list[Interval]:
         """The pieces of one course in running bond.
 
-        Two ways to lay a course take turns: from face to face in whole blocks; and a block fewer between two ends that
-        are shifted, by the wall that runs through there, or at a free end by a closer, in ``bond``. Between corners
-        that shift in turn are as many blocks in all courses. Those of a course are equally long, so that each head
-        joint lies between two of the course below.
+        Courses alternate: one of whole blocks from face to face, and one with a block fewer between two shifted ends.
+        An end is shifted by the wall that runs through there or, if it is free, by a closer according to ``bond``.
+        Between corners that are shifted alternately, all courses have the same number of blocks. The pieces of a course
+        have equal lengths, so that each head joint is between two of the course below.
         """
         closers = [part * self.block[0] for part in (self.bond, 1.0 - self.bond)]
         shifts, free = [], []
@@ -301,7 +301,7 @@ class Wall:
 
 
 def _depth(corner: Corner | None, course: int) -> float:
-    """How far (m) a course (from 0) is cut at an end: by the wall that runs through there."""
+    """Length (m) by which a course (from 0) is cut at an end, by the wall that runs through there."""
     return corner.thickness if corner is not None and corner.cuts(course) else 0.0
 
 
@@ -339,7 +339,7 @@ def _laid(row: str, length: float) -> list[Interval]:
 
 
 def _equal(start: float, stop: float, number: int, length: float) -> list[Interval]:
-    """``number`` equal pieces between two places; of ``length`` to the last bit where they fit."""
+    """``number`` equal pieces between two places, exactly of ``length`` if they fit."""
     if abs(stop - start - number * length) <= _SAME * length:
         joints = [start + i * length for i in range(number + 1)]
     else:
@@ -350,7 +350,7 @@ def _equal(start: float, stop: float, number: int, length: float) -> list[Interv
 def _opened(
     pieces: list[Interval], openings: tuple[Opening, ...], course: int, ends: Interval, length: float
 ) -> list[Interval]:
-    """The pieces of a course (from 0) that reaches between ``ends``, cut at openings and bridged by their lintels."""
+    """The pieces of a course (from 0) between ``ends``, cut at openings, with the lintels of those below."""
     for opening in openings:
         if opening.courses[0] <= course + 1 <= opening.courses[1]:
             pieces = _without(pieces, opening.span, length)
@@ -361,14 +361,14 @@ def _opened(
 
 
 def _without(pieces: list[Interval], span: Interval, length: float) -> list[Interval]:
-    """The pieces cut where ``span`` is taken out."""
+    """The pieces with ``span`` cut out."""
     start, stop = span
     rest = [(s, min(e, start)) for s, e in pieces if s < start] + [(max(s, stop), e) for s, e in pieces if e > stop]
     return _made_up([(s, e) for s, e in rest if e - s > _SAME * length], length)
 
 
 def _made_up(pieces: list[Interval], length: float) -> list[Interval]:
-    """Pieces too short to lay, made up with the neighbour that they touch: one piece of both, or two equal ones."""
+    """Merge each piece that is too short to lay with a neighbour that it touches, into one piece or two equal ones."""
     pieces = list(pieces)
     i = 0
     while i < len(pieces):
