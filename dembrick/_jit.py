@@ -37,7 +37,7 @@ __all__ = [
 
 # "contract" allows fused multiply-add, with one rounding instead of two: no result gets less accurate, NaN is preserved
 # and sums keep their order. The other fast-math flags are not used: they reorder sums, or assume that NaN and infinity
-# never occur, and the NaN guard of runs relies on these.
+# never occur, which would disable the NaN guard of runs.
 FLOATS = {"contract"}
 
 
