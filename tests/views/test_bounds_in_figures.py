@@ -54,3 +54,26 @@ def test_colours_of_a_page_reach_up_to_what_it_shows_first(run, monkeypatch):
     slip = next(colour for colour in data["colours"] if colour["name"] == "slip")
     rows = np.abs(run.time[:, None] - run.frame_time[:2]).argmin(axis=0)
     assert slip["most"] == pytest.approx(run.joint("slip")[rows].max())
+
+
+def test_reactions_that_limit_analysis_allowed_are_lines_with_their_numbers(run, monkeypatch):
+    """An end without a limit has no line; several runs share the words, and the axis reaches up to every line."""
+    allowed = {"least": 0.5, "greatest": 3.0 * float(np.abs(run.load).max())}
+    monkeypatch.setitem(run.__dict__, "results", {"title": "spread", "settlement": {"limit_analysis": allowed}})
+    axes = plot.force_displacement([run]).axes[0]
+    lines = {line.get_label(): np.unique(line.get_ydata()) for line in axes.lines}
+    words = "by limit analysis, before the supports moved"
+    for which, value in allowed.items():
+        (drawn,) = (at for name, at in lines.items() if name == f"{which} {words}: {summary.load_text(value)}")
+        assert drawn == pytest.approx([value])
+    assert axes.get_ylim()[1] > allowed["greatest"]
+    levels = {level["look"]: level for level in content.collect(run)["curve"]["levels"]}
+    assert {look: level["y"] for look, level in levels.items()} == pytest.approx(allowed)
+    assert levels["least"]["name"] == f"least {words}: 0.5 N"
+    both = [line.get_label() for line in plot.force_displacement([run, run]).axes[0].lines]
+    assert [name for name in both if words in name] == [f"least {words}", f"greatest {words}"]
+    allowed["greatest"] = None
+    names = [line.get_label() for line in plot.force_displacement([run]).axes[0].lines]
+    assert [name for name in names if words in name] == [f"least {words}: 0.5 N"]
+    bare = plot.force_displacement([run], bracket=False).axes[0].lines
+    assert not any(words in str(line.get_label()) for line in bare)

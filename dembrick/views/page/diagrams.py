@@ -51,7 +51,7 @@ def record_at(history: History, time: np.ndarray, moved: np.ndarray) -> Record:
 
 
 def curve(history: History, record: Record) -> dict:
-    """Load over displacement with bracket and theory, or displacement over time."""
+    """Load over displacement with bracket, theory and what limit analysis allows, or displacement over time."""
     x_name, travel = f"{record.diagram.displacement} [{record.unit}]", listed(record.travel)
     if record.load is None:
         line = {"x": listed(record.time), "y": travel, "look": "run", "name": ""}
@@ -72,6 +72,8 @@ def curve(history: History, record: Record) -> dict:
             chart["levels"].append({"y": scale * lower, "look": "least", "name": said})
         else:
             chart |= {"band": [scale * lower, scale * upper], "bandName": said}
+    for which, (value, said) in record.diagram.allowed(history.results).items():
+        chart["levels"].append({"y": scale * value, "look": which, "name": said})
     return chart
 
 

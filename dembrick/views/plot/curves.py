@@ -12,6 +12,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.scenario.csv_tables import read_columns
 from dembrick.views import summary
 from dembrick.views.given import takes_paths
+from dembrick.views.motion_numbers import BEFORE
 from dembrick.views.plot import runs, style, subject
 from dembrick.views.plot.runs import labelled
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 _THETA = r"$\theta$"
 _OPEN = {"lw": 0.8, "ls": (0, (5, 3))}  # line of a bound that has none opposite
+_ALLOWED = {"least": {"lw": 0.9, "ls": (0, (1, 2))}, "greatest": {"lw": 0.9, "ls": (0, (6, 2, 1, 2))}}
 _WIDE = 36  # characters of a text that has a line of the legend to itself
 MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
 
@@ -58,8 +60,9 @@ def force_displacement(
     that displacement over time. Forces from 10 kN on are drawn in kN. The colour of a run is that of its formulation.
 
     ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
-    bounds of each yield point, a line with arrows at the lower one where there is no upper one. ``measured``: curves of
-    the laboratory (:func:`read_measured`), laid over.
+    bounds of each yield point, a line with arrows at the lower one where there is no upper one, and
+    of supports that move the least and the greatest reaction that limit analysis allowed. ``measured``: curves of the
+    laboratory (:func:`read_measured`), laid over.
     """
     above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
@@ -75,10 +78,12 @@ def force_displacement(
         limits = [diagram.limit(history.results) if bracket else None for history in histories]
         loads = [own.load for own in (*records, *measured)] if diagram.load is not None else []
         loads += [np.array([V for V in found[:2] if V is not None]) for found in limits if found]
+        allowed = [diagram.allowed(history.results) if bracket else {} for history in histories]
+        loads += [np.array([value for value, _ in ends.values()]) for ends in allowed]
         loads.append(np.array([*(references or {}).values()]))
         loads_in, scale = runs.unit_of_loads(loads, diagram.unit)
         looks = runs.looks([runs.formulation_of(history) for history in histories])
-        for record, label, look, limit in zip(records, labels, looks, limits, strict=True):
+        for record, label, look, limit, ends in zip(records, labels, looks, limits, allowed, strict=True):
             travel = factor * record.displacement
             x, y = (record.time, travel) if diagram.load is None else (travel, scale * diagram.loads(record.load))
             axes.plot(x, y, color=look.colour, ls=look.line, label=label)
@@ -89,10 +94,17 @@ def force_displacement(
                     _at_least(axes, scale * lower, look.colour, text)
                 else:
                     axes.axhspan(scale * lower, scale * upper, color=look.colour, alpha=0.25, lw=0.6, label=text)
+            for which, (value, said) in ends.items():
+                text = said if len(histories) == 1 else None
+                axes.axhline(scale * value, color=look.colour, **_ALLOWED[which], label=text)
         if len(histories) > 1 and any(limit and limit[1] is not None for limit in limits):
             axes.fill([], [], color=style.GREY, alpha=0.25, lw=0.6, label="bands: brackets of the limits")
         if len(histories) > 1 and any(limit and limit[1] is None for limit in limits):
             axes.plot([], [], color=style.GREY, **_OPEN, label="lines with arrows: no upper bound")
+        for which in _ALLOWED if len(histories) > 1 else ():
+            if any(which in ends for ends in allowed):
+                text = f"{which} by limit analysis, {BEFORE}"
+                axes.plot([], [], color=style.GREY, **_ALLOWED[which], label=text)
         for i, curve in enumerate(measured):
             marker, load = MEASURED[i % len(MEASURED)], scale * curve.load
             axes.plot(factor * curve.displacement, load, color=style.BLACK, ls="-", lw=0.9, marker=marker, ms=4,

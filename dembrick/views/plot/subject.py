@@ -13,6 +13,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.geometry.polygons import pieces
 from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views import summary
+from dembrick.views.motion_numbers import BEFORE
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -190,6 +191,17 @@ class Diagram(NamedTuple):
         if upper is None or point.get("bracket", "open") == "open":
             return lower, None, str(said)
         return lower, float(self.loads(upper)), str(said)
+
+    def allowed(self, results: Mapping) -> dict[str, tuple[float, str]]:
+        """Reactions (N) "least" and "greatest" along the motion of supports that limit analysis allows before they
+        move, each with its words; empty if limit analysis was not asked, and without an end that has no limit."""
+        found = summary.part(summary.part(results, "settlement"), "limit_analysis")
+        ends = {which: summary.number(found.get(which)) for which in ("least", "greatest")}
+        return {
+            which: (value, f"{which} by limit analysis, {BEFORE}: {summary.load_text(value)}")
+            for which, value in ends.items()
+            if value is not None
+        }
 
 
 class Record(NamedTuple):
