@@ -25,8 +25,6 @@ from dembrick.views.summary import (
     with_error,
 )
 
-BEFORE = "before the supports moved"
-
 
 def _moved(results: Mapping) -> Told | None:
     """How far a block has moved or turned up to a limit in the deformed geometry."""
@@ -133,12 +131,12 @@ def _extreme_reaction(which: str, results: Mapping) -> Told | None:
     value, where = number(one.get("reaction")), number(one.get("displacement"))
     if value is None or where is None:
         return None
-    return Told(f"{value:.6g} N", f"at {length(where)}" if where else BEFORE)
+    return Told(f"{value:.6g} N", f"at {length(where)}" if where else structure.BEFORE)
 
 
 def _reaction_at_rest(results: Mapping) -> Told | None:
     value = number(part(results, "settlement").get("at_rest"))
-    return None if value is None else Told(f"{value:.6g} N", BEFORE)
+    return None if value is None else Told(f"{value:.6g} N", structure.BEFORE)
 
 
 def _allowed_reaction(results: Mapping) -> Told | None:
@@ -147,7 +145,7 @@ def _allowed_reaction(results: Mapping) -> Told | None:
     if not isinstance(allowed, Mapping):
         return None
     low, high = ("no limit" if end is None else f"{end:.6g} N" for end in allowed.values())
-    return Told(f"{low} to {high}", f"{BEFORE}, by limit analysis")
+    return Told(f"{low} to {high}", f"{structure.BEFORE}, by limit analysis")
 
 
 def _equilibria(results: Mapping) -> Told | None:

@@ -12,7 +12,9 @@ from dembrick.scenario.regimes import ACTUATORS
 from dembrick.views.number_lines import KeyNumber
 from dembrick.views.summary import known, length, limit_text, listed, number, part, texts, yield_point
 
+BEFORE = "before the supports moved"
 _SHOWN = 8  # supports or ties that have a line each
+_OF_STAGE = 2  # supports in the line of a stage
 _ROUNDING = 1e-7  # of the largest force or moment: less is printed as zero
 _WRENCH = 6  # numbers of a reaction
 
@@ -44,7 +46,8 @@ def of_collapse(collapse: Mapping) -> Iterator[KeyNumber]:
 
 
 def of_stages(results: Mapping) -> Iterator[KeyNumber]:
-    """The stages before the last: their kind, how they ended, and their limit load where they had one."""
+    """The stages before the last: their kind, how they ended, and their limit load where they had one, else what their
+    supports bear."""
     stages = results.get("stages")
     for stage in stages if isinstance(stages, list) else ():
         count = number(part({"": stage}, "").get("stage"))
@@ -54,8 +57,28 @@ def of_stages(results: Mapping) -> Iterator[KeyNumber]:
         point = yield_point(stage)
         pushed = kind in CONTROLS and CONTROLS[kind].drives == ACTUATORS
         limit = limit_text(point, part(stage, "path"), "N" if pushed else "") if "V" in point else None
-        load = "" if limit is None else f"{'V' if pushed else 'load factor'} = {limit.value}, {limit.kind}"
+        load = _borne(stage) if limit is None else f"{'V' if pushed else 'load factor'} = {limit.value}, {limit.kind}"
         yield KeyNumber(f"stage {count:.0f}", f"{kind}: {status}", load)
+
+
+def _borne(stage: Mapping) -> str:
+    """Words on what supports bear in a stage: along their motion where they settle, else each of several at the end."""
+    found = part(stage, "settlement")
+    reaction, reached = number(found.get("reaction")), number(found.get("displacement"))
+    if reaction is not None and reached is not None:
+        said = [f"reaction along the motion {reaction:.6g} N at {length(reached)}"]
+        for which in ("least", "greatest"):
+            value, where = (number(part(found, which).get(key)) for key in ("reaction", "displacement"))
+            if value is not None and where is not None:
+                said.append(f"{which} {value:.6g} N {f'at {length(where)}' if where else BEFORE}")
+        return ", ".join(said)
+    wrenches = _wrenches(stage)
+    if len(wrenches) < 2:
+        return ""  # one support bears the weight, and no thrust
+    forces = _spelled([value for wrench in wrenches.values() for value in wrench[:3]])
+    told = [f"{name} {', '.join(forces[3 * i : 3 * i + 3])} N" for i, name in enumerate(wrenches)]
+    more = f" and {len(told) - _OF_STAGE} more" if len(told) > _OF_STAGE else ""
+    return f"reactions: {'; '.join(told[:_OF_STAGE])}{more}"
 
 
 def ties_of(results: Mapping) -> list[Mapping]:
@@ -80,21 +103,32 @@ def of_ties(results: Mapping) -> Iterator[KeyNumber]:
 
 def of_reactions(results: Mapping) -> Iterator[KeyNumber]:
     """Force and moment of every support on the structure."""
-    found = part(results, "reactions")
-    wrenches = {}
-    for name, wrench in found.items():
-        numbers = [number(value) for value in wrench] if isinstance(wrench, list) else []
-        if isinstance(name, str) and len(numbers) == _WRENCH and None not in numbers:
-            wrenches[name] = [value for value in numbers if value is not None]
-    largest = max((abs(value) for wrench in wrenches.values() for value in wrench), default=0.0)
+    wrenches = _wrenches(results)
+    spelled = _spelled([value for wrench in wrenches.values() for value in wrench])
     when = ", at the end" if "cycles" in results else ", at the last load tried" if results.get("unlimited") else ""
     about = f"about its centroid{when}"
-    for name, wrench in list(wrenches.items())[:_SHOWN]:
-        shown = [f"{value:.6g}" if abs(value) > _ROUNDING * largest else "0" for value in wrench]
+    for i, name in enumerate(list(wrenches)[:_SHOWN]):
+        shown = spelled[_WRENCH * i : _WRENCH * (i + 1)]
         force, moment = f"{', '.join(shown[:3])} N", f"{', '.join(shown[3:])} N m {about}"
         yield KeyNumber(f"reaction of {name}", force, moment)
     if len(wrenches) > _SHOWN:
         yield KeyNumber("more supports", str(len(wrenches) - _SHOWN), "--json lists all")
+
+
+def _wrenches(results: Mapping) -> dict[str, list[float]]:
+    """Force (N) and moment (N m) of every support on the structure, by its name."""
+    found = {}
+    for name, wrench in part(results, "reactions").items():
+        numbers = [number(value) for value in wrench] if isinstance(wrench, list) else []
+        if isinstance(name, str) and len(numbers) == _WRENCH and None not in numbers:
+            found[name] = [value for value in numbers if value is not None]
+    return found
+
+
+def _spelled(values: list[float]) -> list[str]:
+    """Forces to six digits, zero for what is rounding beside the largest."""
+    least = _ROUNDING * max(map(abs, values), default=0.0)
+    return [f"{value:.6g}" if abs(value) > least else "0" for value in values]
 
 
 def pair(value: object) -> tuple[float, float] | None:

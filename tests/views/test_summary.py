@@ -127,6 +127,29 @@ def test_a_structure_tells_what_else_its_run_printed():
     assert settled["settlement at collapse"].remark.startswith("between 190 and 210 mm; ")
 
 
+def test_stages_without_a_limit_tell_what_their_supports_bear():
+    settlement = {"reaction": 2156.09, "displacement": 0.01, "least": {"reaction": 2130.71, "displacement": 1.25e-4}}
+    settlement["greatest"] = {"reaction": 2499.85, "displacement": 0.0}
+    wrenches = {name: [sign * 2499.79, -3e-14, 6905.8, 0.0, 744.0, 0.0] for name, sign in (("a", 1), ("b", -1))}
+    stages = [
+        {"kind": "statics", "status": "stands", "reactions": wrenches},
+        {"kind": "settlement", "status": "completed", "reactions": wrenches, "settlement": settlement},
+        {"kind": "statics", "status": "stands", "reactions": {"base": [0.0, 0.0, 20.0, 0.0, 0.0, 0.0]}},
+        {"kind": "statics", "status": "stands", "reactions": wrenches | {"c": [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]}},
+        {"kind": "statics", "status": "stands", "reactions": {"a": [1.0], "b": None}, "settlement": {"reaction": 1.0}},
+    ]
+    lines = names({"stages": [{"stage": i, **stage} for i, stage in enumerate(stages, 1)]})
+    of_both = "reactions: a 2499.79, 0, 6905.8 N; b -2499.79, 0, 6905.8 N"
+    assert [lines[f"stage {i}"].remark for i in range(1, 6)] == [
+        of_both,
+        "reaction along the motion 2156.09 N at 10 mm, least 2130.71 N at 0.125 mm, "
+        "greatest 2499.85 N before the supports moved",
+        "",
+        f"{of_both} and 1 more",
+        "",
+    ]
+
+
 def test_of_many_supports_and_ties_some_have_a_line():
     wrench, tie = [1.0] * 6, {"between": ["a", "b"], "tension": 1.0}
     lines = names({"ties": [tie] * 9, "reactions": {f"s{i}": wrench for i in range(11)}})

@@ -12,9 +12,9 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.scenario.csv_tables import read_columns
 from dembrick.views import summary
 from dembrick.views.given import takes_paths
-from dembrick.views.motion_numbers import BEFORE
 from dembrick.views.plot import runs, style, subject
 from dembrick.views.plot.runs import labelled
+from dembrick.views.structure_numbers import BEFORE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

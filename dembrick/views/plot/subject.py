@@ -13,7 +13,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.geometry.polygons import pieces
 from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views import summary
-from dembrick.views.motion_numbers import BEFORE
+from dembrick.views.structure_numbers import BEFORE
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
