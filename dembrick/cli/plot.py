@@ -124,7 +124,7 @@ def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
     from dembrick.errors import ScenarioError
     from dembrick.views import misfit, plot
 
-    found, lines = [], []
+    found, lines, names = [], [], (*misfit.NUMBERS, "compared")
     for history, label in zip(histories, labels, strict=True):
         for curve in measured:
             ours = plot.record_of(history)
@@ -132,12 +132,14 @@ def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
                 one = misfit.between(ours, curve, curve.name)
             except ScenarioError as error:
                 console.remark(f"no misfit: {error}")
-                found.append({"history": history.path, "measured": curve.name, **dict.fromkeys(misfit.NUMBERS)})
+                found.append({"history": history.path, "measured": curve.name, **dict.fromkeys(names)})
                 continue
-            found.append({"history": history.path, "measured": curve.name, **one.numbers()})
+            found.append(
+                {"history": history.path, "measured": curve.name, **one.numbers(), "compared": [*one.compared]}
+            )
             whose = f" of {label} against {curve.name}" if len(histories) * len(measured) > 1 else ""
             lines.append(f"misfit{whose}: {misfit.text(one)}{misfit.extent(one, ours, curve)}")
-    answer = {"misfit": {name: found[0][name] for name in misfit.NUMBERS}} if found else {}
+    answer = {"misfit": {name: found[0][name] for name in names}} if found else {}
     return answer | ({"misfits": found} if len(found) > 1 else {}), lines
 
 

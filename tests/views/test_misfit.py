@@ -102,12 +102,18 @@ def test_the_command_says_the_misfit(tmp_path, capsys):
     command = ["plot", str(tmp_path / "run.h5"), "--lab", str(lab), "--to", str(tmp_path / "f.svg")]
     assert cli.main([*command, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)["misfit"]
+    assert said.pop("compared") == pytest.approx([travel.min(), travel.max()], rel=1e-12)
     relative = dict.fromkeys(("peak", "stiffness", "energy"), 1.0 / 1.1 - 1.0)
     assert said == pytest.approx({"rms": np.sqrt(np.mean((load / 11.0) ** 2)) / load.max()} | relative, rel=1e-6)
     assert cli.main([*command, "--lab", str(lab)]) == 0
     assert capsys.readouterr().out.count("peak -9.09 %") == 2
+    lab.write_text(
+        f"displacement [m],force [N]\n0,0\n{0.5 * travel.max()},5\n{2.0 * travel.max()},6\n", encoding="utf-8"
+    )
+    assert cli.main([*command, "--json"]) == 0  # the measured curve goes on beyond the run, which ends half way
+    assert json.loads(capsys.readouterr().out)["misfit"]["compared"] == pytest.approx([0.0, travel.max()], rel=1e-9)
     lab.write_text("displacement [m],force [N]\n0,0\n1,5\n-1,-5\n", encoding="utf-8")
     assert cli.main([*command, "--json"]) == 0
     told = capsys.readouterr()
-    assert json.loads(told.out)["misfit"] == dict.fromkeys(("rms", "peak", "stiffness", "energy"))
+    assert json.loads(told.out)["misfit"] == dict.fromkeys(("rms", "peak", "stiffness", "energy", "compared"))
     assert "lab goes to and fro" in told.err
