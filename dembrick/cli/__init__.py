@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import gc
 import sys
+from collections.abc import Iterable
 from contextlib import contextmanager
 
 from dembrick import __version__
@@ -133,6 +134,7 @@ def _main(arguments: list[str]) -> int:
     class Parser(argparse.ArgumentParser):
         def error(self, message):
             """See argparse."""
+            message += _meant(message, self._option_string_actions)
             if verb == "render" and message.startswith("unrecognized arguments") and "--to" in rest:
                 message += "; several files are named by a --to each"
             _failed_json(message, rest)
@@ -174,6 +176,18 @@ def _lists_joined(arguments: list[str]) -> list[str]:
         else:
             joined.append(argument)
     return joined
+
+
+def _meant(message: str, known: Iterable[str]) -> str:
+    """The options that were probably meant by those that a ``message`` of argparse does not know, to go behind it."""
+    from difflib import get_close_matches
+
+    if not message.startswith("unrecognized arguments"):
+        return ""
+    unknown = [word.partition("=")[0] for word in message.partition(": ")[2].split() if word.startswith("--")]
+    names = [option[2:] for option in known if option.startswith("--")]
+    meant = [f"--{name}" for word in unknown for name in get_close_matches(word[2:], names, 1)]
+    return f"; did you mean {' and '.join(dict.fromkeys(meant))}?" if meant else ""
 
 
 def _failed_json(message: str, arguments: list[str]) -> None:

@@ -1,5 +1,6 @@
 """Mistakes of users: the message says what to write; slips of units are warned of and not refused."""
 
+import json
 import re
 
 import pytest
@@ -43,6 +44,24 @@ def test_a_material_of_a_generated_block_is_named_by_the_line_of_its_generator()
     assert re.search(rf":{key}: material of block .* = 'tuf'", said)
     single = refused(wall.replace("[[walls]]", "[walls]"))
     assert f":{line}: " in single and "write [[walls]] before each" in single
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        (["run", "a.toml", "--bounds"], "--bounds; did you mean --bound?"),
+        (["run", "a.toml", "--refned", "--tolerence=1e-3"], "did you mean --refine and --tolerance?"),
+        (["plot", "a.h5", "--labs", "b.csv"], "--labs b.csv; did you mean --lab?"),
+        (["view", "a.h5", "--bounds"], "unrecognized arguments: --bounds"),  # no option of this command is near
+        (["run", "a.toml", "b.toml"], "unrecognized arguments: b.toml"),
+    ],
+)
+def test_a_mistyped_option_is_told_the_nearest_of_its_command(words, told, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([*words, "--json"])
+    said = capsys.readouterr()
+    assert stop.value.code == 2 and said.err.rstrip().endswith(told)
+    assert json.loads(said.out)["error"].endswith(told)
 
 
 def test_joints_for_joint():
