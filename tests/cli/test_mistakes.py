@@ -188,6 +188,38 @@ def test_a_slip_of_units_is_warned_of(name):
     assert slips(toml.loads(SET4A)) == []
 
 
+ARCH = (SCENARIOS / "arch_filled.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    "key, value, told",
+    [
+        ("angle", 3.14, "angle of arch 'arch' = 3.14 is in degrees, 0.0548 rad; for 3.14 rad write 179.9"),
+        ("angle", 1.571, "for 1.571 rad write 90.01"),
+        ("angle", 2.09, "for 2.09 rad write 119.7"),
+        ("heading", -1.5708, "heading of arch 'arch' = -1.5708 is in degrees, -0.0274 rad"),
+        ("angle", 180.0, None),
+        ("angle", 6.0, None),  # nearly flat, and no part of a turn
+        ("angle", 31.4, None),
+        ("heading", 1.5, None),
+        ("heading", 0.0, None),
+        ("heading", 90.0, None),
+    ],
+)
+def test_an_angle_in_radians_is_warned_of(key, value, told):
+    """Degrees are what all keys take; plausible ones pass, small as they may be."""
+    scenario = toml.loads(ARCH.replace("\nangle     = 110.0", f"\n{key} = {value}"))
+    said = slips(scenario)
+    assert said == [] if told is None else told in said[0] and len(said) == 1
+
+
+@pytest.mark.parametrize("angle, told", [(0.5236, True), (0.0, False), (2.0, False), (30.0, False)])
+def test_a_friction_angle_of_a_fill_in_radians_is_warned_of(angle, told):
+    scenario = toml.loads(re.sub(r"friction_angle( *)= [\d.]+", rf"friction_angle\1= {angle}", ARCH))
+    assert scenario.fills[0].friction_angle == angle
+    assert [line.startswith("friction_angle of the fill on ") for line in slips(scenario)] == [True] * told
+
+
 @pytest.mark.parametrize(
     "shape",
     [
