@@ -82,7 +82,10 @@ def protocol_of(scenario: Scenario) -> Protocol:
     if given is None:
         return Protocol.one_way(present(control.travel), rate)
     if isinstance(given, str):
-        return _measured(scenario.path_of(given), rate, by_force)
+        from dembrick.scenario.text_files import require_file
+
+        key = "force_protocol" if by_force else "protocol"
+        return _measured(require_file(scenario, key, given), rate, by_force)
     turns = np.array(given if given[0] == 0.0 else (0.0, *given))
     return Protocol(turns, np.abs(np.diff(turns)) / rate, by_force)
 

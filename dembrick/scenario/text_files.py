@@ -13,9 +13,13 @@ import os
 import re
 import select
 import stat
+from typing import TYPE_CHECKING
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
+
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
 
 PATIENCE = 10.0  # s: longest silence of a pipe
 LARGEST_FILE = 16 << 20  # bytes; a scenario of some hundred thousand blocks, or a million lines of numbers
@@ -110,6 +114,28 @@ def _extent(lines: list[str], table: str, number: int) -> tuple[int | None, int]
         if number == 0:
             begin = i
     return begin, len(lines)
+
+
+def require_file(scenario: Scenario, key: str, name: str) -> str:
+    """The path of a file of this ``name``; ScenarioError with the ``key`` that names it, and its line, if it is not
+    there."""
+    path = scenario.path_of(name)
+    if os.path.exists(path):
+        return path
+    line = _line_naming(scenario.path, name)
+    where = f"{scenario.path}{f':{line}' if line else ''}: " if scenario.path else ""
+    raise ScenarioError(f"{where}{key}: {path}: there is no such file")
+
+
+def _line_naming(path: str | None, name: str) -> int | None:
+    """The line in the scenario at a path that names a file, as a text in quotes; None if no line does."""
+    try:
+        text = read_text(path or "", "a scenario file (TOML)")
+    except ScenarioError:
+        return None
+    quoted = (f'"{name}"', f"'{name}'")
+    lines = enumerate(text.split("\n"), 1)
+    return next((i for i, line in lines if any(one in line.partition("#")[0] for one in quoted)), None)
 
 
 def hint_of(text: str, error: str) -> str:

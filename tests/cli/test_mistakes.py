@@ -138,12 +138,33 @@ def test_a_scenario_for_a_history():
         history.read(SCENARIOS / "set4a.toml")
 
 
-def test_check_opens_the_files_that_a_scenario_names(tmp_path, capsys):
-    text = SET4A.partition("[[actuators]]")[0]
-    text += '[control]\nkind = "base-motion"\nduration = 1.0\ndirection = [1.0, 0.0, 0.0]\nfile = "none.csv"\n'
-    (tmp_path / "shaken.toml").write_text(text)
-    assert main(["check", str(tmp_path / "shaken.toml")]) == 2
-    assert "none.csv: there is no such file" in capsys.readouterr().err
+SHAKEN = '[control]\nkind = "base-motion"\nduration = 1.0\ndirection = [1.0, 0.0, 0.0]\n'
+PUSHED = '[[loads]]\nblock = "upper"\nforce = [1.0, 0.0, 0.0]\n'
+DRIVEN = '[[actuators]]\nname = "jack"\nblock = "upper"\ndirection = [1.0, 0.0, 0.0]\npoint = [-0.15, 0.0, 0.05]\n'
+DRIVEN += '[control]\nkind = "displacement"\nrate = 1e-3\n'
+
+
+@pytest.mark.parametrize(
+    "before, line, after, key",
+    [
+        (SHAKEN, "file = 'none.csv'  # (m/s2)", "", "control.file"),
+        (PUSHED, 'history = "none.csv"', '[control]\nkind = "dynamic"\nduration = 1.0\n', "history of load number 2"),
+        (DRIVEN, 'protocol = "none.csv"', "", "protocol"),
+    ],
+)
+def test_a_file_that_is_not_there_is_told_with_the_key_and_line_that_name_it(
+    before, line, after, key, tmp_path, capsys
+):
+    text = '# reads "none.csv"\n' + SET4A.partition("[[actuators]]")[0] + before
+    path = tmp_path / "one.toml"
+    path.write_text(f"{text}{line}\n{after}")
+    assert main(["check", str(path)]) == 2
+    wanted = f"{path}:{text.count(chr(10)) + 1}: {key}: {tmp_path / 'none.csv'}: there is no such file"
+    assert wanted in capsys.readouterr().err
+    name = line.split()[0]
+    table = "loads.1" if after else "control"
+    assert main(["check", str(path), "--set", f"{table}.{name}=other.csv"]) == 2
+    assert f"{path}: {key}: {tmp_path / 'other.csv'}: there is no such file" in capsys.readouterr().err
 
 
 def test_check_looks_at_every_stage(tmp_path, capsys):

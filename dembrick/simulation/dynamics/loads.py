@@ -23,6 +23,7 @@ from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.block_loads import PressedFaces
 from dembrick.kernels.dynamics.loop import Loads
 from dembrick.scenario.regimes import ACTUATORS, EVERY_BLOCK, REAL_TIME
+from dembrick.scenario.text_files import require_file
 from dembrick.simulation.dynamics import time_histories
 from dembrick.simulation.dynamics.paths.driven_loads import NO_HEAD, DrivenLoads, Head
 from dembrick.simulation.dynamics.support_motion import AT_REST, PrescribedMotion, SupportMotion, support_motion
@@ -217,9 +218,8 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
             _refuse_unresolved(f"{place}load number {index + 1}: sine.frequency", load.sine.frequency, time_step)
             factors[index] = time_histories.sine(load.sine)
         if load.history is not None:
-            factors[index] = time_histories.linear(
-                _samples(scenario, load.history, "factor", load.columns, duration, time_step)
-            )
+            path = require_file(scenario, f"history of load number {index + 1}", load.history)
+            factors[index] = time_histories.linear(_samples(path, "factor", load.columns, duration, time_step))
     driving = {
         "gravity": np.array(scenario.gravity, float),
         "at": loads.at[given],
@@ -255,7 +255,8 @@ def _support_velocity(scenario: Scenario, file: str | None, columns, time_step: 
     elif control.pulse is not None:
         curve = time_histories.pulse_velocity(control.pulse, control.quantity)
     else:
-        samples = _samples(scenario, file, control.quantity, columns, control.duration, time_step, may_end=True)
+        path = require_file(scenario, "control.file", file)
+        samples = _samples(path, control.quantity, columns, control.duration, time_step, may_end=True)
         if samples.time[-1] < control.duration:
             time_histories.must_end_at_rest(samples, control.quantity)
         if control.baseline:
@@ -274,9 +275,9 @@ def _refuse_unresolved(key: str, frequency: float, time_step: float) -> None:
 
 
 def _samples(
-    scenario: Scenario, file: str, quantity: str, columns, duration: float, time_step: float, may_end: bool = False
+    path: str, quantity: str, columns, duration: float, time_step: float, may_end: bool = False
 ) -> time_histories.Samples:
-    samples = time_histories.read_samples(scenario.path_of(file), duration, quantity, columns, may_end)
+    samples = time_histories.read_samples(path, duration, quantity, columns, may_end)
     if samples.step < time_step:
         raise ScenarioError(
             f"{samples.path}: its step of {samples.step:.3g} s is shorter than the time step {time_step:.3g} s of the "
