@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from dembrick.cli.paths import add_force
+
+if TYPE_CHECKING:
+    from dembrick.assembly.actuators import ActuatorTable
+
+LOADS = {"actuators": "actuator", "pressures": "pressure", "body_forces": "body force"}  # key of --json -> kind
 
 
 def add_arguments(parser) -> None:
@@ -52,7 +59,7 @@ def run(options, console) -> int:
         "free_blocks": int((~assembly.fixed).sum()),
         "joints": joints,
         "contact_points": sum(joint["contact_points"] for joint in joints),
-        "actuators": list(assembly.actuators.names),
+        **{key: _named_so(assembly.actuators, kind) for key, kind in LOADS.items()},
         "time_step": plan.time_step,
         "critical_time_step": plan.critical_time_step,
         "expected_steps": plan.steps,
@@ -118,8 +125,7 @@ def _text(data: dict, plan) -> str:
     ]
     if len(data["joints"]) > 20:
         lines.append(f"  ... and {len(data['joints']) - 20} more")
-    if data["actuators"]:
-        lines.append(f"actuators     {_some(data['actuators'])}")
+    lines += [f"{kind + 's':13} {_some(data[key])}" for key, kind in LOADS.items() if data[key]]
     lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
     bound = "at most " if plan.at_most else "" if plan.exact else "about "
     seconds = data["expected_seconds"]
@@ -132,6 +138,11 @@ def _text(data: dict, plan) -> str:
     doubt = f" (to a factor of {plan.within:g})" if plan.within > 2.0 else ""
     lines.append(f"expected      {bound}{plan.steps} steps{doubt}{took}, {memory} MB beside those of the program")
     return "\n".join(lines)
+
+
+def _named_so(actuators: ActuatorTable, kind: str) -> list[str]:
+    """Names of the parts of the load that are of a kind."""
+    return [name for name, own in zip(actuators.names, actuators.kind, strict=True) if own == kind]
 
 
 def _some(names: list[str]) -> str:

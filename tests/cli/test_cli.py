@@ -16,7 +16,8 @@ import pytest
 
 import dembrick
 from dembrick import history
-from dembrick.cli import main
+from dembrick.assembly.actuators import KINDS
+from dembrick.cli import check, main
 from dembrick.runs import lab
 from dembrick.scenario import shipped
 from dembrick.simulation.interrupts import Interrupted
@@ -192,6 +193,25 @@ def test_check_describes_an_assembly(call):
     assert 0.0 < found["time_step"] < found["critical_time_step"] and found["expected_memory"] > 1e5
     code, out, _ = call("check", str(scenarios / "arch_tilt.toml"))
     assert code == 0 and "expected      about" in out and "s on one core" in out and "arch.16 - arch.17" in out
+
+
+@pytest.mark.parametrize(
+    "name, told",
+    [
+        ("arch", "body forces   load on arch.1, load on arch.2, "),
+        ("wall_door", "body forces   load on wall.1.1, "),
+        ("dam", "pressures     pressure on dam.1, "),
+        ("set4a", "actuators     jack\n"),
+        ("arch_spread", None),
+    ],
+)
+def test_check_tells_the_kind_of_a_load(call, name, told):
+    """A tilt and a pushover have no actuators: what grows are the body forces of all blocks."""
+    _, out, _ = call("check", name)
+    lines = [line for line in out.splitlines(True) if line[:14].strip() in ("actuators", "pressures", "body forces")]
+    assert lines == [] if told is None else len(lines) == 1 and lines[0].startswith(told)
+    found = json.loads(call("check", name, "--json")[1])
+    assert sum(bool(found[key]) for key in check.LOADS) == len(lines) and tuple(check.LOADS.values()) == KINDS
 
 
 def test_check_info_yield_export(call, folder):
