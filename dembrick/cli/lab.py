@@ -56,9 +56,11 @@ def run(options, console) -> int:
         raise
     data, text = replayed.as_dict(), []
     if not options.no_figures:
-        figures += lab.draw_curves(replayed, folder, console)
-        data["figures"] = figures
-        text = ["figures: " + ", ".join(data["figures"]), ""]
+        drawn, exported = lab.draw_curves(replayed, folder, console)
+        data |= {"figures": figures + drawn, "exports": exported}
+        text = [f"figures: {', '.join(data['figures'])}", ""]
+        if exported:
+            text.insert(1, f"for ParaView: {', '.join(exported)}")
     console.result(data, "\n".join([*text, f"histories: {folder}"]))
     if replayed.agrees:
         return 0

@@ -323,26 +323,26 @@ def _saved(figure, folder: str, name: str) -> list[str]:
     return [plot.save(figure, os.path.join(folder, name + ending)) for ending in ENDINGS]
 
 
-def draw_curves(replayed: LabReplay, folder: str, console) -> list[str]:
-    """Draw the constant-rate tests into ``folder``; returns the files. A 3D picture that cannot be drawn is left out,
-    and said."""
+def draw_curves(replayed: LabReplay, folder: str, console) -> tuple[list[str], list[str]]:
+    """Draw the constant-rate tests into ``folder``; returns the figures, and what is exported for ParaView. A 3D
+    picture that cannot be drawn is left out, and said."""
     from dembrick.views import render
     from dembrick.views.render import screen
 
     turning = [path for path in replayed.curves if TURNING[1] in os.path.basename(path)]
     if turning:
         screen.expect_drawing()
-    files = _saved(_curves(replayed), folder, "curves")
+    figures, exported = _saved(_curves(replayed), folder, "curves"), []
     if turning:
         motion = history.read(turning[-1])
-        files += export(motion, os.path.join(folder, "turning_block.vtkhdf"))
+        exported += export(motion, os.path.join(folder, "turning_block.vtkhdf"))
         path = os.path.join(folder, "turning_block.png")
         try:
             render.picture(motion, path)
-            files.append(path)
+            figures.append(path)
         except MissingDependency as error:
             console.remark(f"no picture of the block: {error}")
-    return files
+    return figures, exported
 
 
 def _curves(replayed: LabReplay):

@@ -275,6 +275,15 @@ def test_module_is_the_command():
         assert "\033" not in module.stderr and "Traceback" not in module.stderr
 
 
+def test_lab_tells_figures_and_what_is_for_paraview_apart(call, folder):
+    code, out, _ = call("lab", "--json", "--quiet", "--sets", "4b", "--formulation", "convex", "--out", "lab")
+    told = json.loads(out)
+    assert code == 0 and {Path(name).suffix for name in told["figures"]} == {".png", ".pdf"}
+    assert Path(told["exports"][0]) == Path("lab") / "turning_block.vtkhdf"
+    assert {Path(name).suffix for name in told["exports"]} == {".vtkhdf"}
+    assert all((folder / name).exists() for name in told["figures"] + told["exports"])
+
+
 def test_an_interrupted_lab_prints_the_rows_it_has(capsys, tmp_path, monkeypatch):
     done, original = [], lab.simulate
 
