@@ -199,7 +199,8 @@ class Output:
     """Output of a run. ``channels``: "joints" (resultants, one row each), "energy", "frames" (motion of the blocks),
     "velocity" and "contacts" (contact forces) in every frame; time, load and displacement are always recorded.
 
-    ``rows`` and ``frames``: approximate numbers for a run in time; a search records a row at every step.
+    ``rows`` and ``frames``: least numbers for a run in time that is not over before its time; more are recorded if the
+    steps or rows are no multiple of them. A search records a row at every step.
     ``checkpoint``: seconds between two checkpoints of a run that writes a history.
     """
 
@@ -212,10 +213,18 @@ class Output:
     rows: int = field(
         default=1000,
         metadata=declare(
-            "1 to 10 million", "about how many rows a run in time records; a search keeps every step", "1", _rows
+            "1 to 10 million", "at least so many rows of a whole run in time; a search keeps every step", "1", _rows
         ),
     )
-    frames: int = field(default=200, metadata=declare("1 to rows", "about how many frames of the motion", "1", _rows))
+    frames: int = field(
+        default=200,
+        metadata=declare(
+            "1 to rows",
+            "at least so many frames of the motion, each at a row: 150 of 1000 rows are every sixth, 167",
+            "1",
+            _rows,
+        ),
+    )
     checkpoint: float = field(default=60.0, metadata=not_negative("s", "time between two checkpoints"))
 
     def __post_init__(self):

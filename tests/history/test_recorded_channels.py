@@ -86,6 +86,16 @@ def test_the_number_of_rows_and_frames_is_followed():
     assert set(result.frames["time"]) <= set(result.rows["time"])
 
 
+def test_frames_are_every_so_many_rows_and_at_least_as_many_as_asked_for():
+    """150 of 1000 rows are every sixth of them: 167, as the manual says."""
+    result = simulate(toml.load("set4a_curve", ["output.rows=1000", "output.frames=150"]))
+    rows, frames = result.rows["time"], result.frames["time"]
+    assert 1000 <= len(rows) <= 1010 and 167 <= len(frames) <= 168
+    numbers = np.searchsorted(rows, frames)
+    np.testing.assert_array_equal(rows[numbers], frames)
+    assert set(np.diff(numbers[1:-1])) == {6}
+
+
 def test_a_short_buffer_loses_nothing(monkeypatch):
     """The chunk gives way, not the record: the same rows and frames whatever the buffer holds."""
     cases = (("set4a_curve", "concave"), ("set4b_mid", "convex"))
