@@ -84,3 +84,8 @@ def needed(package: str, what: str) -> ModuleType:
         return import_module(package)
     except ImportError as error:
         raise MissingDependency(f"{what} needs {package}; install it with: pip install {package}") from error
+
+
+def of_joint_forces(ratio: float) -> str:
+    """Words for a force over the joint forces, in a message on what is out of balance."""
+    return f"{100.0 * ratio:.2g} % of the joint forces"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from dembrick import history
 from dembrick.cli import main
-from dembrick.errors import NotConvergedError, ScenarioError, UndecidedError
+from dembrick.errors import NotConvergedError, ScenarioError, UndecidedError, of_joint_forces
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from dembrick.runs.study.search import Search
@@ -223,6 +224,17 @@ def test_blocks_fall_early_whatever_the_stiffness():
         assert found.status == "falls" and found.run.rest.steps < 1000
 
 
+def told_in_per_cent(error):
+    """Whether a message says what is out of balance as all do: less than all of it, and more than nothing."""
+    (share,) = re.findall(r" ([-+.e\d]+) % of the joint forces are still out of balance", str(error))
+    return 0.0 < float(share) < 100.0
+
+
+def test_words_for_a_share_of_the_joint_forces_are_in_per_cent():
+    assert of_joint_forces(0.0123) == "1.2 % of the joint forces"
+    assert of_joint_forces(3.14e-7) == "3.1e-05 % of the joint forces"
+
+
 def test_what_neither_stands_nor_falls_is_undecided(monkeypatch, tmp_path, capsys):
     """Within too little effort nothing is claimed, by any control, and a search takes it for neither."""
     monkeypatch.setattr("dembrick.simulation.statics.rest.dead_load.MOST_STEPS", 3)
@@ -236,7 +248,7 @@ def test_what_neither_stands_nor_falls_is_undecided(monkeypatch, tmp_path, capsy
         assert found.status == "undecided"
     with pytest.raises(UndecidedError, match="undecided under the dead loads") as raised:
         simulate(replace(weak, control=PushoverControl((1.0, 0.0, 0.0))))
-    assert raised.value.answer["status"] == "undecided"
+    assert raised.value.answer["status"] == "undecided" and told_in_per_cent(raised.value)
     with pytest.raises(UndecidedError, match="stage 1"):
         simulate(replace(weak, stages=(StaticsControl(),)))
     (tmp_path / "run.toml").write_text(text_of(weak))
@@ -269,7 +281,7 @@ def test_relaxation_in_moving_geometry_that_ends_unbalanced_is_undecided(monkeyp
         with pytest.raises(UndecidedError, match="undecided") as raised:
             simulate(replace(leaning, control=control), record=False)
         told = raised.value.answer
-        assert told["status"] == "undecided"
+        assert told["status"] == "undecided" and told_in_per_cent(raised.value)
     assert told["statics"] == {"stands": None, "unbalanced": None, "mechanism": None, "blocks": []}
 
 

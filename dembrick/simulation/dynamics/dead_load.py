@@ -13,7 +13,7 @@ from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
-from dembrick.errors import DembrickError, NotConvergedError, UndecidedError
+from dembrick.errors import DembrickError, NotConvergedError, UndecidedError, of_joint_forces
 from dembrick.kernels.dynamics.loop import RUNNING, Limits
 from dembrick.kernels.dynamics.swings import SWINGING
 from dembrick.scenario.model import show
@@ -86,8 +86,8 @@ def find_equilibrium(
         keep_of_rest(motion, driving)
     if not (sticking or attempt.ratio <= attempt.enough):
         raise UndecidedError(
-            f"undecided under the dead loads: after {motion.dead_load_steps} steps of relaxation the out-of-balance "
-            f"force is still {attempt.ratio:.2g} of the joint forces, and no joint has come apart; a run of kind "
+            f"undecided under the dead loads: after {motion.dead_load_steps} steps of relaxation "
+            f"{of_joint_forces(attempt.ratio)} are still out of balance, and no joint has come apart; a run of kind "
             '"statics" may decide it, by Newton\'s method, and softer joints come to rest in fewer steps'
         )
     bodies.start[:] = bodies.position

@@ -25,7 +25,7 @@ from functools import partial
 
 import numpy as np
 
-from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
+from dembrick.errors import HistoryError, NotConvergedError, UndecidedError, of_joint_forces
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.swings import SWINGING
@@ -216,7 +216,7 @@ class EquilibriumPath(ABC):
                     return None
         raise UndecidedError(
             f"undecided at {self.said(parameter)}, neither at rest nor falling: after {ROUNDS * CHUNK * chunks} "
-            f"steps of relaxation the out-of-balance force is still {ratio:.2g} of the joint forces; {self.slow}"
+            f"steps of relaxation {of_joint_forces(ratio)} are still out of balance; {self.slow}"
         )
 
     def down(self, before: np.ndarray) -> float:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import NotConvergedError, UndecidedError
+from dembrick.errors import NotConvergedError, UndecidedError, of_joint_forces
 from dembrick.simulation import load_increments
 from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.floating_point import not_nan
@@ -87,7 +87,7 @@ def dead_load_equilibrium(
     if not found.stands:
         raise NotConvergedError(
             f"{does_not_stand(found, assembly.names)} under the dead loads, before the test begins: on this path "
-            f"{100.0 * found.unbalanced:.2g} % of the joint forces stay out of balance, and only a squeeze that is "
+            f"{of_joint_forces(found.unbalanced)} stay out of balance, and only a squeeze that is "
             "built in, as by pre-stress, could balance them. Check loads, friction and supports"
         )
     return found
@@ -105,7 +105,7 @@ def undecided(found: Rest) -> str:
     """The sentence that says that it is not known whether the blocks stand."""
     return (
         f"undecided under the dead loads: neither an equilibrium nor a mechanism of a fall was found in {found.steps} "
-        f"steps; {100.0 * found.unbalanced:.2g} % of the joint forces are still out of balance"
+        f"steps; {of_joint_forces(found.unbalanced)} are still out of balance"
     )
 
 
@@ -114,7 +114,7 @@ def _own_law_undecided(state: State, steps: int, ratio: float) -> str:
     blocks, pressing = state.blocks, float(np.abs(state.joints.resultant[:, :3]).max(initial=0.0))
     if pressing > PRESSES * float(np.abs(blocks.dead_force[blocks.free]).max(initial=0.0)):
         what, remedy = (
-            f"{100.0 * ratio:.2g} % of the joint forces are still out of balance",
+            f"{of_joint_forces(ratio)} are still out of balance",
             "a run without it decides for friction alone",
         )
     else:
