@@ -1,8 +1,8 @@
 """Time integration of assemblies: true mass, contact damping with a stated restitution, no other damping.
 
-A run has two parts. First the blocks come to rest under their dead loads (`dead_load`), which has no meaning of time.
-Then time starts: what drives the run (`driving`) moves them, chunk after chunk of compiled steps; between two chunks
-polygons that have slid over an edge are cut again, and blocks that come to meet where no joint is are found
+A run has two parts. First the blocks are relaxed to rest under their dead loads (`dead_load`), in pseudo-time. Then
+time starts: loads and moving supports (`driving`) act in chunks of compiled steps. Between two chunks joint polygons
+are cut again if blocks have slid over an edge, and blocks that meet without a joint between them are found
 (`contact_detection`).
 """
 
@@ -61,28 +61,28 @@ LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block f
 MOST_STEPS = 1e12  # of a run: a year for a single block
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
-SHORTEN = 0.7  # the time step by so much where blocks swing too fast for it,
-SHORTER = 6  # and so often at the most
-BETWEEN = ("dead_load", "contact_search", "geometry", "record", "driving")  # what a run does beside its steps
+SHORTEN = 0.7  # factor on the time step if blocks oscillate too fast for it,
+SHORTER = 6  # applied so many times at the most
+BETWEEN = ("dead_load", "contact_search", "geometry", "record", "driving")  # phases of a run other than its steps
 
 
 class StepTooLong(DivergedError):
-    """A block swings on its contacts faster than the time step can follow."""
+    """A block oscillates on its contacts faster than the time step can follow."""
 
 
 class PressedTooDeep(NotConvergedError):
-    """Blocks overlap by more than a contact can mean."""
+    """Blocks overlap too deeply for a contact to be meaningful."""
 
 
 @dataclass
 class Motion:
-    """An assembly that can come to rest and move: its time step (s), and how long it took (s).
+    """An assembly in motion or relaxation, with its state, time step (s) and computing times (s).
 
-    ``settled``: it begins in the equilibrium that a settlement left, new contacts and all. ``loop_seconds`` went into
-    compiled steps, ``phases`` into what lies between them. ``falling`` (n,): blocks that find no equilibrium under the
-    dead loads; ``attempt`` (2,): of the search for it, the step at which the present attempt began, and after how many
-    the first block was seen to fall (-1: none yet). ``upright`` (n, 4): orientations that turns count from, those at
-    the start of the stage.
+    ``settled``: it starts from the equilibrium left by a settlement, including its new contacts. ``loop_seconds`` went
+    into compiled steps, ``phases`` into the work between them. ``falling`` (n,): blocks without an equilibrium under
+    the dead loads; ``attempt`` (2,): of the search for it, the step at which the present attempt began, and the number
+    of steps until the first block was seen to fall (-1: none yet). ``upright`` (n, 4): orientations at the start of the
+    stage, from which rotations are measured.
     """
 
     assembly: object
@@ -96,7 +96,7 @@ class Motion:
     steps: int = 0
     dead_load_steps: int = 0
     settled: bool = False
-    laws: int = MOVING  # how those of the joints answer now: `kernels.dynamics.swings`
+    laws: int = MOVING  # mode in which joint laws keep their history: `kernels.dynamics.swings`
     contact_detection: ContactDetection = field(init=False)
     energy: MotionEnergy = field(init=False)
     falling: np.ndarray = field(init=False)
@@ -109,7 +109,7 @@ class Motion:
     _types: object = None
     shares: dict = field(default_factory=dict)  # see `loops_for`
     ahead: LoadsAhead = field(default_factory=LoadsAhead)
-    _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
+    _ahead: tuple = (None,) * 7  # buffers of `present_velocities`, reused as every frame needs them
 
     def __post_init__(self):
         self.contact_detection = ContactDetection(self.assembly, self.damping)
@@ -128,11 +128,11 @@ class Motion:
 
     @cached_property
     def no_contacts(self) -> Touching:
-        """Arrays of contacts for the loop if there are none."""
+        """Empty contact arrays, passed to the loop while there are no new contacts."""
         return self.contact_detection.blank(self.polygons)
 
     def types_of(self, *arguments) -> object:
-        """A mark of the types of arguments; those of the last call are not looked at again, as arrays keep theirs."""
+        """Fingerprint of the argument types, cached for the last arguments, as arrays keep their types."""
         if len(arguments) != len(self._typed) or any(a is not b for a, b in zip(arguments, self._typed, strict=True)):
             self._typed, self._types = arguments, compute_fingerprint(arguments)
         return self._types
@@ -144,32 +144,32 @@ class Motion:
 
     @property
     def seconds(self) -> float:
-        """All the time that was measured so far (s)."""
+        """All computing time measured so far (s)."""
         return self.loop_seconds + self.compile_seconds + sum(self.phases.values())
 
     @property
     def smallest(self) -> float:
-        """Shortest edge of the boxes around the blocks (m)."""
+        """Shortest edge of the bounding boxes of all blocks (m)."""
         return min(float(np.ptp(shape.vertices, axis=0).min()) for shape in self.assembly.shapes)
 
     @property
     def displacement(self) -> np.ndarray:
-        """Of every centroid since the dead-load equilibrium (n, 3), in the frame of the supports (m)."""
+        """Displacement of every centroid since the dead-load equilibrium (n, 3), in the frame of the supports (m)."""
         return self.state.bodies.position - self.state.bodies.start
 
     @property
     def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6), see `write_reactions`."""
+        """Reactions of the supports (s, 6), see `write_reactions`."""
         return reactions(self)
 
 
 def motion(
     assembly: Assembly, damping: float, step_factor: float, impacts: float = 1.0, duration: float | None = None
 ) -> Motion:
-    """An assembly at rest with contacts of that damping ratio; ``step_factor`` is the time step over the critical.
+    """An assembly at rest whose contacts have the ``damping`` ratio; ``step_factor``: time step over the critical one.
 
-    Where there will be ``impacts``, the step is shorter by that factor than joints ask for. It is never longer than
-    new contacts on any face of the blocks ask for; and a ``duration`` (s) is a whole number of steps.
+    ``impacts`` divides the time step that the joints allow, if impacts are expected. The step is never longer than new
+    contacts on any face of the blocks allow, and divides a ``duration`` (s) into a whole number of steps.
     """
     state = moving_state(assembly)
     frequency, of_faces = pair_frequencies(state), contact_time_step(assembly, damping)
@@ -187,22 +187,22 @@ def motion(
 
 @contextmanager
 def driving_time(motion: Motion) -> Iterator[None]:
-    """Context whose time, where it is not booked elsewhere, goes into what drives the run."""
+    """Context whose computing time, unless booked elsewhere, counts for the phase ``driving``."""
     began, before = time.perf_counter(), motion.seconds
     yield
     motion.phases["driving"] += time.perf_counter() - began - (motion.seconds - before)
 
 
 def in_shorter_steps(motion: Motion, attempt: Callable[[], Found], go_back: Callable[[], None]) -> Found:
-    """Result of an ``attempt``; where blocks swing too fast, as those that meet bear on more than their joints, what
-    another one finds in shorter steps, after going back. Raises StepTooLong if no step is short enough."""
+    """Result of an ``attempt``. If blocks oscillate too fast, as new contacts add to the stiffness of their joints, go
+    back and repeat it with a shorter time step. Raises StepTooLong if no step is short enough."""
     for _ in range(SHORTER):
         try:
             return attempt()
         except StepTooLong:
             motion.time_step *= SHORTEN
             detection = motion.contact_detection
-            detection.bearable = STABLE - SHORTEN * (STABLE - detection.bearable)  # joints do less in a shorter step
+            detection.bearable = STABLE - SHORTEN * (STABLE - detection.bearable)  # joints use less of a shorter step
             go_back()
     return attempt()
 
@@ -210,9 +210,9 @@ def in_shorter_steps(motion: Motion, attempt: Callable[[], Found], go_back: Call
 def advance(
     motion: Motion, driving: Driving, n_steps: int, limits: Limits, damping: float = 0.0, step: float = 1.0
 ) -> int:
-    """Move on by up to ``n_steps``; returns RUNNING, or REACHED when a centroid has gone as far as ``limits`` says.
+    """Advance by up to ``n_steps``; returns REACHED once a centroid has moved as far as ``limits`` says, else RUNNING.
 
-    Quasi-static work takes local ``damping``, and a ``step`` below the time step of the run.
+    ``damping``: local damping of quasi-static phases; ``step``: their step over the time step of the run.
     Raises DivergedError, and NotConvergedError if blocks press too deep into each other.
     """
     with driving_time(motion):
@@ -220,7 +220,7 @@ def advance(
 
 
 def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, damping: float, step: float) -> int:
-    """`advance`, but for the clock."""
+    """`advance` without the timing."""
     last = motion.steps + n_steps
     detection, dt = motion.contact_detection, step * motion.time_step
     look_first(motion)
@@ -233,7 +233,7 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
         gravity = driving.forces(times[[0, -1]], dt)[0] if loads is None else loads.gravity[[0, most - 1]]
         moved = (supports or loads).moved[:most]
         fastest = float(np.sqrt(moved.max(initial=0.0))) / dt
-        # what comes to rest is hardly ever as fast as gravity could make it: the loop counts how far it moves
+        # relaxing blocks are rarely as fast as gravity could make them: there the loop tracks how far they move
         room, n = detection.room if damping > 0.0 else math.inf, most
         if room == math.inf:
             n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
@@ -253,7 +253,7 @@ def look_first(motion: Motion) -> None:
 
 
 def after_chunk(motion: Motion, status: int, done: int, dt: float) -> int:
-    """Count the steps ``done`` and do what the ``status`` of a chunk asks for; REACHED, or RUNNING.
+    """Count the steps ``done`` and handle the ``status`` of a chunk; returns REACHED or RUNNING.
 
     Raises DivergedError and NotConvergedError.
     """
@@ -273,14 +273,14 @@ def after_chunk(motion: Motion, status: int, done: int, dt: float) -> int:
 
 
 def _follow(motion: Motion, called: bool) -> None:
-    """Look for new contacts where that is due."""
+    """Look for new contacts if that is due, or if the loop has ``called`` for it."""
     began = time.perf_counter()
     motion.contact_detection.follow(motion.state, motion.polygons, called, motion.travel[1:])
     motion.phases["contact_search"] += time.perf_counter() - began
 
 
 def _examine(motion: Motion) -> None:
-    """StepTooLong if a block's contacts swing faster than the time step can follow."""
+    """Raise StepTooLong if a block oscillates on its contacts faster than the time step can follow."""
     began, detection = time.perf_counter(), motion.contact_detection
     block = detection.examine(motion.state, motion.time_step)
     motion.phases["contact_search"] += time.perf_counter() - began
@@ -308,7 +308,7 @@ def _trouble(motion: Motion, status: int) -> str:
 
 
 def rest_in_each_other(motion: Motion) -> str:
-    """Message about blocks that dead loads have pressed into each other while nobody looked for contacts."""
+    """Message about blocks that dead loads have pressed into each other before new contacts were detected."""
     first, second = (show(motion.assembly.names[i]) for i in motion.contact_detection.met[0])
     return (
         f"under the dead loads blocks {first} and {second}, which are drawn apart, come to rest in each other: let a "
@@ -317,22 +317,22 @@ def rest_in_each_other(motion: Motion) -> str:
 
 
 def joint_forces(motion: Motion, driving: Driving) -> None:
-    """Let the joints, and new contacts, answer to where the blocks are, and nothing move."""
+    """Evaluate the forces of joints and new contacts at the present positions, without moving any block."""
     held = motion.state.bodies._replace(free=np.zeros(0, np.uint32))
     touching = motion.contact_detection.touching
     advance_chunk(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step, touching)
 
 
 def keep_of_rest(motion: Motion, driving: Driving) -> None:
-    """Let the laws of joints, which have kept nothing while blocks swung, keep what is so where they rest now."""
+    """Update the history of the joint laws to the equilibrium reached; it was frozen while blocks swung."""
     laws, motion.laws = motion.laws, RESTED
     joint_forces(motion, driving)
     motion.laws = laws
 
 
 def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities (n, 3) and spins (n, 3; rad/s, world) of the blocks at the moment of their positions: the mean of half
-    a step before and half a step after, which a copy of everything takes."""
+    """Velocities (n, 3) and spins (n, 3; rad/s, world) of the blocks at the instant of their positions: the mean of
+    those half a step before and half a step after, which a copy of the state is advanced to find."""
     motion.energy.fit(driving.n_load, len(driving.supports))
     state, touching, shared = motion.state, motion.contact_detection.touching, {}
     if touching is not None:
@@ -361,8 +361,8 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
 
 
 def _copied(part, into=None):
-    """A named tuple with copies of its arrays, at any depth, where lines of the cache begin as in the original; None
-    stays None. They are written over those of an earlier copy, ``into``, if they fit."""
+    """Deep copy of a named tuple of arrays with the same cache-line alignment; None stays None. Arrays of an earlier
+    copy, ``into``, are overwritten if they fit."""
     if part is None:
         return None
     copies = []

@@ -1,4 +1,4 @@
-"""Runs of assemblies in real time: tilts, pushes, shaken supports, free motion; what is said of a collapse."""
+"""Runs of assemblies in real time: tilts, pushes, shaken supports, free motion."""
 
 from __future__ import annotations
 
@@ -50,23 +50,23 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.controls import Control
 
-CONTACT_DAMPING = 0.05  # of critical: of a path of equilibria whose control says none
-IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met, by 1 to 3 %
-AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
-AFTER = 1.0, 10.0  # times sqrt(extent / g): so long a run goes on when the supports have arrived, and so long at the
-# most, until something has come down
-FREELY = 1.2  # times the square of the speed of a free fall: what has come down and is no faster falls on
+CONTACT_DAMPING = 0.05  # of critical, on a path of equilibria whose control sets none
+IMPACTS = 3.0  # divides the step if blocks may bounce, so that the stated restitution is met within 1 to 3 %
+AT_ONCE = 2_000_000  # (blocks + joints) x steps of a chunk: signals wait some tenths of a second
+AFTER = 1.0, 10.0  # times sqrt(extent / g): how long a run goes on after the supports have arrived, and how long at the
+# most, until a block has fallen
+FREELY = 1.2  # times the squared speed of a free fall: a fallen block that is no faster is falling freely
 G = 9.81  # m/s2, where there is no gravity
-MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it, and twelve equal blocks fit round one
+MEETINGS = 6  # new contacts per block in a frame, at the most: two share one, and twelve equal blocks fit around one
 
 
 @dataclass
 class MotionRun:
-    """A finished run: the state it ended in, its status, what the program chose and how long it took (s).
+    """A finished run: its final state, status, settings that the program chose, and computing times (s).
 
-    ``furthest`` (n,) m: the greatest displacement of every centroid, as seen at the rows, and ``peak_tension`` (t,) N:
-    the greatest tension of every tie, ``turned`` (n,) rad: the greatest turn of every block; ``fallen`` (n,): which of
-    them have fallen; ``speed`` (m/s): see `speed_at_the_end`.
+    Greatest values over the rows: ``furthest`` (n,) m, displacement of every centroid; ``peak_tension`` (t,) N, tension
+    of every tie; ``turned`` (n,) rad, rotation of every block. ``fallen`` (n,): which blocks have fallen; ``speed``
+    (m/s): see `speed_at_the_end`.
     """
 
     motion: Motion
@@ -84,37 +84,36 @@ class MotionRun:
 
     @property
     def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6) at the end, see `write_reactions`."""
+        """Reactions of the supports (s, 6) at the end, see `write_reactions`."""
         return self.motion.reactions
 
     @property
     def ties(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
+        """Tension (t,) N of the ties at the end, and their permanent elongation (t,) m."""
         now = self.motion.state.ties.now
         return now["tension"], now["yielded"]
 
     @property
     def compile_seconds(self) -> float:
-        """Spent on compiling the loop, or on loading it."""
+        """Time spent on compiling or loading the loop (s)."""
         return self.motion.compile_seconds
 
     @property
     def loop_seconds(self) -> float:
-        """Spent in the loop, dead-load equilibrium counted."""
+        """Time spent in the loop, including the dead-load equilibrium (s)."""
         return sum(self.phases.values())
 
     @property
     def phases(self) -> dict[str, float]:
-        """The same by phase; the compiled steps are one."""
+        """`loop_seconds` by phase; the compiled steps are one."""
         return {"steps": self.motion.loop_seconds, **self.motion.phases}
 
 
 @dataclass
 class EquilibriaRun(MotionRun):
     """A finished path of equilibria. ``path`` (T, 3): displacement (m), load and out-of-balance over joint forces of
-    every equilibrium; ``reaction`` (s, 6): of all supports at the last one, and ``state``: everything then, for a stage
-    that comes after. ``bracket``: the parameter at the last equilibrium, and at which the blocks came down (infinite:
-    they did not)."""
+    every equilibrium; ``reaction`` (s, 6): of all supports at the last one, and ``state``: the full state there, for a
+    stage that follows. ``bracket``: the parameter at the last equilibrium, and at collapse (infinite: no collapse)."""
 
     path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     reaction: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
@@ -123,7 +122,7 @@ class EquilibriaRun(MotionRun):
 
     @classmethod
     def of(cls, past: Past, path: np.ndarray, collapse: dict | None, **last) -> EquilibriaRun:
-        """Result of the ``path`` of a scene with that ``past``, with what there is of the ``last`` equilibrium."""
+        """Result of a ``path``; ``last``: fields of its last equilibrium."""
         moving, noted = past.moving, past.extremes.noted
         return cls(
             motion=moving,
@@ -146,12 +145,12 @@ class EquilibriaRun(MotionRun):
 
     @property
     def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6) at the last equilibrium."""
+        """Reactions of the supports (s, 6) at the last equilibrium."""
         return self.reaction
 
 
 def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
-    """The assembly as drawn, with the contact damping of the control; ScenarioError if nothing moves."""
+    """The assembly as drawn, with the contact damping of the control; ScenarioError if nothing can move."""
     if control.needs_supports and not np.any(assembly.fixed):
         raise ScenarioError(f"control kind {show(control.kind)} moves supports and no block is fixed: fix one")
     if not len(assembly.fixed) - np.sum(assembly.fixed):
@@ -169,7 +168,7 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
 
 
 def ask_for(moving: Motion, output: Output, driving: Driving) -> None:
-    """Have the loop write down what ``output`` names beside what it needs itself, under what is ``driving``."""
+    """Set up what the loop must record for ``output`` under the loads and supports ``driving``."""
     supports = len(driving.supports)
     moving.energy = MotionEnergy(moving.state, driving.n_load, "energy" in output.channels, supports)
     moving.contact_detection.let_move(driving.supports.block)
@@ -178,8 +177,8 @@ def ask_for(moving: Motion, output: Output, driving: Driving) -> None:
 
 
 def plan(moving: Motion, control: Control, driving: Driving, output: Output, load_factor: float | None = None) -> Plan:
-    """Plan with the steps and bytes of the run: those of its whole duration, or of a collapse at the ``load_factor``;
-    without one those of a tilt to the vertical or of the longest push. Bytes at the most."""
+    """Plan with the steps and bytes of the run: of its whole duration, or until a collapse at the ``load_factor``;
+    without one, of a tilt to the vertical or of the longest push. The bytes are an upper bound."""
     controller = _controller(moving, control)
     most = steps = most_steps(moving, control, controller, driving)
     falls = control.ends_with == COLLAPSE
@@ -199,7 +198,7 @@ def plan(moving: Motion, control: Control, driving: Driving, output: Output, loa
 
 
 def _seconds_to_collapse(moving: Motion, control: Control, load_factor: float) -> float:
-    """Time (s) until a tilt or a push at its rate has brought down what falls at the ``load_factor``."""
+    """Time (s) until a tilt or a push at its rate has collapsed a structure whose limit is the ``load_factor``."""
     if control.push_direction is not None:
         return (1.0 + load_factor) * control.displacement / control.rate
     gravity = float(np.linalg.norm(moving.assembly.gravity))
@@ -213,7 +212,7 @@ def _controller(moving: Motion, control: Control) -> PushController | None:
 
 
 def most_steps(moving: Motion, control: Control, controller: PushController | None, driving: Driving) -> int:
-    """Steps after which the run ends if nothing ends it before."""
+    """Number of steps after which the run ends at the latest."""
     if controller is not None:
         return controller.longest
     limit = control.limit
@@ -230,12 +229,12 @@ def most_steps(moving: Motion, control: Control, controller: PushController | No
 
 
 def _arrival(driving: Driving, control: Control) -> float:
-    """When the supports of a settlement have arrived (s)."""
+    """Time at which the supports of a settlement reach their final positions (s)."""
     return driving.supports.length / control.rate
 
 
 def _fall_on(moving: Motion, limits: Limits, session: Session) -> bool:
-    """Whether what is too fast for a step are blocks that fall freely, so that the run may end; said if so."""
+    """Whether all blocks that are too fast for the step fall freely, so that the run may end; reports it if so."""
     bodies, weight = moving.state.bodies, float(np.linalg.norm(moving.assembly.gravity))
     speed = np.linalg.norm(bodies.velocity, axis=1) + np.linalg.norm(bodies.spin, axis=1) * bodies.reach
     fast = math.sqrt(2.0) * speed * moving.time_step > limits.longest
@@ -251,16 +250,16 @@ def _fall_on(moving: Motion, limits: Limits, session: Session) -> bool:
 
 
 def _falling_time(moving: Motion) -> float:
-    """sqrt(extent / g) (s) of the scene: the time in which blocks that have lost their balance lean on goes with it."""
-    assembly = moving.assembly  # as it was drawn: a run that goes on ends when the whole would
+    """sqrt(extent / g) (s) of the scene: the time scale in which unbalanced blocks topple."""
+    assembly = moving.assembly  # as drawn, so that a restarted run ends when an uninterrupted one would
     extent = float(np.ptp(assembly.position, axis=0).max() + moving.state.bodies.reach.max())
     return math.sqrt(extent / (float(np.linalg.norm(moving.assembly.gravity)) or G))
 
 
 def run(moving: Motion, control: Control, driving: Driving, session: Session) -> MotionRun:
-    """Find the dead-load equilibrium and go through the run; the session's observer gets rows and frames.
+    """Find the dead-load equilibrium and integrate the run; the session's observer gets rows and frames.
 
-    Raises NotConvergedError if the blocks find no rest before it, if a tilt or a push brings nothing down, and
+    Raises NotConvergedError if there is no dead-load equilibrium, if a tilt or a push causes no collapse, and
     if blocks are pressed too deep into each other; DivergedError.
     """
     to_collapse = control.ends_with == COLLAPSE
@@ -276,14 +275,14 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     steps = past.longest = most_steps(moving, control, controller, driving)
     settled = math.inf if control.limit or controller else _arrival(driving, control) + AFTER[0] * _falling_time(moving)
     past.may_end_early = to_collapse or settled < math.inf
-    # a run that ends early still has some rows: a block falls within a second or so
+    # enough rows even if the run ends early: a block falls within a second or so
     usual = 20.0 if to_collapse else max(settled, 0.5 * steps * moving.time_step)
     rows = max(1, steps if usual == math.inf else min(steps, math.ceil(usual / moving.time_step)))
     every = max(1, rows // session.output.rows)
-    # neither a row nor a checkpoint falls into steps for which V is held
+    # neither a row nor a checkpoint falls between two updates of V by the controller
     held = 1 if controller is None else controller.steps
     every = held * max(1, round(every / held))
-    # by the size of the scene and not by the clock, so that a run is the same wherever it is stopped
+    # chosen by the size of the scene and not by the clock, so that interrupted runs give the same results
     stride = held * max(1, AT_ONCE // (len(moving.assembly.names) + len(moving.assembly.joints)) // held)
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
@@ -345,9 +344,9 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
 
 
 def start(moving: Motion, control: Control, driving: Driving, past: Past, session: Session) -> None:
-    """Bring the blocks to rest under the dead loads and give them their velocities, or go on from a checkpoint.
+    """Bring the blocks to rest under the dead loads and set their velocities, or restart from a checkpoint.
 
-    Raises NotConvergedError if the blocks find no rest and the control needs it.
+    Raises NotConvergedError if there is no equilibrium and the control needs one.
     """
     free = control.drives == NOTHING
     held = replace(driving, support_velocity=(), supports=AT_REST)
@@ -368,7 +367,7 @@ def start(moving: Motion, control: Control, driving: Driving, past: Past, sessio
 
 
 def rounding(moving: Motion) -> float:
-    """Energy (J) that rounding of positions can make of nothing in all steps, at the most."""
+    """Upper bound of the energy (J) that rounding of positions can create over all steps."""
     state, assembly = moving.state, moving.assembly
     weight = np.linalg.norm(assembly.gravity) * np.asarray(assembly.mass)[state.bodies.free].sum()
     extent = float((np.abs(state.bodies.position).max(axis=1) + state.bodies.reach).max())
@@ -376,7 +375,7 @@ def rounding(moving: Motion) -> float:
 
 
 def _push(moving: Motion, controller: PushController, driving: Driving, n_steps: int, limits: Limits) -> int:
-    """`advance` under the controller, which looks again at the blocks after every ``controller.steps``."""
+    """`advance` with the controller, which updates V from the motion of the blocks every ``controller.steps``."""
     last, status = moving.steps + n_steps, None
     while moving.steps < last and status != REACHED:
         controller.press(moving.steps, moving.displacement, moving.state.bodies.velocity)
@@ -385,11 +384,11 @@ def _push(moving: Motion, controller: PushController, driving: Driving, n_steps:
 
 
 def _set_going(moving: Motion, driving: Driving, thrown: bool) -> None:
-    """Give the blocks their velocities, zero if they are not ``thrown``; half a step back, from where the forces of
-    time zero take them on.
+    """Set the initial velocities of the blocks (zero unless ``thrown``), shifted back by half a step with the forces of
+    time zero, as the leapfrog scheme needs them.
 
-    The joints first look at where the blocks came from, a step ago, so that what slides rubs from the start. Blocks
-    that came from where they did not touch hit each other: that is an impact as any other.
+    Joints first take the positions of one step ago as their last, so that friction acts on sliding joints from the
+    start. Blocks that did not touch then and do now hit each other: that is an impact like any other.
     """
     assembly, state, dt = moving.assembly, moving.state, moving.time_step
     bodies, free = state.bodies, state.bodies.free
@@ -409,7 +408,7 @@ def _set_going(moving: Motion, driving: Driving, thrown: bool) -> None:
     gravity, _ = driving.forces(np.zeros(1), dt)
     inertia = _turned_inertia(moving)
     moving.energy.begin(state, velocity, spin, inertia, gravity[0], dt, moving.contact_detection.left_to_joints())
-    for array, value in zip(memory, kept, strict=True):  # the first step looks again
+    for array, value in zip(memory, kept, strict=True):  # the first step evaluates the joints again
         array[...] = value
     state.links.put_seen(came_from)
     force, torque = out_of_balance(state, gravity[0])
@@ -422,7 +421,7 @@ def _set_going(moving: Motion, driving: Driving, thrown: bool) -> None:
 
 
 def _hit(moving: Motion, came_from: np.ndarray) -> np.ndarray:
-    """Joints (j,) that were wholly open a step ago, their `seen` then being ``came_from`` (j, 9), and are not now."""
+    """Which joints (j,) are closed now and were wholly open a step ago, when `seen` was ``came_from`` (j, 9)."""
     links, hit = moving.state.links, np.zeros(len(came_from), bool)
     now, sense, offset = links.seen, links.sense[:, None], links.offset[:, None]
     for numbers, outlines in moving.polygons.outlines():
@@ -437,6 +436,6 @@ def _hit(moving: Motion, came_from: np.ndarray) -> np.ndarray:
 
 
 def _turned_inertia(moving: Motion) -> np.ndarray:
-    """Inertia (n, 3, 3) of the blocks about their centroids now, world axes."""
+    """Current inertia (n, 3, 3) of the blocks about their centroids, in world axes."""
     turn = moving.state.bodies.rotation
     return turn @ moving.assembly.inertia @ np.swapaxes(turn, 1, 2)

@@ -1,10 +1,9 @@
 """Loads that grow together with one multiplier V: actuators, driven pressures, and a load on every block.
 
-Jacks keep their directions and stay at their points, which move with the blocks. What is work-conjugate to V is the
-driven displacement, sum(weight u) / sum|weight|, with the displacement u of every point along its direction. A driven
-pressure follows its faces (`kernels.dynamics.block_loads`); the displacement is counted at its centre and along its
-direction of the start. V is a function of time, or what it takes to
-move the driven displacement as a head goes (`Head`).
+Jacks keep their directions and stay at their points, which move with the blocks. Work-conjugate to V is the driven
+displacement, sum(weight u) / sum|weight|, with the displacement u of every point along its direction. A driven
+pressure follows its faces (`kernels.dynamics.block_loads`); its displacement is measured at its centre along its
+initial direction. V is a function of time, or the force that moves the driven displacement as prescribed (`Head`).
 """
 
 from __future__ import annotations
@@ -28,9 +27,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class DrivenLoads:
-    """k loads: the points ``at`` which they act, and ``start`` (k, 3) where these are before V grows, from the middle
-    of the scene (m); ``direction`` (k, 3) unit, world; ``weight`` (k,): N for V = 1; ``pressed`` (k,): driven
-    pressures; ``guided`` (g,): the blocks that are guided."""
+    """k loads: the points ``at`` which they act and their positions ``start`` (k, 3) before V grows, from the middle of
+    the scene (m); ``direction`` (k, 3) unit, world; ``weight`` (k,): N for V = 1; ``pressed`` (k,): whether they are
+    driven pressures; ``guided`` (g,): the blocks that are guided."""
 
     at: Attached
     start: np.ndarray
@@ -50,12 +49,12 @@ class DrivenLoads:
         return loads
 
     def start_from(self, bodies: Bodies) -> None:
-        """Count displacements from where the blocks are now."""
+        """Measure displacements from the present positions of the blocks."""
         self.start[:] = self._points(bodies)
 
     @property
     def jacks(self) -> tuple[Attached, np.ndarray]:
-        """Points and forces (N, for V = 1) of those that are no pressures."""
+        """Points and forces (N, for V = 1) of all loads but the pressures."""
         own = ~self.pressed
         return self.at[own], self.weight[own, None] * self.direction[own]
 
@@ -65,7 +64,7 @@ class DrivenLoads:
         return np.array([number.get(block, -1) for block in blocks.tolist()], np.int64)
 
     def displacements(self, bodies: Bodies) -> np.ndarray:
-        """Of the points along their directions (k,), m."""
+        """Displacements of the points along their directions (k,), m."""
         return ((self._points(bodies) - self.start) * self.direction).sum(axis=1)
 
     def _points(self, bodies: Bodies) -> np.ndarray:
@@ -77,7 +76,7 @@ class DrivenLoads:
 
     @cached_property
     def _share(self) -> np.ndarray:
-        """Of each point in the driven displacement (k,)."""
+        """Weight of each point in the driven displacement (k,)."""
         return self.weight / np.abs(self.weight).sum()
 
     @property
@@ -88,18 +87,18 @@ class DrivenLoads:
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """A head that moves the driven displacement of a load system along ``way`` (m), a function of time; the loop finds
-    the ``V`` (1,) that this takes."""
+    """Actuator head that prescribes the driven displacement of a load system as the function of time ``way`` (m); the
+    loop finds the ``V`` (1,) that this takes."""
 
     way: Curve
     V: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     def multiplier(self, times: np.ndarray) -> np.ndarray:
-        """V of now, whatever the time."""
+        """The present V, constant over the times."""
         return np.full(np.shape(times), self.V[0])
 
     def at(self, times: np.ndarray, loads: DrivenLoads, faces: PressedFaces) -> driven_displacement.Head:
-        """The head as the loop takes it, for the steps at ``times`` (s,)."""
+        """The head in the form that the loop needs, for the steps at ``times`` (s,)."""
         where, (jacks, force) = loads.at, loads.jacks
         body = np.unique(np.concatenate([where.block, faces.block[faces.driven]]))
         of_face = np.where(faces.driven, np.searchsorted(body, faces.block), -1)

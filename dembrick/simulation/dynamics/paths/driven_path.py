@@ -1,11 +1,11 @@
-"""Test by displacement in the deformed geometry: a path of equilibria while actuators move blocks by a given travel.
+"""Displacement control in the deformed geometry: a path of equilibria while actuators move blocks by a given travel.
 
-The parameter of the path (`equilibria`) is the way of the driven displacement of the load system (`driven_loads`), of a
-head without a spring: the loop finds the multiplier V that this takes (`kernels.dynamics.driven_displacement`), so that
-V falls behind a peak, or as bonds break, however steeply. Equilibria know no rate.
+The parameter of the path (`equilibria`) is the driven displacement of the load system (`driven_loads`), imposed by a
+rigid actuator head: the loop finds the multiplier V that this takes (`kernels.dynamics.driven_displacement`), so
+V may fall beyond a peak, or as bonds break, however steeply. Equilibria do not depend on a rate.
 
-A protocol is one such way after another, to and fro; the parameter is then the sum of the ways. Where a protocol is one
-of forces, V is what it says.
+A protocol is a sequence of such segments, back and forth; the parameter is then the distance travelled over all
+segments. A protocol of forces prescribes V itself.
 """
 
 from __future__ import annotations
@@ -39,29 +39,29 @@ from dembrick.simulation.dynamics.paths.stage_loads import slip_path
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session, Snapshot
 
-EQUILIBRIA = 60  # of the whole travel, equally far apart; of a protocol of each way out, or half of one there and back
-MOST = 6 * EQUILIBRIA  # actuators that have not come so far by then do not give way
-FIRST = 2.0**-12  # of a step: that at the start and at a turn, where joints are elastic for a short way
-LONGER = 2.0  # times the last step: the next
-ROUNDED = 1e5  # times the rounding of a position: no step at the start is shorter
-END = 1e-9  # of the travel: so close it ends
-HELD = 1e-6  # of the way: points that are further from where they are to be do not move freely
-BENDS = 4.0  # times as far as could be expected: there the curve bends, and is followed in shorter steps,
+EQUILIBRIA = 60  # equally spaced over the travel; over each segment out of a protocol, or half of one there and back
+MOST = 6 * EQUILIBRIA  # equilibria that are planned for at the most
+FIRST = 2.0**-12  # of a step: the first one at the start and at a reversal, where joints are elastic for a short while
+LONGER = 2.0  # times the last step: the next one at the most
+ROUNDED = 1e5  # times the rounding of a position: the least first step
+END = 1e-9  # of the travel: distance to its end that counts as arrived
+HELD = 1e-6  # of the parameter: points that are further from their prescribed position cannot move freely
+BENDS = 4.0  # times the expected displacement: there the curve bends and is followed in shorter steps,
 FLAT = 0.01  # of the greatest V: if V is off the straight line by more,
-NOISE = 100.0  # and by so much more than what is out of balance where blocks rest, or a displacement than its rounding
-PROTOCOL, WHOLE = "driven_path.protocol", "driven_path.whole"  # what a checkpoint has of it
+NOISE = 100.0  # times the out-of-balance of blocks at rest, or the rounding of a displacement: smaller ones are noise
+PROTOCOL, WHOLE = "driven_path.protocol", "driven_path.whole"  # arrays in a checkpoint
 
 
 class DrivenPath(EquilibriumPath):
-    """Ways of actuators from equilibrium to equilibrium; the parameter is the way that their head has gone (m).
+    """Path of displaced actuators; the parameter is the distance that their head has travelled (m).
 
-    ``way_number``: of the ways of the ``protocol``, and ``turned``: where it began, as the parameter and the
-    displacement of the head (m); ``turns``: the equilibria at which ways ended, and ``V`` now; ``whole``: the slip path
-    of all joints (m) and how many bonds held, before.
+    ``way_number``: current segment of the ``protocol``, and ``turned``: where it began, as the parameter and the
+    displacement of the head (m); ``turns``: the equilibria at which segments ended, and ``V``: its current value;
+    ``whole``: slip path of all joints (m) and number of unbroken bonds at the first equilibrium.
     """
 
     greatest = math.inf
-    step = FIRM_STEP  # where points may not give way, forces of dashpots are felt in full
+    step = FIRM_STEP  # shorter, as dashpot forces act in full on points that may not give way
 
     def __init__(
         self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0,
@@ -72,7 +72,7 @@ class DrivenPath(EquilibriumPath):
         self.V, self.way_number, self.turned = 0.0, 0, (0.0, 0.0)
         self.turns, self.whole = np.zeros(len(self.protocol.ways)), np.zeros(2)
         ways = np.abs(self.protocol.ways)
-        self.ranges = np.maximum(ways[0], 0.5 * ways)  # m: there and back is twice as far as out
+        self.ranges = np.maximum(ways[0], 0.5 * ways)  # m: a segment there and back is twice as long as one out
         free = ~np.asarray(moving.assembly.fixed)
         dead = np.linalg.norm(moving.assembly.dead_force[free], axis=1).sum()
         self.gentle = refine * GENTLE
@@ -81,17 +81,17 @@ class DrivenPath(EquilibriumPath):
 
     @property
     def travel(self) -> float:
-        """The way of now (m), without its sign."""
+        """Length of the current segment (m)."""
         return abs(float(self.protocol.ways[self.way_number]))
 
     @property
     def sense(self) -> float:
-        """1 if the head goes forward on the way of now, -1 if it goes back."""
+        """1 if the head moves forward on the current segment, -1 if it moves back."""
         return math.copysign(1.0, float(self.protocol.ways[self.way_number]))
 
     @property
     def stride(self) -> float:
-        """The parameter from one equilibrium to the next (m), where nothing asks for less."""
+        """Regular increment of the parameter between equilibria (m)."""
         return self.refine * float(self.ranges[self.way_number]) / EQUILIBRIA
 
     def head(self, parameter):
@@ -104,27 +104,27 @@ class DrivenPath(EquilibriumPath):
         return plan_of(moving, control, output, EQUILIBRIA, step=cls.step)
 
     def driven(self, parameter: Curve) -> Driving:
-        """The head follows that path; before the first equilibrium there is none."""
+        """Loads with the head at that parameter; before the first equilibrium there is no head."""
         if not self.path:
             return self.driving
         head = Head(lambda times: self.head(parameter(times)), np.array([self.V]))
         return replace(self.driving, multiplier=head.multiplier, head=head)
 
     def advance(self, driving: Driving, steps: int) -> None:
-        """Steps, V found in each of them."""
+        """As in the base class; also keep V, which the loop finds in each step."""
         super().advance(driving, steps)
         if driving.head is not None:
             self.V = float(driving.head.V[0])
 
     def steps(self, begin: float, end: float) -> int:
-        """So many that the acceleration of the points stays small beside that of the dead loads, as of supports."""
+        """Enough steps for the acceleration of the points to stay small compared with that of the dead loads."""
         fastest = self.pull * (min(self.gentle, CAREFUL * self.tolerance) if self.careful else self.gentle)
         seconds = math.sqrt(OF_START * (end - begin) / fastest) if fastest > 0.0 else 0.0
         return max(FEWEST, math.ceil(seconds / self.dt))
 
     def jumped(self, parameter: float) -> bool:
-        """Where joints begin to slip or bonds break the curve bends: straight lines between equilibria cut it, and laws
-        that depend on the way of a slip want it in steps."""
+        """Whether V is off the straight line of the last step: the curve bends as joints begin to slip or bonds break,
+        and needs shorter steps, as do laws that depend on the slip path."""
         if not self._goes_on:
             return False
         (u_0, V_0, _), (u, V, _) = self.path[-2:]
@@ -132,19 +132,19 @@ class DrivenPath(EquilibriumPath):
         return abs(self.V - straight) > max(FLAT * max(self._greatest(), abs(self.V)), self._noise())
 
     def _noise(self) -> float:
-        """Error of V (N), as blocks rest but for a part of the forces that there are."""
+        """Error of V (N) from the out-of-balance that is left at an equilibrium."""
         state, assembly = self.moving.state, self.moving.assembly
         forces = np.abs(state.links.wrench[:, :3]).max(initial=0.0), np.abs(assembly.dead_force).max()
         off = NOISE * BALANCED * max(forces) + of_rounding(state)
         return float(off / np.abs(assembly.actuators.weight).max())
 
     def _whole(self) -> np.ndarray:
-        """``whole`` now."""
+        """Current values of ``whole``."""
         return np.array([slip_path(self.moving), float(joint_families.bonded(self.moving.state).sum())])
 
     @property
     def _goes_on(self) -> bool:
-        """Whether the last equilibrium is not the first of its way."""
+        """Whether the current segment has an equilibrium beyond its beginning."""
         return self.reached > self.turned[0]
 
     @property
@@ -153,15 +153,15 @@ class DrivenPath(EquilibriumPath):
         return float(np.finfo(float).eps * np.abs(self.moving.state.bodies.position).max())
 
     def _greatest(self) -> float:
-        """V (N), without its sign."""
+        """Greatest absolute V so far (N)."""
         return max(abs(V) for _, V, _ in self.path)
 
     def close(self, parameter: float) -> float:
-        """Of the ways there and back, as far as the head ever is from where it began."""
+        """The tolerance over the parameter, or over the greatest range of the head if that is less."""
         return self.tolerance * min(parameter, float(self.ranges.max()))
 
     def following(self) -> float | None:
-        """The next displacement of the head, until it has come as far as the travel."""
+        """The next parameter, until the head has completed the last segment."""
         gone = self.reached - self.turned[0]
         if gone >= self.travel * (1.0 - END):
             if self.way_number + 1 == len(self.protocol.ways):
@@ -174,7 +174,7 @@ class DrivenPath(EquilibriumPath):
         return self.reached + min(step, self.travel - gone)
 
     def _turn(self) -> None:
-        """Begin the next way where the head is."""
+        """Begin the next segment at the present position of the head."""
         self.turned = float(self.reached), float(self.head(self.reached))
         self.turns[self.way_number] = self.equilibria - 1
         self.way_number += 1
@@ -183,7 +183,7 @@ class DrivenPath(EquilibriumPath):
         return f"a displacement of {self.head(parameter):.6g} m of the actuators"
 
     def _note(self, parameter: float, ratio: float) -> None:
-        """Points that are not where they are to be cannot go there (NotConvergedError)."""
+        """As in the base class; NotConvergedError if the points could not follow the head."""
         if not self.path:
             self.whole = self._whole()
         super()._note(parameter, ratio)
@@ -195,7 +195,7 @@ class DrivenPath(EquilibriumPath):
             )
 
     def arrived(self, parameter: float) -> bool:
-        """Whether the points are where the head has them be."""
+        """Whether the points are where the head prescribes."""
         return abs(self.path[-1][0] - self.head(parameter)) <= HELD * parameter + NOISE * self._rounding
 
     # --- checkpoints
@@ -230,29 +230,29 @@ class DrivenPath(EquilibriumPath):
 
 
 class ForcePath(DrivenPath):
-    """Ways of the force of actuators from equilibrium to equilibrium; the parameter is the sum of its ways (N)."""
+    """Path of a protocol of actuator forces; the parameter is the sum of all changes of V (N)."""
 
     step = STEP
 
     def steps(self, begin: float, end: float) -> int:
-        """The least."""
+        """Always `FEWEST`."""
         return FEWEST
 
     def driven(self, parameter: Curve) -> Driving:
-        """V follows that path."""
+        """Loads with the prescribed V at that parameter."""
         return replace(self.driving, multiplier=lambda times: self.head(parameter(times)))
 
     def jumped(self, parameter: float) -> bool:
-        """Where blocks begin to slide, or snap."""
+        """Whether blocks moved much further than expected, as they begin to slide or snap."""
         far = float(self._away(self.at_last).max()) > BENDS * self.pace * (parameter - self.reached)
         return far and abs(float(self.head(parameter)) - self.path[-1][1]) > FLAT * self._greatest()
 
     def arrived(self, parameter: float) -> bool:
-        """Blocks go as far as the force takes them."""
+        """Always true: no displacement is prescribed."""
         return True
 
     def following(self) -> float | None:
-        """The next sum of ways, until the last of them ends."""
+        """The next parameter, until the last segment ends."""
         if self.reached - self.turned[0] >= self.travel * (1.0 - END):
             if self.way_number + 1 == len(self.protocol.ways):
                 return None

@@ -1,19 +1,19 @@
-"""A path of equilibria in the deformed geometry: one after the other, while something grows that drives the blocks.
+"""A path of equilibria in the deformed geometry: a sequence of them under a growing load or support displacement.
 
-What grows is a parameter: the share of their way that supports have gone, or a load. It grows a little, slowly against
-gravity, and is held until the blocks rest, by dynamic relaxation with local damping. Finite rotations, joints that open
-and slide and contacts that form on the way are those of a run in real time. Where the blocks come down instead, the
-structure goes back to its last equilibrium and tries again so slowly that inertia does not count, then by half the
-step, until the parameter at which it falls is known to the tolerance.
+One parameter drives the blocks: the share of their displacement that supports have gone through, or a load. It grows by
+a small increment, slowly compared with gravity, and stays constant until the blocks rest, by dynamic relaxation with
+local damping. Finite rotations, opening and sliding joints and new contacts are treated as in a run in real time. If
+the blocks collapse instead, the structure returns to its last equilibrium and the increment is repeated so slowly that
+inertia is negligible, then with half the step, until the parameter at collapse is known to the tolerance.
 
-Blocks swing past where they rest, and what slides, yields, crushes or lifts does not take that back: so laws keep what
-is so at the equilibrium, and nothing of the way there (`kernels.dynamics.swings`).
+Blocks swing past their equilibrium. Sliding, yielding, crushing and uplift on that swing would be irreversible, so the
+laws remember only their state at the equilibrium (`kernels.dynamics.swings`).
 
-Frames of the fall follow that of the last equilibrium; their times are between its number and the next, and the row
-next to them is its own: nothing is in equilibrium any more.
+Frames of the collapse follow that of the last equilibrium. Their times lie between its number and the next, and they
+share its row, as nothing is in equilibrium any more.
 
-Bonds hold until the blocks rest; those that bear too much then break, and the blocks come to rest again. So no swing
-breaks a bond, and the parameter at which bonds break is known to the tolerance too.
+Bonds are kept intact until the blocks rest; those that are overloaded then break, and the blocks come to rest again.
+So no swing breaks a bond, and the parameter at which bonds break is known to the tolerance too.
 """
 
 from __future__ import annotations
@@ -55,40 +55,39 @@ from dembrick.simulation.dynamics.time_histories import Curve, eased
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.session import Kept, Progress, Session, Snapshot
 
-TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
-FEWEST = 768  # steps in which the parameter grows
+TOLERANCE = 1e-3  # relative, of the parameter at collapse, if the control sets none
+FEWEST = 768  # time steps in which the parameter grows by an increment, at least
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
-ROUNDS = 5  # of as many steps as a dead-load equilibrium may take: blocks that slide come to rest slowly
-DRIFTING = 2.0  # the way of blocks from the first quarter of a round to its end, over that to its middle, if they go on
-DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
-FALL = 8  # frames of that, equally far apart
-SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds
-LEFT = 50  # of these that a path keeps to find its end: where blocks follow a load on and on, it gives up
+ROUNDS = 5  # each of as many steps as a dead-load equilibrium may take: sliding blocks come to rest slowly
+DRIFTING = 2.0  # displacement from a quarter of a round to its end over that to its middle: blocks drift if it is more
+DROPPED = 0.5  # of a block's least dimension: a block that has moved so far since the last equilibrium has collapsed
+FALL = 8  # frames of a collapse, equally far apart
+SPARE = 200  # room for equilibria beyond the planned ones, such as those that narrow down where bonds break
+LEFT = 50  # of these, reserved for narrowing down the end; a path that still follows its load by then gives up
 BREAKS = 64  # of each joint
-FASTER = 4.0  # times as far as in the step before: so far blocks may be expected to move, whatever they did
-SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
+FASTER = 4.0  # bound on the growth of the predicted displacement rate from one step to the next
+SNAPSHOT = "equilibria"  # array that only checkpoints of such a path have
 
 
 class EquilibriumPath(ABC):
-    """Equilibrium after equilibrium, while a parameter grows from zero.
+    """A sequence of equilibria while a parameter grows from zero.
 
-    ``reached``: the parameter of the last equilibrium, and ``failed``: that at which the blocks came down (infinite:
-    not yet) although it grew with all care (``careful``); ``broken``: at which bonds were seen to break, or blocks to
-    jump (infinite: at none to come). ``fall``: frames of how they come down, once that is to be seen. ``way``:
-    equilibria on the way, at the most. ``from_where``: the parameter and the `places` from which it is told whether
-    blocks have come down: those of the last equilibrium, or of one before where these follow more closely than the
-    tolerance. ``pace``: how far blocks moved on the last step (m a unit of the parameter), to the `places` ``at_last``.
-    A kind of path says what drives the blocks at a parameter (`driven`), in how many steps it grows (`steps`) and where
-    it goes next (`following`).
+    ``reached``: the parameter of the last equilibrium, and ``failed``: that at which the blocks collapsed (infinite:
+    not yet) although it grew slowly (``careful``); ``broken``: that at which bonds broke or blocks jumped (infinite: at
+    none to come). ``fall``: frames of the collapse, None unless they are wanted. ``way``: the most equilibria that are
+    planned. ``from_where``: the parameter and the `places` of the equilibrium from which displacements tell a collapse:
+    the last one, or an earlier one if equilibria are closer than the tolerance. ``pace``: displacement per unit of the
+    parameter in the last step (m), which ended at the `places` ``at_last``. Subclasses define the loads and supports at
+    a parameter (`driven`), the number of time steps of an increment (`steps`) and the next parameter (`following`).
     """
 
     greatest = 1.0  # parameter of all
     step = STEP  # of the time step
-    overshoot = 1.0  # how far blocks may swing in a step, over how far they rest: what a fall says of the parameter
+    overshoot = 1.0  # displacement on the swing of a step over that at its equilibrium, at most: see `falls`
     dropped = DROPPED
-    often = math.inf  # see `falls`
+    often = math.inf  # see `seen_falling`
     to_come: LoadsToCome | None = None
-    increments, path_error = 1, 0.0  # of loads that came after others: `load_increments`
+    increments, path_error = 1, 0.0  # of loads that are added to those of the stage before: `load_increments`
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
         self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
@@ -111,45 +110,45 @@ class EquilibriumPath(ABC):
 
     @property
     def dt(self) -> float:
-        """A step of the relaxation (s)."""
+        """Time step of the relaxation (s)."""
         return self.step * self.moving.time_step
 
     @abstractmethod
     def driven(self, parameter: Curve) -> Driving:
-        """Loads and supports of the run while the parameter is that function of time."""
+        """Loads and supports of the run for a ``parameter`` as a function of time."""
 
     @abstractmethod
     def steps(self, begin: float, end: float) -> int:
-        """In how many steps the parameter grows from ``begin`` to ``end``."""
+        """Number of time steps in which the parameter grows from ``begin`` to ``end``."""
 
     @abstractmethod
     def following(self) -> float | None:
-        """The parameter of the next equilibrium, None at the end of the way."""
+        """The parameter of the next equilibrium, None at the end of the path."""
 
     def jumped(self, parameter: float) -> bool:
-        """Whether the blocks came to that equilibrium by a jump, though there may be one nearby."""
+        """Whether the blocks jumped to this equilibrium although there may be one nearer to the last."""
         return False
 
     def close(self, parameter: float) -> float:
-        """Distance of values of the parameter that are told apart, where blocks fall, bonds break or blocks jump."""
+        """Resolution of the parameter to which collapse, breaking bonds and jumps are located."""
         return self.tolerance * parameter
 
     @abstractmethod
     def said(self, parameter: float) -> str:
-        """A value of the parameter, for a message."""
+        """A value of the parameter as text for a message."""
 
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
-        """How ``blocks`` (k,) come down since the joints looked like ``before`` (j, 9, of `seen`)."""
+        """Record of the collapse of ``blocks`` (k,) from the joint positions ``before`` (j, 9, of `seen`)."""
         return settlement_collapse(self.moving, before, blocks)
 
     @property
     def slow(self) -> str:
-        """Advice for a message, beside others, if blocks find neither rest nor fall."""
+        """Advice in the message on blocks that neither come to rest nor collapse."""
         return "lower the stiffness of the joints"
 
     def _growing(self, begin: float, end: float) -> tuple[Driving, int]:
-        """Loads and supports that take the parameter from one value to another, at rest at both ends, and how
-        many steps that takes."""
+        """Loads and supports while the parameter grows smoothly from ``begin`` to ``end``, with zero rate at both, and
+        the number of time steps."""
         steps, start = self.steps(begin, end), self.moving.steps * self.dt
 
         def parameter(times: np.ndarray) -> np.ndarray:
@@ -159,31 +158,31 @@ class EquilibriumPath(ABC):
         return self.driven(parameter), steps
 
     def _at(self, parameter: float) -> Driving:
-        """Loads and supports of the run while the parameter is constant."""
+        """Loads and supports of the run at a constant parameter."""
         driving = self.driven(lambda times: np.full(np.shape(times), parameter))
         driving = driving if self.to_come is None else self.to_come.held_off(driving)
         return replace(driving, constant=True)
 
     def advance(self, driving: Driving, steps: int) -> None:
-        """Steps under what drives the blocks."""
+        """Advance by ``steps`` time steps under the loads and supports ``driving``."""
         for done in range(0, steps, 8 * CHUNK):
             advance(self.moving, driving, min(steps - done, 8 * CHUNK), self.limits, LOCAL_DAMPING, self.step)
-            if self.path:  # there is nothing to go on from before the first equilibrium
+            if self.path:  # before the first equilibrium there is no state to restart from
                 self.session.pause(self, within=True)
 
     def _go(self, parameter: float) -> float | None:
-        """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if
-        they come down."""
+        """Change the parameter and relax the blocks; return the out-of-balance over the joint forces, None if they
+        collapse."""
         return watched(self, partial(self._gone, parameter, self.from_where[1]), self._go_back)
 
     def _gone(self, parameter: float, before: np.ndarray) -> float | None:
-        """`_go`, in steps as long as they are, of blocks whose `places` were ``before`` at the last equilibrium."""
+        """`_go` with the present time step, for blocks whose `places` were ``before`` at the last equilibrium."""
         driving, steps = self._growing(self.reached, parameter)
         joint_families.hold_bonds(self.moving.state, self.bonded)
         return None if seen_falling(self, driving, steps, before) else self._rest_and_break(parameter, before)
 
     def _rest_and_break(self, parameter: float, before: np.ndarray) -> float | None:
-        """`_rest` with the bonds held; those that bear too much then break, and the blocks come to rest again."""
+        """`_rest` with all bonds intact; those that are overloaded then break, and the blocks come to rest again."""
         joint_families.hold_bonds(self.moving.state, self.bonded)
         ratio = self._rest(parameter, before)
         if not self.bonded or ratio is None:
@@ -192,7 +191,7 @@ class EquilibriumPath(ABC):
         return self._rest(parameter, before)
 
     def _rest(self, parameter: float, before: np.ndarray) -> float | None:
-        """Let the blocks come to rest, whose `places` were ``before`` at the last equilibrium; as `_go`."""
+        """Relax blocks whose `places` were ``before`` at the last equilibrium; returns as `_go`."""
         still = self._at(parameter)
         balanced, chunks, passed, ratio = 0, most_steps(self.moving) // CHUNK, {}, 1.0
         for chunk in range(ROUNDS * chunks):
@@ -205,7 +204,7 @@ class EquilibriumPath(ABC):
             ratio, enough = unbalanced(self.moving.state, still, self.free)
             ratio = not_nan(ratio, f"what is out of balance at {self.said(parameter)}")
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
-            if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
+            if balanced == 2:  # on a swing the out-of-balance force may pass through zero, but not twice running
                 return ratio
             if chunk % chunks in (chunks // 4, chunks // 2, chunks - 1):
                 passed[chunk % chunks] = places(self.moving.state.bodies)
@@ -220,15 +219,16 @@ class EquilibriumPath(ABC):
         )
 
     def down(self, before: np.ndarray) -> float:
-        """How far blocks have come down whose `places` were ``before``: 1 for one that has."""
+        """Greatest displacement since the `places` ``before``, over that of a collapsed block: above 1 one has."""
         return float((self._away(before) / (self.dropped * self.least)).max())
 
     def _away(self, before: np.ndarray) -> np.ndarray:
-        """How far every free block has moved or turned since the `places` of all were ``before`` (m)."""
+        """Displacement of every free block, by translation or rotation, since the `places` ``before`` (m)."""
         return moved(places(self.moving.state.bodies), before)[self.free]
 
     def look_on(self, down: float) -> None:
-        """Keep a frame of how blocks come down, where that is to be seen: ``down`` is how far, 1 at the end."""
+        """Record a frame of the collapse if frames of it are wanted; ``down`` is the progress of the fall, 1 at its
+        end."""
         if self.fall is None or not self.recorder.takes_frames:
             return
         last = self.equilibria - 1
@@ -237,7 +237,7 @@ class EquilibriumPath(ABC):
             self.fall.append(self.recorder.frame(last + min(down, 1.0)))
 
     def begin(self, resumed: Snapshot | None) -> None:
-        """The equilibrium under the dead loads, before the parameter grows; or go on from a checkpoint."""
+        """Find the equilibrium under the dead loads, before the parameter grows, or restart from a checkpoint."""
         moving, past = self.moving, self.past
         if resumed is not None and SNAPSHOT in resumed:
             self.recorder.compile()
@@ -262,7 +262,7 @@ class EquilibriumPath(ABC):
         look_first(moving)
         if (
             self.bonded or moving.settled or moving.contact_detection.met
-        ):  # bonds break now, and blocks move that others push than did before
+        ):  # bonds may break now, and new contacts or the loads of a new stage move blocks
             ratio = self._rest_again(0.0)
         else:
             self.advance(self._at(0.0), CHUNK)
@@ -270,8 +270,8 @@ class EquilibriumPath(ABC):
             self._note(0.0, ratio)
 
     def _rest_again(self, parameter: float) -> float | None:
-        """Rest under other laws, loads and ties than those of the last equilibrium, where the parameter is now: what is
-        out of balance, None if the blocks fall."""
+        """Relax the blocks at the same parameter under laws, loads and ties that differ from those of the last
+        equilibrium; return the out-of-balance over the joint forces, None if they collapse (`falls_at_once`)."""
         stood = standing(self.moving.state.bodies)
         joint_families.hold_bonds(self.moving.state, self.bonded)
         rest, still = partial(self._rest_and_break, parameter, places(stood)), partial(self._at, parameter)
@@ -290,7 +290,7 @@ class EquilibriumPath(ABC):
         return ratio
 
     def _note(self, parameter: float, ratio: float) -> None:
-        """Keep an equilibrium and record it; the driven displacement counts from the first."""
+        """Store and record an equilibrium; the driven displacement is measured from the first."""
         if self.driving.driven is not None and not self.path:
             self.driving.driven.start_from(self.moving.state.bodies)
         keep_of_rest(self.moving, self._at(parameter))
@@ -313,7 +313,7 @@ class EquilibriumPath(ABC):
         return Kept(self.past.snapshot() | self._own(), path="the last equilibrium")
 
     def falls_at_once(self, stood: Bodies) -> None:
-        """Refusal of blocks that fall under the dead loads (NotConvergedError) and ``stood`` before."""
+        """Raise NotConvergedError for blocks that collapse under the dead loads; ``stood``: their positions before."""
         if self.moving.contact_detection.met:
             raise NotConvergedError(rest_in_each_other(self.moving))
         raise NotConvergedError(
@@ -322,7 +322,7 @@ class EquilibriumPath(ABC):
         )
 
     def _target(self) -> float | None:
-        """The parameter of the next equilibrium; None at the end of the way or if its end is known well enough."""
+        """The parameter of the next equilibrium; None at the end of the path or if collapse is located well enough."""
         end = min(self.failed, self.broken)
         if end < math.inf:
             proven = self.falls - self.reached if end == self.failed else end - self.reached
@@ -336,12 +336,12 @@ class EquilibriumPath(ABC):
         return target
 
     def run(self) -> None:
-        """Go on to the end of the way or until the structure comes down. Raises NotConvergedError, Interrupted."""
+        """Follow the path to its end or until the structure collapses. Raises NotConvergedError, Interrupted."""
         with interrupts.deferred():
             while self.collapse is None:
                 target, last = self._target(), False
                 if target is None and self.failed < math.inf:
-                    target, last = self.failed, True  # once more, from nearby: how the blocks come down
+                    target, last = self.failed, True  # once more, from nearby, to record the collapse
                 if target is None:
                     self.session.ended(self)
                     return
@@ -352,7 +352,7 @@ class EquilibriumPath(ABC):
                     jumped, far = self.jumped(target), target - self.reached > self.close(target)
                     broke = (joint_families.bonded(self.moving.state) < self.bonds).any() or jumped
                     if broke and far and self.equilibria < self.room - 2 * LEFT and target < self.broken:
-                        self.broken = target  # from nearby: which bonds break first, and whether blocks jump at all
+                        self.broken = target  # approach it in smaller steps: which bonds break first, is it a jump?
                         self._go_back()
                         continue
                     if broke or target >= self.broken:
@@ -369,27 +369,27 @@ class EquilibriumPath(ABC):
 
     @property
     def falls(self) -> float:
-        """The parameter at which the blocks fall for certain (infinite: at none that was tried). They swing on the way
-        from one equilibrium to the next, so that a fall proves no limit nearer than the swing may have reached."""
+        """Upper bound of the parameter at collapse (infinite: none yet). Blocks overshoot on the swing from one
+        equilibrium to the next, so a collapse proves no limit below the parameter that the swing may stand for."""
         return self.reached + self.overshoot * (self.failed - self.reached)
 
     def _fell(self, stood: Bodies) -> None:
-        """Note how the blocks come down, which ``stood`` before, and record it."""
+        """Record the collapse of the blocks from where they ``stood`` at the last equilibrium."""
         self.recorder.follow_up(self.fall or [])
         away = np.where(self.free, moved(places(self.moving.state.bodies), places(stood)), 0.0)
         self.collapse = self.come_down(seen(stood, self.moving.state.links), np.flatnonzero(away > MOVED * away.max()))
 
     def _go_back(self) -> None:
         own = self._own()
-        self.kept.arrays["loop"][1] = self.moving.time_step  # as short as it has become
+        self.kept.arrays["loop"][1] = self.moving.time_step  # keeps a time step that was shortened
         self.past.restore(self.kept)
         self.kept.arrays.update(own)
 
     def found(self) -> EquilibriaRun:
-        """Go the whole way, from the start or from where the session resumes it, and say what came of it.
+        """Follow the whole path, from the start or from the checkpoint of the session, and return its result.
 
-        Raises NotConvergedError if the blocks do not stand before anything grows, UndecidedError if they find neither
-        rest nor fall.
+        Raises NotConvergedError if the blocks do not stand under the dead loads, UndecidedError if they neither come
+        to rest nor collapse.
         """
         self.begin(self.session.resumed)
         self.run()
@@ -419,7 +419,7 @@ class EquilibriumPath(ABC):
         return {SNAPSHOT: numbers} | {f"{SNAPSHOT}.{name}": array for name, array in own.items()}
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """The last equilibrium: what was tried since leaves no trace."""
+        """Arrays of the last equilibrium, without any trace of attempts since."""
         return self.kept.arrays
 
     def _restore(self, snapshot: Snapshot) -> None:

@@ -1,4 +1,4 @@
-"""Falls of blocks that come to rest on a path of equilibria, seen before they get too fast for a step."""
+"""Detection of collapse during relaxation on a path of equilibria, before blocks get too fast for the time step."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from dembrick.simulation.dynamics.run import G
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
 
-SEEN_FALLING = 0.25  # of the time in which a block falls by its size: how often those that may fall are looked at
+SEEN_FALLING = 0.25  # of the time in which a block falls by its size: interval between checks for a collapse
 
 
 def watched(path: EquilibriumPath, attempt: Callable[[], float | None], go_back: Callable[[], None]) -> float | None:
-    """Result of an ``attempt`` of a path, `in_shorter_steps` where that must be. Blocks that fall for long get too fast
-    for a step, or into each other: then that of another one, which looks before they can."""
+    """Result of an ``attempt`` of a path, `in_shorter_steps` if necessary. Blocks that fall for long get too fast for a
+    step or press into each other: the attempt is then repeated with frequent checks for a collapse."""
     path.often = math.inf
     try:
         return in_shorter_steps(path.moving, attempt, go_back)
@@ -32,8 +32,8 @@ def watched(path: EquilibriumPath, attempt: Callable[[], float | None], go_back:
 
 
 def seen_falling(path: EquilibriumPath, driving: Driving, steps: int, before: np.ndarray) -> bool:
-    """Advance a path by so many steps; whether its blocks, whose `places` were ``before``, were seen to come down,
-    where one looks after every ``often`` of the time in which the smallest one falls by its size."""
+    """Advance a path by so many ``steps``; whether its blocks, whose `places` were ``before``, were seen to collapse.
+    Checked at intervals of ``path.often`` times the time in which the smallest block falls by its size."""
     few = max(1, int(min(path.often * math.sqrt(2.0 * path.moving.smallest / G) / path.dt, steps)))
     for done in range(0, steps, few):
         path.advance(driving, min(few, steps - done))

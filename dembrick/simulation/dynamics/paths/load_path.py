@@ -1,15 +1,15 @@
-"""Paths of equilibria in the deformed geometry: a load system grows until the blocks come down, or supports move.
+"""Paths of equilibria in the deformed geometry: a load system grows until the blocks collapse, or supports move.
 
-The parameter of the path (`equilibria`) is the multiplier V of the load system (`driven_loads`). It grows by a part of
-itself from one equilibrium to the next, until there is none near: blocks come down, or jump to where they rest again,
-however little it grows.
-The greatest V at which they came to rest nearby and the least at which they did not are the bracket of the limit: of
-this path, since friction without dilatancy has no unique one.
+The parameter of the path (`equilibria`) is the multiplier V of the load system (`driven_loads`). It grows by a fixed
+ratio from one equilibrium to the next, until there is none nearby: the blocks collapse, or jump to a distant
+equilibrium however small the increment.
+The greatest V with an equilibrium nearby and the least without one are the bracket of the limit load of this path;
+friction without dilatancy has no unique one.
 
 Without a load system the path is its first equilibrium, under the dead loads alone (`rest`).
 
-A quasi-static settlement is such a path too: its parameter is the share of their way that the supports have gone, up to
-1.
+A quasi-static settlement is such a path too: its parameter is the share of their displacement that the supports have
+gone through, up to 1.
 """
 
 from __future__ import annotations
@@ -40,35 +40,35 @@ from dembrick.simulation.session import Plan, Session
 
 FIRST = 0.01  # load factor of the first equilibrium; of actuators that times the weight of the free blocks
 GROWTH = 1.4  # of V from one equilibrium to the next
-BEYOND = 100.0  # weights of all free blocks: actuators that push harder find no limit
-NEAR = 0.05  # of a block's least dimension: what moves further under a load that is held has no equilibrium near
-JUMP, SEEN = 2.0, 1e-9  # times as far as could be expected, and of a block's least dimension: steps are halved there
-FAR = 1e-3  # of that dimension: in a step as short as can be that may be a jump
-HALVES, STAYS = 3, 0.5  # of such a step, and of its motion: what stays in an eighth of it
-LONGER = 2.0  # times the last step: the next
-SLOWER = 8.0  # times the steps, once blocks have come down
+BEYOND = 100.0  # weights of all free blocks: actuators that push harder than this find no limit
+NEAR = 0.05  # of a block's least dimension: a block that moves further in a step has no equilibrium nearby
+JUMP, SEEN = 2.0, 1e-9  # times the expected displacement, and of a block's least dimension: beyond both, halve the step
+FAR = 1e-3  # of that dimension: a displacement that may be a jump in the shortest step
+HALVES, STAYS = 3, 0.5  # halvings of such a step; share of its motion that stays in one eighth of it if it is a jump
+LONGER = 2.0  # times the last step: the next one at the most
+SLOWER = 8.0  # times the time steps, once blocks have collapsed
 
 
 @dataclass
 class LoadPathRun(EquilibriaRun):
-    """A finished path of a load that grows. ``joint``: number of the joint that moved most in the collapse (else since
-    the start), ``resultant`` (7,): what it carried at the last equilibrium, as `joint_resultants`, and ``mechanism``:
-    how it moved. ``stands``: False if the blocks come down under the dead loads."""
+    """A finished path of a growing load. ``joint``: number of the joint that moved most in the collapse (else since the
+    start), ``resultant`` (7,): its resultant at the last equilibrium, as `joint_resultants`, and ``mechanism``: how it
+    moved. ``stands``: False if the blocks collapse under the dead loads."""
 
     joint: int = 0
     resultant: np.ndarray | None = None
     mechanism: str = "none"
-    turns: tuple[int, ...] | None = None  # the equilibria at which the ways of a protocol end
+    turns: tuple[int, ...] | None = None  # the equilibria at which the segments of a protocol end
     stands: bool = True
-    increments: int = 1  # of loads that came after others, and the error of forces: `Rest`
+    increments: int = 1  # of the loads of a new stage; this and the errors of forces as in `Rest`
     path_error: float = 0.0
     force_error: float = 0.0
 
 
 class LoadPath(EquilibriumPath):
-    """The growth of a load system from equilibrium to equilibrium; the parameter is its multiplier."""
+    """Path of a growing load system; the parameter is its multiplier."""
 
-    overshoot = 2.0  # a load that comes at once moves an elastic system without damping so far
+    overshoot = 2.0  # displacement of an undamped elastic system under a sudden load, over the static one
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
         self.scale, self.refine = scale_of(moving, control), refine
@@ -79,20 +79,20 @@ class LoadPath(EquilibriumPath):
         if driving.driven is not None:
             self.dropped = NEAR
         else:
-            moving.settled = True  # to rest from where the blocks are, or to fall, is what this path is for
+            moving.settled = True  # this path only tells whether the blocks rest or fall from where they are
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
         return plan_of(moving, control, output, equilibria_of(STRONGEST, GROWTH) if driving.driven is not None else 1)
 
     def driven(self, parameter: Curve) -> Driving:
-        """The load system acts with that multiplier; a table tilts by the angle whose tangent it is."""
+        """Loads at that multiplier; a table tilts by the angle of which it is the tangent."""
         axis = self.control.tilt_axis
         tilt = None if axis is None else (np.array(axis, float), lambda times: np.arctan(parameter(times)))
         return replace(self.driving, multiplier=parameter, tilt=tilt)
 
     def steps(self, begin: float, end: float) -> int:
-        """The least, and more with all care."""
+        """`FEWEST` over ``refine``, and more once the load grows slowly (``careful``)."""
         return round(FEWEST / self.refine * (SLOWER if self.careful else 1.0))
 
     def following(self) -> float | None:
@@ -106,13 +106,13 @@ class LoadPath(EquilibriumPath):
         return min(self.greatest, target)
 
     def jumped(self, parameter: float) -> bool:
-        """Blocks that swing under a load that grows may slide away below the limit, and come to rest there."""
+        """Whether a block moved much further than expected: swinging blocks may slide away below the limit."""
         expected = JUMP * self.pace * (parameter - self.reached)
         return bool((self._away(self.at_last) > np.maximum(expected, SEEN * self.least)).any())
 
     def _go(self, parameter: float) -> float | None:
-        """If blocks move far in a step as short as the tolerance, they have come down from the limit if that is a jump.
-        Blocks that are tied may move on until a tie is taut."""
+        """As in the base class; a jump in a step as short as the tolerance counts as a collapse, too. Blocks with ties
+        are exempt, as they may move on until a tie is taut."""
         ratio = super()._go(parameter)
         short = 0.0 < parameter - self.reached <= self.tolerance * parameter
         far = bool((self._away(self.at_last) > FAR * self.least).any())
@@ -120,13 +120,14 @@ class LoadPath(EquilibriumPath):
             return ratio
         jumps = self._jumps(parameter)
         self._go_back()
-        ratio = super()._go(parameter)  # again: how they come down, or rest
+        ratio = super()._go(parameter)  # once more, for the state at its end
         if jumps:
             self.look_on(1.0)
         return None if jumps else ratio
 
     def _jumps(self, parameter: float) -> bool:
-        """Whether most of the motion to there stays in one part of the step, however short that is; or blocks fall."""
+        """Whether the step to ``parameter`` is a jump: after repeated halving, one part still has most of the motion,
+        or blocks collapse."""
         most = float(self._away(self.at_last).max())
         low, high = (self.reached, 0.0), (parameter, most)
         for _ in range(HALVES):
@@ -142,7 +143,7 @@ class LoadPath(EquilibriumPath):
         return f"a load of V = {parameter:.6g}"
 
     def falls_at_once(self, stood: Bodies) -> None:
-        """That is the answer if nothing is to grow."""
+        """Without a load system the collapse is the result of the path, no error."""
         if self.driving.driven is not None:
             super().falls_at_once(stood)
         self.stands = False
@@ -164,14 +165,15 @@ class LoadPath(EquilibriumPath):
 
 
 def run_of(found: EquilibriaRun, joint: int, how: str) -> LoadPathRun:
-    """A finished path with what the ``joint`` of that number carried at its last equilibrium, and ``how`` it moved."""
+    """A finished path with the resultant of the ``joint`` of that number at its last equilibrium and ``how`` it
+    moved."""
     state = found.motion.state
     resultant = joint_resultants(state)[joint] if len(state.links.host) else None
     return LoadPathRun(**vars(found), joint=joint, resultant=resultant, mechanism=how)
 
 
 def scale_of(moving: Motion, control: Control) -> float:
-    """Scale of V: 1 for load factors; for actuators the weight of the free blocks over their weights."""
+    """Scale of V: 1 for load factors; for actuators the weight of the free blocks over the sum of their weights."""
     if control.drives != ACTUATORS:
         return 1.0
     assembly = moving.assembly
@@ -180,14 +182,14 @@ def scale_of(moving: Motion, control: Control) -> float:
 
 
 def equilibria_of(most: float, growth: float) -> int:
-    """How many equilibria a path has, at the most, on which nothing comes down before V is ``most`` scales."""
+    """Number of equilibria of a path without a collapse until V is ``most`` times its scale."""
     return 1 + math.ceil(math.log(most / FIRST) / math.log(growth))
 
 
 def plan_of(
     moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST, step: float = STEP
 ) -> Plan:
-    """The plan of a path of so many equilibria, of so many steps ``each``, roughly; ``step``: over the time step."""
+    """Plan of a path of so many ``equilibria`` of roughly ``each`` steps; ``step``: over the time step of the run."""
     fields = recorded(moving.assembly, output.channels, control)
     memory = 3 * sum(array.nbytes for array in moving.state.arrays)
     memory += bytes_of(fields, equilibria, equilibria, equilibria * MEETINGS * len(moving.assembly.names))
@@ -196,23 +198,23 @@ def plan_of(
     return Plan(step * moving.time_step, moving.critical_time_step, steps, memory, seconds)
 
 
-EQUILIBRIA = 80  # of the whole way, equally far apart
+EQUILIBRIA = 80  # of the whole settlement, equally spaced
 HALVINGS = 7  # of the first of these steps: the reaction changes most when the supports begin to move
 WITHIN = 0.05  # of the smallest block: the longest step
-GENTLE = 0.005  # of gravity: the greatest acceleration of the supports; at 0.02 hinges of stiff joints rattle open,
-CAREFUL = 0.2  # of the tolerance: the same in gravities, once blocks have come down
-OF_START = 12.0  # of distance over time squared
+GENTLE = 0.005  # of gravity: the greatest acceleration of the supports; at 0.02 hinges of stiff joints rattle open
+CAREFUL = 0.2  # of the tolerance: the same over gravity, once blocks have collapsed
+OF_START = 12.0  # greatest acceleration of the supports over distance / time squared
 
 
 def shares(longest: float, refine: float = 1.0) -> list[float]:
-    """Shares of the way at which equilibria are looked for, none further than ``longest`` from the last."""
+    """Shares of the settlement at which equilibria are sought, spaced by ``longest`` at the most."""
     count = math.ceil(max(EQUILIBRIA / refine, 1.0 / longest))
     first = [2.0**-k / count for k in range(HALVINGS, 0, -1)]
     return first + [(k + 1) / count for k in range(count)]
 
 
 class Settlement(EquilibriumPath):
-    """The way of the supports, from equilibrium to equilibrium; the parameter is the share that they have gone."""
+    """Path of settling supports; the parameter is the share of their displacement that they have gone through."""
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
         self.supports = driving.supports
@@ -223,7 +225,7 @@ class Settlement(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        """Plan with a rough count of steps: as many as the supports move for, and half as many for rest."""
+        """Plan with a rough number of steps: those while the supports move, and half as many to come to rest."""
         length, gravity = driving.supports.length, float(np.linalg.norm(moving.assembly.gravity))
         way = shares(WITHIN * moving.smallest / length)
         fastest = OF_START * length / (GENTLE * gravity) if gravity > 0.0 else 0.0
@@ -232,11 +234,11 @@ class Settlement(EquilibriumPath):
         return plan_of(moving, control, output, len(way) + 1, 1.5 * moves / len(way))
 
     def driven(self, parameter: Curve) -> Driving:
-        """The supports have gone that share of their way."""
+        """Supports displaced by that share of their settlement."""
         return replace(self.driving, share=parameter)
 
     def steps(self, begin: float, end: float) -> int:
-        """So many that the supports' acceleration stays small beside gravity."""
+        """Enough steps for the acceleration of the supports to stay small compared with gravity."""
         distance = (end - begin) * self.supports.length
         gentle = min(self.gentle, CAREFUL * self.control.tolerance) if self.careful else self.gentle
         seconds = math.sqrt(OF_START * distance / (gentle * self.gravity)) if self.gravity > 0.0 else 0.0
@@ -253,6 +255,6 @@ class Settlement(EquilibriumPath):
         return f"{super().slow}, or take quasi_static = false"
 
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
-        """The collapse, with its settlement (m)."""
+        """Record of the collapse, with the settlement at which it occurs (m)."""
         low, high = self.reached * self.supports.length, self.falls * self.supports.length
         return super().come_down(before, blocks) | {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}

@@ -1,8 +1,8 @@
-"""Rest in the deformed geometry under loads that the blocks did not bear before: those of another stage.
+"""Equilibrium in the deformed geometry under the loads of a new stage, applied in increments.
 
-Joints answer as in one implicit step from the last equilibrium (`kernels.dynamics.swings`), so that these loads come in
-increments (`load_increments`). What is still to come of them is held off by a force and a couple on every block: that
-part of what they put out of balance at the last equilibrium.
+During relaxation joint laws act as in one implicit step from the last equilibrium (`kernels.dynamics.swings`), so new
+loads are applied in increments (`load_increments`). The part that is still to come is cancelled by a force and a couple
+on every block: that share of the out-of-balance that the new loads cause at the last equilibrium.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from dembrick.simulation.session import Kept
 
 
-LITTLE = 2.5e-4  # of the greatest joint force: new loads that need no increments, as the turn of blocks to their rest
-NOTHING = 1e-6  # of the forces of new loads: joints that bear less bear but the rounding of drawn positions
+LITTLE = 2.5e-4  # of the greatest joint force: smaller new loads need no increments, such as those from small rotations
+NOTHING = 1e-6  # of the forces of new loads: smaller joint forces are rounding of the drawn positions
 
 
 class LoadsToCome:
-    """Loads of ``driving`` that have not come yet: ``share`` of them, none to begin with. ``on_others``: whether joints
-    bear others already, at the last equilibrium, and their ``part`` of the greatest joint force then."""
+    """New loads of ``driving``, of which a ``share`` is still to come (at first zero). ``on_others``: whether joints
+    bear other loads already at the last equilibrium; ``part``: the new loads over the greatest joint force there."""
 
     def __init__(self, moving: Motion, driving: Driving):
         joint_forces(moving, driving)
@@ -52,10 +52,10 @@ class LoadsToCome:
         self.part = greatest / borne if borne > 0.0 else math.inf
 
     def held_off(self, driving: Driving) -> Driving:
-        """``driving`` without the share that is to come."""
+        """``driving`` without the share that is still to come."""
         if not self.share:
             return driving
-        own = len(driving.factor)  # of the loads; those of actuators are behind them
+        own = len(driving.factor)  # number of loads; the rows of actuators follow them
         share = self.share
         return replace(
             driving,
@@ -68,9 +68,9 @@ class LoadsToCome:
 def rest_by_increments(
     path: EquilibriumPath, kept: Kept, still: Callable[[], Driving], rest: Callable[[], float | None]
 ) -> float | None:
-    """Bring the blocks of a path, ``kept`` as they are, to ``rest`` under the loads ``still``: what is out of balance
-    then, None if they come down. Loads that came at once could throw down what they do not push over, and swing joints
-    open, which forget then.
+    """Relax the blocks of a path (``rest``) from the state ``kept`` under the constant loads ``still``, in increments;
+    return the out-of-balance over the joint forces, None if they collapse. Loads applied at once could topple blocks
+    that stand under them, and swing joints open, whose history is then lost.
     """
     moving = path.moving
     path.to_come = to_come = LoadsToCome(moving, still())
@@ -92,7 +92,7 @@ def rest_by_increments(
         path.past.go_back(kept)
         for left in range(count - 1, -1, -1):
             to_come.share, early = left / count, gave_way()
-            moving.state.bodies.applied[:] = 0.0  # loads that are there put theirs, those that are gone leave nothing
+            moving.state.bodies.applied[:] = 0.0  # loads that still act add theirs again, removed ones leave nothing
             ratio = rest()
             if ratio is None:
                 to_come.share = 0.0
