@@ -1,8 +1,8 @@
-"""Loads of a stage that come in increments, as what slides under them depends on their way.
+"""Loads of a stage applied in increments, as slip under them depends on the load path.
 
-Their way is straight, from the loads of the stage before to those of now. Each increment is an implicit step (backward
-Euler) from one equilibrium to the next, whose error goes with its length: there are more and more of them, until that
-changes little.
+The path is straight, from the loads of the stage before to the present ones. Each increment is an implicit step
+(backward Euler) from one equilibrium to the next, whose error is proportional to its length: the number of increments
+is raised until the results change little.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-COUNTS = (8, 19, 43, 97, 220)  # no doublings: what happens at some share of the loads is seen elsewhere by each
-SETTLED = 1e-3  # of the greatest force: what more of them may change
-UNSEEN = 2.5e-4  # of it: what they leave of joints that begin to slide in the last of them
-LOUD = 2.0 * SETTLED + UNSEEN  # of it: error that is remarked on
-LINEAR = 1e-5  # of it: what they change where nothing depends on the way
+COUNTS = (8, 19, 43, 97, 220)  # no doublings, so that an event at some share of the loads falls differently into each
+SETTLED = 1e-3  # of the greatest force: change by more increments that is accepted
+UNSEEN = 2.5e-4  # of it: error from joints that begin to slide in the last increment
+LOUD = 2.0 * SETTLED + UNSEEN  # of it: error that is reported
+LINEAR = 1e-5  # of it: greatest change if nothing depends on the path
 
 
 def by_increments(
@@ -26,14 +26,14 @@ def by_increments(
     erratic: Callable[[], bool],
     one_step: bool,
 ) -> tuple[int, float]:
-    """In how many increments the loads came, and the error that is left of the forces ``carried`` (N), over the
-    greatest of them; infinite if there is none to be compared with.
+    """Apply loads in increments; return their number and the error left in the forces ``carried`` (N), over the
+    greatest of them; infinite if there is no result to compare with.
 
-    ``go`` goes through so many of them from the start and says whether anything had slid before the last; None if one
-    was not found, and then the last answer is left. Where more of them change nothing, and nothing has ``slid``, there
-    is no error; where it slid before the last, that is enough. Where their error is ``erratic``, as bonds break in one
-    of them or joints swing open, there are three counts at least: two may agree by chance. ``one_step``: what is
-    carried now is the answer in one step.
+    ``go`` applies a given number of increments from the start and returns whether anything slid before the last; None
+    if an equilibrium was not found, and then the last result stays. If more increments change nothing and nothing has
+    ``slid``, there is no error; if something slid before the last, no more are needed. If the error is ``erratic``, as
+    bonds break or joints swing open, at least three counts are compared, as two may agree by chance. ``one_step``: the
+    present forces are the result of one step, to be compared with.
     """
     found, before, last = (1, math.inf), carried() if one_step else None, 1
     expected = 0.0  # change, from the one before
@@ -59,15 +59,15 @@ def by_increments(
 
 
 def both_errors(error: float, before: float, greatest: float) -> tuple[float, float]:
-    """An ``error`` of forces, over the ``greatest`` of them (N), with what the stages ``before`` leave (N), over it and
-    in N. Stable joints let no error of theirs grow."""
+    """Sum of an ``error`` of forces, over the ``greatest`` of them (N), and that of the stages ``before`` (N), over it
+    and in N. Stable joints do not amplify the latter."""
     if greatest > 0.0 and before > 0.0:
         error += before / greatest
     return error, error * greatest if greatest > 0.0 else 0.0
 
 
 def report_error(report: Callable[[str], None] | None, increments: int, error: float) -> None:
-    """Remark on forces that so many increments leave with a large ``error``, over the greatest of them."""
+    """Report a large ``error`` of forces (over the greatest of them) after so many increments."""
     if report is None or error <= LOUD:
         return
     way = "friction depends on the way of the loads"
@@ -79,14 +79,14 @@ def report_error(report: Callable[[str], None] | None, increments: int, error: f
 
 
 def described(increments: int, error: float, force: float) -> dict[str, int | float | None]:
-    """Entries of ``statics`` in the JSON output: ``error`` over the greatest force, and as a ``force`` (N); null if it
-    is not known."""
+    """Entries of ``statics`` in the JSON output: ``error`` over the greatest force, and as a ``force`` (N); null if
+    unknown."""
     known = math.isfinite(error)
     return {"increments": increments, "path_error": error if known else None, "force_error": force if known else None}
 
 
 def left_by(results: Sequence[Mapping]) -> float:
-    """The error of forces (N) that stages with these ``results`` leave, infinite if it is not known."""
+    """Error of forces (N) that stages with these ``results`` leave; infinite if unknown."""
     for result in reversed(results):
         found = result.get("statics") or {}
         if "force_error" in found:

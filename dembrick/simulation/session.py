@@ -1,4 +1,4 @@
-"""Services around a time loop: its record, its checkpoints, its progress."""
+"""Services for a time loop: its record, checkpoints and progress."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 
 
 class Snapshot(Protocol):
-    """Arrays by name from which a time loop goes on, read one by one because they may come from a stranger's file."""
+    """Named arrays from which a time loop restarts, read one by one because they may come from an untrusted file."""
 
     path: str
 
@@ -36,7 +36,7 @@ class Snapshot(Protocol):
 
 
 class Kept:
-    """A snapshot in memory: copies of ``arrays``, and of those that were read from ``source``."""
+    """A snapshot in memory: copies of ``arrays``, and of those that are read from ``source`` on demand."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], source: Snapshot | None = None, path: str = "what is kept"):
         self.arrays = {name: np.array(array) for name, array in arrays.items()}
@@ -52,7 +52,7 @@ class Kept:
 
 
 class Prefixed:
-    """The arrays of a snapshot whose names begin with a prefix, without it."""
+    """View of the arrays of a snapshot whose names begin with a prefix, under names without it."""
 
     def __init__(self, snapshot: Snapshot, prefix: str):
         self._snapshot, self._prefix, self.path = snapshot, prefix, snapshot.path
@@ -65,7 +65,7 @@ class Prefixed:
 
 
 class Pausable(Protocol):
-    """A run between two chunks: where it is, and all that it would go on from."""
+    """A run between two chunks: its progress, and the arrays for a restart."""
 
     where: str  # for a message, as "step 12 (t = 0.5 s)"
     progress: Progress
@@ -76,8 +76,8 @@ class Pausable(Protocol):
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is: so many steps ``done`` of a ``stage``, of ``total`` (None: nobody knows, or ``at_most`` so
-    many), at the simulated ``time`` (s; None if there is none)."""
+    """Progress of a run: steps ``done`` of a ``stage``, of ``total`` (None: unknown; ``at_most``: an upper bound), at
+    the simulated ``time`` (s; None if there is none)."""
 
     stage: str
     done: int
@@ -88,9 +88,9 @@ class Progress:
 
 @dataclass(frozen=True)
 class GoesOn:
-    """Changes as a run goes on from a snapshot of another: ``ties``, None if they are the same; which row of the
-    work of loads each row is of (``loads``), -1 for one that was not there, None if they are the same; the rows of
-    those that are ``gone``, with their blocks; and whether ``anything`` does."""
+    """Changes when a run continues from a snapshot of another: ``ties``, None if they are the same; ``loads``: for each
+    row of the work of loads its row there, -1 for a new load, None if they are the same; ``gone``: rows of removed
+    loads, with their blocks; ``anything``: whether anything has changed."""
 
     ties: TiesBefore | None
     loads: tuple[int, ...] | None
@@ -99,16 +99,16 @@ class GoesOn:
 
 
 DEAD_LOADS = "dead-load equilibrium: step"
-TOLD_EVERY = 0.1  # s, between two words on how far a run is
+TOLD_EVERY = 0.1  # s, between two progress reports
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Size and cost of a run: time step and critical time step (s), steps, bytes beside those of the program itself,
-    and ``seconds`` of compiled code on one core (None: nobody knows). ``exact``: the steps are not an estimate;
-    ``at_most``: they are those of the longest such run. ``seconds_falling``: of a run in real time in which all blocks
-    come down in a heap, if they may; ``seconds`` is then of one in which they stand. ``seconds_snapping``: of a search
-    in which blocks snap on and on, where nobody knows whether they do. ``within``: the factor by which an estimate of
+    """Size and cost of a run: time step and critical time step (s), steps, bytes in addition to the program itself,
+    and ``seconds`` of compiled code on one core (None: unknown). ``exact``: the steps are not an estimate;
+    ``at_most``: they are those of the longest such run. ``seconds_falling``: cost of a run in real time if all blocks
+    fall into a heap, where they may; ``seconds`` is then the cost if they stand. ``seconds_snapping``: cost of a search
+    if blocks snap again and again, where that is not known beforehand. ``within``: the factor by which an estimate of
     the steps may be off."""
 
     time_step: float
@@ -125,17 +125,16 @@ class Plan:
 
 @dataclass
 class Session:
-    """Surroundings of a run; without any, it only answers.
+    """Callbacks and context of a run; all are optional.
 
-    ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
-    ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends
-    the run. A run with ``resumed`` goes on from that snapshot. ``start``: the state of the searches that another run of
-    the same blocks has left, to start on; None for the blocks as they are drawn. ``ties_before``: which of its
-    ties this run goes on with, None: they are the same; ``force_error`` (N): by how much the joint forces at the end of
-    that run may be off; ``hands_on``: whether another starts on what this one leaves. ``goes_on``: what is not as in
-    the run that ``resumed`` is of; ``tilts``: V is the tangent of the angle of a table, and the record is of that
-    table. ``keep_last`` gets the snapshot of the end. ``tell`` hears how far it is, ten times a second, and ``report``
-    remarks.
+    ``observe(rows, frames)`` gets copies of the rows and frames of each chunk of steps (see ``recorder``), with the
+    channels of ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a
+    signal ends the run. ``resumed``: snapshot from which the run restarts. ``start``: final state of a static run of
+    the same blocks, from which this one starts; None for the blocks as drawn. ``ties_before``: which of the ties of
+    that run are kept, None: all are the same; ``force_error`` (N): error of the joint forces at its end; ``hands_on``:
+    whether a later run starts from the final state of this one. ``goes_on``: what has changed since the run of
+    ``resumed``; ``tilts``: V is the tangent of the angle of a table, and the record shows that table. ``keep_last``
+    gets the final snapshot. ``tell`` gets the progress, ten times a second, and ``report`` remarks.
     """
 
     observe: Observer | None = None
@@ -164,7 +163,7 @@ class Session:
             self.report(f"this run will take {takes} of computing on one core; to shorten it, {remedy}")
 
     def undisturbed(self) -> float:
-        """Seconds until somebody wants a checkpoint, or a word on how far the run is."""
+        """Seconds until the next checkpoint or progress report is due."""
         now, soon = time.monotonic(), [np.inf]
         if self.tell is not None:
             soon.append(self.last_told + TOLD_EVERY - now)
@@ -173,19 +172,20 @@ class Session:
         return max(0.0, min(soon))
 
     def ended(self, run: Pausable) -> None:
-        """At the end of a run, behind its last row."""
+        """Pass on the final snapshot, after the last row of a run."""
         if self.keep_last is not None:
             self.keep_last(run.snapshot(), run.where)
 
     @classmethod
     def of(cls, given: Session | Observer | None) -> Session:
-        """A session out of a session, of an observer alone, or of nothing."""
+        """The session itself, or a new one from an observer or from nothing."""
         return given if isinstance(given, Session) else cls(observe=given)
 
     def pause(self, run: Pausable, within: bool = False) -> None:
-        """Between two chunks: write a checkpoint if it is time for one; Interrupted if a signal asked to stop.
+        """Write a checkpoint if one is due between two chunks; raise Interrupted if a signal asked to stop.
 
-        ``within`` a chunk, whose beginning the run still knows, only a signal counts.
+        ``within``: inside a chunk from whose beginning the run could restart; a checkpoint is then due only on a
+        signal.
         """
         signum = interrupts.requested()
         if self.tell is not None and time.monotonic() - self.last_told >= TOLD_EVERY:
@@ -200,5 +200,5 @@ class Session:
 
 
 def step_at(step: int, time_step: float) -> str:
-    """Where a time loop is, for a message."""
+    """Position of a time loop as text for a message."""
     return f"step {step} (t = {step * time_step:.4g} s)"

@@ -1,15 +1,15 @@
 """Search for a limit load (`find_limit_load`): equilibria, and bounds of V at each, until they are narrow enough.
 
-Equilibrium is found outright, by Newton's method, in the geometry of the start, for which a limit load is defined: no
-inertia, no dashpots, no time. A lone dry joint is searched by itself (`kernels.statics.lone_search`); its bracket is
-certified if its friction does not depend on the load. Assemblies, and what that does not find, are followed along a
-path of equilibria (`paths.path_following`).
+Equilibrium is found directly, by Newton's method, in the geometry of the start, for which a limit load is defined: no
+inertia, no dashpots, no time. A lone dry joint has a search of its own (`kernels.statics.lone_search`); its bracket is
+certified if its friction does not depend on the load. Assemblies, and lone joints for which that search fails, follow
+a path of equilibria (`paths.path_following`).
 
-The contact points of a lone distributed joint are placed while its limit load is searched (`place_points`). They need
-only be right for the torsion centre of the limit load, which nobody knows before. So the search goes
-on in rounds: from points on rays from O a rough limit load gives a centre, points on rays from there give a better one,
-until the gap between points and continuum is within half the tolerance all around the last centre, as far as that has
-moved. Then the replay proper runs with these points. A joint that does not stay closed gets the lattice of
+The contact points of a lone distributed joint are placed during the search for its limit load (`place_points`). They
+must be accurate for the torsion centre at the limit load, which is not known beforehand. So the search is repeated in
+rounds: points on rays from O give a rough limit load and its centre, points on rays from there a better one, until the
+gap between points and continuum is within half the tolerance for all centres as far from the last as that has moved.
+Then the final search runs with these points. A joint that does not stay closed gets the lattice of
 ``quadrature`` instead, as does every joint of an assembly and every test in which the centre wanders.
 """
 
@@ -55,10 +55,10 @@ if TYPE_CHECKING:
     from dembrick.scenario.controls import YieldControl
 
 
-GUESS = 0.25  # of the weight of all blocks: a first guess of a load on all of them
-MOST_JOINTS_BOUNDED = 1000  # limit analysis of so many joints adds little to a search that failed
-ROUNDED = 1e-9  # of a moment: what rounding leaves
-BYTES_A_TRIAL = 1400  # a joint: tangent, stiffness, and the matrices of its two ends, 36 numbers each, and others
+GUESS = 0.25  # of the weight of all blocks: a first estimate of a load on all of them
+MOST_JOINTS_BOUNDED = 1000  # up to so many joints, limit analysis costs little beside the search that failed
+ROUNDED = 1e-9  # of a moment: rounding error
+BYTES_A_TRIAL = 1400  # per joint: tangent, stiffness, and the matrices of its two ends, 36 numbers each, and others
 
 
 def find_limit_load(
@@ -68,12 +68,12 @@ def find_limit_load(
     goal: float | None = None,
     steps: float = 1.0,
 ) -> Replay:
-    """Push until the bracket of V is within ``tolerance`` of it (relative half-width).
+    """Increase the load until the bracket of V has a relative half-width within ``tolerance``.
 
-    ``session`` gets the record. With a ``goal`` (m) the path is followed until a block has moved that far, by ``steps``
-    times the usual ones at first. Raises NotConvergedError with
-    the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError if the dead loads alone
-    bring the blocks down. A load that nothing limits is an answer: the yield point says ``unlimited``.
+    ``session`` gets the record. With a ``goal`` (m) the path is followed until a block has moved that far; ``steps``:
+    its initial step over the usual one. Raises NotConvergedError with the best bracket if the tolerance is not reached,
+    DivergedError, and NotConvergedError if the blocks collapse under the dead loads alone. A load that nothing limits
+    is a result: the yield point says ``unlimited``.
     """
     session = Session.of(session)
     replay = _of_lone_joint(LoadSystem(assembly, session), tolerance, session) if goal is None else None
@@ -97,9 +97,9 @@ def find_limit_load(
 
 
 def _above(point: YieldPoint, assembly: Assembly, unit: str) -> str:
-    """The upper end of a bracket that has not closed: proven by it or by limit analysis, or else what it indicates.
+    """Text on the upper bound of a bracket that has not closed: certified, by limit analysis, or else only indicated.
 
-    Where a table tilts, all strengths are friction, whose limit is that of a push by the tangent.
+    Limit analysis also covers a tilting table: all strength is friction, so its limit is a push by the tangent.
     """
     from dembrick.simulation.limit_analysis import analysis
 
@@ -110,14 +110,14 @@ def _above(point: YieldPoint, assembly: Assembly, unit: str) -> str:
         try:
             found = analysis.limit_load(assembly)
         except DembrickError:
-            pass  # the search alone is to be told
+            pass  # report on the search alone
         else:
             return "and limit analysis limits nothing" if found.unlimited else f"and at most {found.upper:.6g}{unit}"
     return f"and the mechanism of now needs {known}, which proves nothing" if known else "and no upper end is known"
 
 
 def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) -> Replay:
-    """The search where free blocks touch one another or normal forces follow the load: equilibrium by equilibrium."""
+    """Search by path following, for assemblies and all that the search of a lone joint does not cover."""
     state, certificate = setup.state, setup.certificate
     frames_every = 1 if len(setup.assembly.names) <= 100 else 8
     watched = setup.assembly.control_points
@@ -126,7 +126,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     follower = PathFollower(state, setup.load, setup.factor, certificate, recorder, session)
     follower.prepare()
     ready = time.perf_counter()
-    # a load on all blocks is resisted by some part of their weight, one actuator by a few joints
+    # a load on all blocks is resisted by a part of their weight, a single actuator by a few joints
     strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
     if joint_families.has_strengths(state):
         strength += float(joint_families.greatest_strength(state).max()) / setup.weight
@@ -142,7 +142,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         left=_handed_on(limit, state),
         reached=follower.limit.reached if path.converged and _rocks_on(point, state, follower.way) else None,
         after=_after(state, limit, at_start, follower.way.limit < path.equilibria),
-        # bounds that are proven close, or are said to be open
+        # certified bounds must close; others may be reported as open
         converged=(path.converged or path.unlimited or (path.wanders and not certificate.strict))
         and not _lost_its_way(state, point),
         steps=path.iterations,
@@ -159,25 +159,25 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
 
 
 def _handed_on(limit: State, end: State) -> State:
-    """State for the next stage: that at the limit; the end of the path where bonds broke behind it, as they were the
-    limit."""
+    """State for the next stage: that at the limit, or the end of the path if bonds broke beyond the limit, as their
+    strength was the limit."""
     return end if joint_families.broke(end, limit) else limit
 
 
 def _rocks_on(point: YieldPoint, state: State, way: PathState) -> bool:
-    """Whether convex joints rock at the end of a path, and carry what they did at most, but for a little."""
+    """Whether convex joints rock at the end of a path at nearly the limit load."""
     rocks = point.mechanism == "rocking" and joint_families.has_areas(state)
     return rocks and way.V * (1.0 + NEAR) >= way.limit_load > 0.0
 
 
 def _lost_its_way(state: State, point: YieldPoint) -> bool:
-    """Whether a lone dry joint has a peak: in the geometry of the start it has none, and the steps missed its way."""
+    """Whether a lone dry joint shows a peak: it has none in the geometry of the start, so the path was missed."""
     return len(state.joints.block_a) == 1 and not joint_families.has_strengths(state) and point.V_after is not None
 
 
 def _limit_of(path: Path, follower: PathFollower, setup: Setup) -> tuple[YieldPoint, State]:
-    """The yield point of a path, and the state at its limit; the end of the path where nothing limits the load, or only
-    a range of it is known."""
+    """The yield point of a path and the state at its limit; the state at the end of the path if nothing limits the
+    load or only a range of it is known."""
     certificate, names, within = setup.certificate, setup.assembly.names, 2.0 * setup.certificate.tolerance
 
     def read(state: State) -> YieldPoint:
@@ -196,7 +196,7 @@ def _limit_of(path: Path, follower: PathFollower, setup: Setup) -> tuple[YieldPo
 
 
 def _after(end: State, limit: State, start: np.ndarray, goes_on: bool) -> After | None:
-    """Motion at the ``end`` of a path that ``goes_on`` beyond its limit; None if the same blocks move there as at the
+    """Motion at the ``end`` of a path that ``goes_on`` beyond its limit; None if the same blocks move as at the
     limit."""
     moving = moving_blocks(end)
     if not goes_on or set(moving) == set(moving_blocks(limit)):
@@ -206,8 +206,8 @@ def _after(end: State, limit: State, start: np.ndarray, goes_on: bool) -> After 
 
 
 def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Replay | None:
-    """The search of one dry joint between a free block and a fixed one, by `kernels.statics.lone_search`. None for any
-    other scene, and where that finds no limit."""
+    """Search for the limit of one dry joint between a free and a fixed block, by `kernels.statics.lone_search`. None
+    for any other scene, and if it finds no limit."""
     assembly, state = system.assembly, system.state
     if session.start is not None or not is_lone(state):
         return None
@@ -218,7 +218,7 @@ def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Re
     seconds = time.perf_counter() - compiled
     if not search.converged:
         return None
-    if session.observe:  # once more, now that it is known to have an answer
+    if session.observe:  # once more with a record, now that it is known to converge
         state = LoadSystem(assembly, session).state
         search = LoneSearch(state, tolerance)
         search.record(Recorder(state, session, MOST_EQUILIBRIA, 1, 1, assembly.control_points), session)
@@ -245,8 +245,7 @@ def _of_lone_joint(system: LoadSystem, tolerance: float, session: Session) -> Re
 
 
 def _reached_alone(assembly: Assembly, tolerance: float, session: Session, point: YieldPoint) -> State | None:
-    """The first equilibrium of a lone convex joint that carries V of its ``point``, but for a little; None unless it
-    rocks."""
+    """The first equilibrium of a lone convex joint that carries nearly V of its ``point``; None unless it rocks."""
     state = LoadSystem(assembly, session).state
     if point.mechanism != "rocking" or not joint_families.has_areas(state):
         return None
@@ -255,7 +254,7 @@ def _reached_alone(assembly: Assembly, tolerance: float, session: Session, point
 
 
 def plan(assembly: Assembly, control: YieldControl, output: Output) -> Plan:
-    """The plan of a search, without running any of it."""
+    """Plan of a search, without running any of it."""
     system, joints = LoadSystem(assembly), len(assembly.joints)
     dt, whole = system.dashpots().critical_time_step, touches_itself(system.state)
     if is_lone(system.state) and control.regime is not PATH_FOLLOWING:
@@ -272,8 +271,8 @@ def plan(assembly: Assembly, control: YieldControl, output: Output) -> Plan:
 
 
 def _friction_follows(assembly: Assembly, load: np.ndarray) -> bool:
-    """Whether the unit ``load`` (n, 6) presses or bends the one joint, and its friction is not that of a convex joint
-    under its full pressure."""
+    """Whether the friction of the one joint depends on the unit ``load`` (n, 6): it presses or bends the joint, and the
+    law is not convex with full pressure."""
     if assembly.joints[0].law.formulation == "convex" and assembly.joints[0].law.pressure == "full":
         return False
     joint = assembly.joints[0]
@@ -285,17 +284,17 @@ def _friction_follows(assembly: Assembly, load: np.ndarray) -> bool:
     return max(pressed, float(np.abs(about[:2]).max())) > ROUNDED * whole
 
 
-COUNTS = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (5, 5))  # rays a piece of an edge, points a piece of a ray
-_FEW = 3  # of them are tried while another round may still bring a better centre
-_ROUGH = (1e-2, 1e-3, 1e-4, 1e-5, 0.0)  # tolerances of the rounds, as far as the one asked for is finer
-_SETTLED = 3e-3  # of the polygon's size: a centre known as well as that is worth any number of points
-_AROUND = 4  # directions in which the gap is looked at around the centre
+COUNTS = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (5, 5))  # rays per piece of an edge, points per piece of a ray
+_FEW = 3  # of them are tried while another round may still find a better centre
+_ROUGH = (1e-2, 1e-3, 1e-4, 1e-5, 0.0)  # tolerances of the rounds, while they are coarser than the one asked for
+_SETTLED = 3e-3  # of the polygon's size: with a centre known so well, all counts of points are tried
+_AROUND = 4  # directions around the centre in which the gap is checked
 
 
 def place_points(assembly: Assembly, tolerance: float):
-    """The assembly with its contact points placed for a limit load to ``tolerance``, and the loop seconds that took.
+    """The assembly with its contact points placed for a limit load to ``tolerance``, and the loop seconds it took.
 
-    Anything but a single ``distributed`` joint without ``points`` of its own comes back as it is.
+    Anything but a single ``distributed`` joint without ``points`` of its own is returned unchanged.
     """
     if len(assembly.joints) != 1:
         return assembly, 0.0
@@ -313,13 +312,13 @@ def place_points(assembly: Assembly, tolerance: float):
         seconds += run.loop_seconds
         if not (run.state.points.normal > 0.0).all():
             break
-        if run.yield_point.torsion_centre is None:  # pure shear: areas add up, and no point is better than another
+        if run.yield_point.torsion_centre is None:  # pure shear: only the sum of areas counts, not where points are
             return _with(assembly, *points), seconds
         last, centre = centre, np.array(run.yield_point.torsion_centre)
         opening, tilt_1, tilt_2 = run.state.joints.opening[0]
         pressure = (-opening, tilt_2, -tilt_1)
         moved = float(np.hypot(*(centre - last)))
-        # V is stationary in the centre, so that a relative error of V belongs to the square root of it in the centre
+        # V is stationary in the centre: the error of the centre goes with the square root of the relative error of V
         size = float(np.abs(joint.polygon).max())
         unsure = min(moved, float(np.sqrt(max(rough, tolerance))) * size)
         exact = _moments(pieces, centre, unsure, pressure)

@@ -1,19 +1,19 @@
 """Path following: the limit load of an assembly from equilibrium to equilibrium, without inertia.
 
-An assembly stores much elastic displacement before anything gives way, a tower more than its joints do by orders of
-magnitude, and what has given way must be steered by the small forces that are left. So each step asks for the next
-equilibrium outright: the driven displacement is given, the motion of all blocks and V are found by Newton's method on
-the laws themselves, implicit in the friction (backward Euler), in the geometry of the start. While everything is
+An assembly stores much elastic displacement before any joint slips or opens, a tower orders of magnitude more than its
+joints; the mechanism that follows is governed by small remaining forces. So each step solves for the next equilibrium
+directly: the driven displacement is prescribed, and the motion of all blocks and V are found by Newton's method on
+the joint laws, implicit in the friction (backward Euler), in the geometry of the start. While everything is
 elastic a step is exact; once a mechanism moves, V is that of the mechanism for steps of any length, and they are
-doubled until the memory of the elastic forces, and the strip of a convex joint that rocks, have become nothing.
+doubled until the elastic forces of the past, and the strip of a rocking convex joint, have become negligible.
 
-Where many contacts are at the brink of opening or slipping, Newton's method finds no way among them. Then a small part
-of the elastic stiffness drags at each joint during the step. V is that without the drag, by virtual work, and what the
-drag leaves out of balance counts against the lower bound: it is made so small that it does not matter.
+If many contacts are at the brink of opening or slipping, Newton's method fails. Then a viscous drag, a small part
+of the elastic stiffness, acts on each joint during the step. V is corrected for the drag by virtual work, and what the
+drag leaves out of balance reduces the lower bound; the drag is lowered until that is negligible.
 Bonds break between equilibria, not within one (`bond_breaking`).
 
-Where blocks snap from one state into another, no further equilibrium lies near. Then they are let go: with a greater
-drag they drift to where they come to rest, the driven displacement held.
+If blocks snap from one state into another, there is no equilibrium nearby. Then they are released: under a greater
+drag they drift to a new equilibrium at constant driven displacement.
 """
 
 from __future__ import annotations
@@ -42,30 +42,30 @@ from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State, for_kernels, move_actuators, zero_actuators
 
-ELASTIC_STEPS = 16  # to the limit load, as far as that can be guessed
+ELASTIC_STEPS = 16  # to the estimated limit load
 EASY, HARD = 6, 12  # iterations up to which a step may grow, from which it shrinks
 GROWTH, SHRINKING = 2.0, 0.5  # of an easy step; of one that finds no equilibrium
-SHORTEST = 1e-6  # of what the blocks have given way: steps below it lead nowhere
+SHORTEST = 1e-6  # of the inelastic displacement so far: shorter steps are hopeless
 BALANCED, USUAL = 1e-2, 1e-3  # of the tolerance, or of the usual one: out-of-balance over joint forces at equilibrium
 CONSTANT = 1e-6  # of the elastic slope of V: below it a mechanism moves
 YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
-TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
-JUMP = 0.25  # of it: the step by which the actuators go on meanwhile
+TURNING = 0.02  # of the longest step so far: if only shorter ones find equilibrium, the blocks are released
+JUMP = 0.25  # of it: the step of the driven displacement then
 LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces or the load
 FASTER = 4.0  # by which the drag of a step rises if it is too small, or falls at most; the square if it hardly mattered
-MOST_PUSHES, MOST_TRIES = 12, 6  # of a path; of a step with less and less drag
+MOST_PUSHES, MOST_TRIES = 12, 6  # pushes of driven relaxation in a path; attempts of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
-MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
+MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # in a path; steps of one; drag over elastic stiffness
 TAKES_UP = 0.1  # of the tolerance: what ties that still stretch may add to V at its limit
 UNLIMITED = 1e4  # of the dead loads: a load that grows beyond is limited by nothing
-WITHOUT_END = 4 * ELASTIC_STEPS  # elastic steps after which the guess of the limit load was much too small
+WITHOUT_END = 4 * ELASTIC_STEPS  # equilibria after which steps may grow even if elastic: the estimate was far too small
 
 
 class PathFollower:
-    """Pushes a ``state`` in equilibrium by the unit ``load`` (n, 6) to its limit, or until no further one is found.
+    """Follows the equilibria of a ``state`` under multiples of the unit ``load`` (n, 6) as far as its limit, if found.
 
-    ``factor``: of the elastic stiffness. The bracket ends up in ``certificate``; every equilibrium is recorded, its
-    number for a time. ``session`` keeps checkpoints and may go on from one.
+    ``factor``: of the elastic stiffness. The bracket is stored in ``certificate``; every equilibrium is recorded, with
+    its number in place of a time. ``session`` keeps checkpoints and may restart from one.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class PathFollower:
         if recorder is not None:
             self.elastic_at_start = elastic_energy(for_kernels(state), None) + ties.energy(state)
         self.displacement_at_start = state.blocks.displacement.copy()
-        # V that weighs as much as all dead loads, and all bonds
+        # V whose loads equal the sum of all dead loads and bond strengths
         self.dead = float(np.linalg.norm(ties.dead_loads(state)[self.free, :3], axis=1).sum()) / self.weight
         self.bonds, self.grip = BondBreaking(state), Grip(state)
         self.dead += self.bonds.strength / self.weight
@@ -97,15 +97,15 @@ class PathFollower:
         self.relaxation = DrivenRelaxation(state, factor, self.weight / self.compliance)
         self.patience: float = max(LEAST_WASTED, WASTED // len(self.free) ** 2)
         if state.ties is not None or joint_families.has_strengths(state):
-            self.patience = math.inf  # driven relaxation knows neither
+            self.patience = math.inf  # driven relaxation supports neither
         self.session, self.turn_began = session, {}
         self.way, self.limit, self.ties_hold = self._at_start(0.0), LimitState(state, session.hands_on), False
         self.search.pause = lambda: session.pause(self, within=True)
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
-        self.elsewhere = 0.0  # s, with whoever gets the record, and with checkpoints
+        self.elsewhere = 0.0  # s, in the observer of the record and in checkpoints
 
     def prepare(self) -> None:
-        """Call every kernel once, at the motion of now, to compile it or load it; the state stays as it is."""
+        """Call every kernel once, at the present motion, to compile or load it; the state is unchanged."""
         self.search.remember()
         self.search.attempt(self.search.motion(), 0.0)
         self.search.differentiate(0.0)
@@ -156,7 +156,7 @@ class PathFollower:
         peak = peak_bounds(way.seen, self.compliance / self.weight)
         if peak[0] <= NOTHING * self.dead:
             peak = 0.0, 0.0
-        # what gives way elastically is a rounding of the driven displacement
+        # any smaller inelastic displacement is rounding of the elastic one
         moved = way.seen[-1][0] > 1e-6 * way.driven
         return Path(converged, unlimited, wanders, moved, peak, way.iterations, way.equilibria, phases)
 
@@ -175,7 +175,7 @@ class PathFollower:
         return found
 
     def _stepped(self) -> tuple[float | None, bool]:
-        """V of the next equilibrium, None without one yet; and whether there is anything left to try."""
+        """V of the next equilibrium, None if there is none yet; and whether there is anything left to try."""
         way = self.way
         if way.wasted > self.patience:
             return self.relaxation.push(self.search, way), True
@@ -200,7 +200,7 @@ class PathFollower:
             return None, False
         if way.step > TURNING * way.usual:
             return None, True
-        # the path turns back: let go, and see where the blocks come to rest
+        # the path turns back: release the blocks and let them find a new equilibrium
         way.jumps, way.step = way.jumps + 1, JUMP * way.usual
         if way.jumps > MOST_JUMPS:
             return None, False
@@ -208,11 +208,11 @@ class PathFollower:
         return None, True
 
     def _elastic_way(self) -> np.ndarray:
-        """Motion a metre of the driven displacement, as long as everything is elastic."""
+        """Elastic motion per metre of the driven displacement."""
         return self.answer / self.compliance * self.weight
 
     def _dragged(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
-        """The same as `_found` with a drag at each joint, made less and less until it is little; V without it."""
+        """`_found` with a drag at each joint that is lowered until it is negligible; V is corrected for the drag."""
         way, search = self.way, self.search
         iterations, excess = 0, np.inf
         for _ in range(MOST_TRIES):
@@ -236,7 +236,7 @@ class PathFollower:
                 way.drag = min(FASTER * way.drag, MOST_DRAG)
             return None, iterations
         if not way.dragged:
-            found, tried = self._found(motion, V)  # from so near it may be had without any
+            found, tried = self._found(motion, V)  # from so near it may be found without drag
             iterations += tried
             if found is not None:
                 return found, iterations
@@ -247,7 +247,7 @@ class PathFollower:
         return V, iterations
 
     def _went_to(self, V: float) -> bool:
-        """Accept the equilibrium of now at V and choose the next step; whether the bracket is narrow enough."""
+        """Accept the present equilibrium at V and choose the next step; whether the bracket is narrow enough."""
         way = self.way
         way.equilibria += 1
         now = self.search.motion()
@@ -263,7 +263,7 @@ class PathFollower:
             self.relaxation.show_what_moves(self.search.rows)
             return self._judged_limit()
         if way.broke:
-            # what the others took over is no step: either the mechanism or the elastic answer may be the way on
+            # the redistribution after a break is no step: try the elastic direction next, else that of the mechanism
             way.spare, way.spare_gain, way.has_spare = secant, 0.0, True
             way.direction, way.gain = self._elastic_way(), self.weight / self.compliance
             way.seen[-1], way.step = (*way.seen[-1][:3], NEVER, True), way.usual
@@ -274,7 +274,7 @@ class PathFollower:
                 way.turn_to(mechanism * self.weight, 0.0)
             way.usual = max(way.usual, way.step)
         else:
-            # the blocks found their mechanism, or fell back into an elastic state: either may be the way on
+            # the blocks found their mechanism or returned to an elastic state: both directions may lead on
             way.turn_to(secant, 0.0)
             way.seen[-1], way.kept = (*way.seen[-1][:3], NEVER, True), way.jumps
         way.longest = max(way.longest, way.seen[-1][0])
@@ -299,12 +299,12 @@ class PathFollower:
             way.step, way.drag = GROWTH * way.step, way.drag / GROWTH  # what drags is about the same
         if way.tried and joint_families.has_areas(self.state):
             tangent, along = self.search.mechanism(math.inf), inner(self.search.load, secant) / self.weight
-            if tangent is not None and along > 0.0:  # exactly a metre: what is off by rounding would double
+            if tangent is not None and along > 0.0:  # exactly per metre: a rounding error would double at every step
                 go_on_rocking(way, tangent * self.weight, secant / along, slope)
         return judged
 
     def _judged_limit(self) -> bool:
-        """Keep the equilibrium of now if it is the limit, with its bonds; whether the bracket is narrow enough."""
+        """Keep the present equilibrium, with its bonds, if it is the limit; whether the bracket is narrow enough."""
         judged, within = self._judged(), 2.0 * self.certificate.tolerance
         self.limit.look_at(self.state, self.way, judged and not joint_families.overborne(self.state).any(), within)
         return judged
@@ -318,7 +318,7 @@ class PathFollower:
         return Progress("equilibrium", self.way.equilibria)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """Arrays with which this turn began; what it has tried since leaves no trace."""
+        """Arrays at the beginning of this iteration, without any trace of attempts since."""
         return self.turn_began
 
     def _memory(self) -> dict[str, np.ndarray]:
@@ -336,7 +336,7 @@ class PathFollower:
         return {**self.way.snapshot(), **{name: array.copy() for name, array in arrays.items()}}
 
     def _restore(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot of the same scene; HistoryError if it is of another."""
+        """Restart from a snapshot of the same scene; HistoryError if it is of another."""
         self.way.restore(snapshot)
         for name, own in self._memory().items():
             own[...] = snapshot.array(name, own)
@@ -348,10 +348,10 @@ class PathFollower:
         return float(np.linalg.norm(self.state.blocks.displacement - self.displacement_at_start, axis=1).max())
 
     def _drifted(self) -> tuple[float | None, bool]:
-        """One step of blocks that were let go, at the driven displacement held: V where they have come to rest, else
-        None; and whether they may go on.
+        """One step of released blocks at constant driven displacement: V once they rest, else None; and whether they
+        may go on.
 
-        In every step a part of the elastic stiffness drags at each joint; it fades as they come to rest.
+        In every step a drag proportional to the elastic stiffness acts on each joint; it fades as they come to rest.
         """
         trial, state, drift = self.trial, self.state, self.way.drift
         trial.drag[:] = drift.drag, drift.drag
@@ -376,7 +376,7 @@ class PathFollower:
         return None, drift.steps < MOST_DRIFTS
 
     def _accept(self, change: np.ndarray, V: float, step: float) -> None:
-        """Keep an equilibrium: memory, actuators, and the bounds of this instant."""
+        """Accept an equilibrium: update history, energies and actuators, and find the bounds of this instant."""
         state, blocks, way = self.state, self.state.blocks, self.way
         rows = change[self.rows]
         blocks.velocity[self.free], blocks.spin[self.free] = rows[:, :3], rows[:, 3:]
@@ -399,7 +399,7 @@ class PathFollower:
         self.phases["bracket"] += time.perf_counter() - began
         if self.bonds.borne < 1.0:  # a bond broke just before the end of the step
             lower = min(lower, before + self.bonds.borne * (V - before))
-        sure = min(V, lower)  # what a drag held up is no peak
+        sure = min(V, lower)  # the share of V that a drag carries does not count for the peak
         if sure > now.greatest:
             now.greatest, now.greatest_at = sure, way.driven
         given = way.driven - V * self.compliance / self.weight
@@ -409,7 +409,7 @@ class PathFollower:
         self.ties_hold = ties.unspent(state, UNLIMITED * self.dead * self.weight) > little
 
     def _judged(self) -> bool:
-        """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism."""
+        """Update the bracket by the bounds; True if it is narrow enough and V is that of a mechanism."""
         bracket = self.certificate.bracket
         if self.certificate.strict:
             bracket[:] = max(bracket[0], self.way.seen[-1][2]), min(bracket[1], self.way.seen[-1][3])
@@ -438,7 +438,7 @@ class PathFollower:
             self.elsewhere += time.perf_counter() - written
 
     def _write(self, number: int) -> None:
-        """Add the equilibrium of now, that with this ``number``, to the record."""
+        """Add the present equilibrium, with its ``number``, to the record."""
         way, given = self.way, (self.state, number, self.elastic_at_start, self.certificate.bracket)
         terms = {"external": way.external, "friction": way.friction, "dashpots": way.lost}
         terms |= {"crushing": way.crushing, "fracture": way.fracture, "yielding": way.yielding}

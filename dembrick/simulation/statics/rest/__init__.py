@@ -1,1 +1,1 @@
-"""Rest under dead loads: relaxation, viscous motion where that finds none, and what falls."""
+"""Equilibrium under dead loads: by relaxation, else by viscous motion, which finds it or a collapse mechanism."""

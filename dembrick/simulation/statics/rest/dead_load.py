@@ -1,10 +1,10 @@
-"""Equilibrium under the dead loads, before any actuator moves: found directly, not waited for.
+"""Equilibrium under the dead loads, before any actuator moves: solved for directly, without inertia.
 
-Relaxation by the elastic answer to what is out of balance finds most in a few steps. Where it does not, the blocks
-start again from where they were, by viscous motion (`viscous_rest`), which ends at rest or proves that they fall. Where
-it shows neither, the answer is undecided.
+Relaxation with the elastic stiffness finds most equilibria in a few steps. If it fails, the blocks start again from
+their initial positions by viscous motion (`viscous_rest`), which ends at rest or proves that they fall. If it shows
+neither, the result is undecided.
 
-`find_rest` asks whether a structure stands under its dead loads: one equilibrium, no actuator.
+`find_rest` decides whether a structure stands under its dead loads: one equilibrium, no actuator.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 
-MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
+MOST_STEPS = 300  # of relaxation: if there is no equilibrium by then, viscous motion takes over
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
-MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
-PRESSES = 1e-9  # of the dead load of a block: no joint whose force is less presses
+MOMENTUM = 0.9  # share of the last move that is kept, if blocks stand on free blocks
+PRESSES = 1e-9  # of the dead load of a block: a joint with a smaller force counts as unloaded
 DECIDES = (
     "dembrick limit decides it where no forces within the strengths balance the loads (it falls) or where nothing "
     "slides; softer or stiffer joints may decide it too"
@@ -54,10 +54,10 @@ DECIDES = (
 
 @dataclass(frozen=True)
 class Rest:
-    """Outcome of the dead loads: whether the blocks stand (None: undecided), the out-of-balance over the joint forces
-    and the steps that took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing;
-    in how many ``increments`` the loads came, and the error of forces that this and the stages before leave, over the
-    greatest joint force (``path_error``) and in N (``force_error``).
+    """Result of a search for equilibrium under the dead loads: whether the blocks stand (None: undecided), the
+    out-of-balance over the joint forces and the number of steps; the mechanism and the numbers of falling blocks;
+    seconds of compiling and of relaxing; the number of load ``increments``, and the error of forces that this and the
+    previous stages leave, over the greatest joint force (``path_error``) and in N (``force_error``).
     """
 
     stands: bool | None
@@ -79,8 +79,8 @@ def dead_load_equilibrium(
     factor: Factors | None = None,
     session: Session | None = None,
 ) -> Rest:
-    """`rest` of blocks that must stand: NotConvergedError, which names those that do not; UndecidedError if they are
-    seen neither to stand nor to fall."""
+    """`rest` of blocks that must stand. Raises NotConvergedError, which names the blocks that fall, and UndecidedError
+    if neither an equilibrium nor a fall is found."""
     found = rest(state, stiffness, assembly.position, factor, session)
     if found.stands is None:
         raise UndecidedError(f"{undecided(found)}; no actuator has moved yet. {DECIDES}")
@@ -94,7 +94,7 @@ def dead_load_equilibrium(
 
 
 def does_not_stand(found: Rest, names) -> str:
-    """The sentence that says which blocks fall, and how."""
+    """Message on which blocks fall, and by which mechanism."""
     moving = [names[i] for i in found.blocks]
     more = f" and {len(moving) - 5} more" if len(moving) > 5 else ""
     falls = "falls" if len(moving) == 1 else "fall"
@@ -102,7 +102,7 @@ def does_not_stand(found: Rest, names) -> str:
 
 
 def undecided(found: Rest) -> str:
-    """The sentence that says that it is not known whether the blocks stand."""
+    """Message on a search that neither finds an equilibrium nor a mechanism."""
     return (
         f"undecided under the dead loads: neither an equilibrium nor a mechanism of a fall was found in {found.steps} "
         f"steps; {of_joint_forces(found.unbalanced)} are still out of balance"
@@ -110,7 +110,7 @@ def undecided(found: Rest) -> str:
 
 
 def _own_law_undecided(state: State, steps: int, ratio: float) -> str:
-    """The sentence on joints of the user's own law that relaxation brings to no rest."""
+    """Message on joints with a user-defined law for which relaxation finds no equilibrium."""
     blocks, pressing = state.blocks, float(np.abs(state.joints.resultant[:, :3]).max(initial=0.0))
     if pressing > PRESSES * float(np.abs(blocks.dead_force[blocks.free]).max(initial=0.0)):
         what, remedy = (
@@ -135,17 +135,17 @@ def rest(
 ) -> Rest:
     """The equilibrium of ``state`` under its dead loads, or the mechanism by which it falls.
 
-    It is relaxed until the out-of-balance forces are ``UNBALANCED`` of the joint forces. Where free blocks touch only
-    fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its out-of-balance: a single
-    Newton step is enough. Else the whole assembly moves by its elastic answer, ``factor`` is that of its stiffness,
-    first in one go and then with momentum, which is dropped whenever it works against the forces. What does not come to
-    rest so starts again, by viscous motion; ``position`` (n, 3) of the centroids. ``session`` keeps checkpoints of it,
-    and may go on from one. Raises Interrupted, and UndecidedError where relaxation does not balance the forces of a law
-    of the user's own.
+    The blocks are relaxed until the out-of-balance forces are ``UNBALANCED`` of the joint forces. If free blocks touch
+    only fixed ones, each moves by the elastic response of its own ``stiffness`` (n, 6, 6) to its out-of-balance force:
+    a single Newton step is usually enough. Otherwise the whole assembly moves by its elastic response, with the
+    ``factor`` of its stiffness: first a plain step, then steps with momentum, which is dropped whenever it does
+    negative work. If this fails, viscous motion starts again from the initial state; ``position`` (n, 3): centroids.
+    ``session`` keeps checkpoints and may restart from one. Raises Interrupted, and UndecidedError if relaxation does
+    not converge with a user-defined law.
 
-    Joints answer in one implicit step, which is what they carry if all loads grow together from zero; where they bore
-    others before and slide, or where bonds break, loads come in increments (`load_increments`). Bonds hold until the
-    blocks rest; those that bear too much first then break, and the others must carry the loads without them.
+    Joint forces are found in one implicit step, as if all loads grew together from zero. If joints carried other loads
+    before and slide, or if bonds break, loads are applied in increments (`load_increments`). Bonds stay intact until
+    the blocks rest; those that fail first then break, and the others must carry the loads without them.
     """
     blocks = state.blocks
     began, before = time.perf_counter(), 0.0 if session is None else session.force_error
@@ -154,10 +154,10 @@ def rest(
         raise ValueError("free blocks that touch each other need the factor of their stiffness")
     bonded = joint_families.has_strengths(state)
     if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
-        return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
+        return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # bonds without loads
     carries, memory = bool(state.joints.relative.any()), SimpleNamespace(**joint_families.memory(state))
-    # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
-    # each step is
+    # if a lone block does not come to rest at once, its joint has opened and is softer than the closed joint whose
+    # stiffness each step uses
     rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
     answer = answer_alone(state, stiffness) if factor is None else factor.answer
     relaxation = Relaxation(state, answer, rounds, lambda: factor or elastic_factor(state, position))
@@ -175,7 +175,7 @@ def rest(
         steps += more
     increments, error = 1, math.inf if relaxation.own_way else 0.0
     alike = not (bonded and joint_families.gave_way(state, memory)) and not depends_on_size(state)
-    if carries or not alike:  # what one step throws down may stand if its loads come little by little
+    if carries or not alike:  # blocks that fall in one step may stand if loads are applied gradually
         increments, error, more = relaxation.by_increments(session, memory, bool(stands))
         steps += more
         if not stands and increments > 1:
@@ -193,7 +193,7 @@ def rest(
 
 @dataclass
 class Standing(Ended):
-    """Result of a search for rest: `Rest`, the state in which it ended, and seconds of compiling and of relaxing."""
+    """Result of `find_rest`: `Rest`, the final state, and seconds of compiling and of relaxing."""
 
     rest: Rest
     state: State
@@ -220,7 +220,7 @@ def find_rest(assembly: Assembly, session: Session) -> Standing:
 
 
 def plan(assembly: Assembly) -> Plan:
-    """The plan of it, without running any of it."""
+    """Plan of `find_rest`, without running any of it."""
     n, j = len(assembly.names), len(assembly.joints)
     points = sum(len(p.area) for p in assembly.contact_points if p is not None)
     memory = 8 * (100 * n + 100 * j + 12 * points)

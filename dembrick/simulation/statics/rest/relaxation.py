@@ -1,8 +1,8 @@
-"""Relaxation to rest: the blocks move by the elastic answer to what is out of balance, until nothing is.
+"""Relaxation to equilibrium: the blocks move by their elastic response to the out-of-balance forces until these vanish.
 
-Joints answer from what they remembered at the start (`simulation.statics.newton.Trials`), as in one implicit step, so
-that nothing stays of how blocks swing past their rest. Where they bore other loads before and slide, or bonds break,
-the loads come in increments (`simulation.load_increments`), each by Newton's method if it can be.
+Joint laws act from their history at the start (`simulation.statics.newton.Trials`), as in one implicit step, so
+that an overshoot leaves no trace. If joints carried other loads before and slide, or bonds break, the loads are applied
+in increments (`simulation.load_increments`), each by Newton's method if possible.
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
 
 UNBALANCED = 1e-12  # of the joint forces
-ROUNDED = 1e-6  # of the motion of joints: a slip of so little where nothing moves is none
-FEW = 8  # steps in the first chunk, before the pace is known
-SNAPSHOT = "dead_load"  # what a checkpoint of it has, and no other
-CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
+ROUNDED = 1e-6  # of the motion of joints: a smaller slip, while nothing moves, is rounding
+FEW = 8  # steps in the first chunk, before the speed is known
+SNAPSHOT = "dead_load"  # array that only its checkpoints have
+CHUNK_SECONDS = 0.2  # of a chunk: a signal is handled within that
 
 
 class Relaxation:
-    """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum), until one of them balances the forces, and
-    again without the bonds that then bear too much, until all that are left can bear it.
+    """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum), until one of them balances the forces.
+    Overloaded bonds then break and the relaxation is repeated, until the remaining bonds hold.
 
-    ``answer``: the elastic motion (f, 6) to loads (f, 6); ``factor``: makes that of the elastic stiffness."""
+    ``answer``: function from loads (f, 6) to the elastic motion (f, 6); ``factor``: makes the factors of the elastic
+    stiffness."""
 
     def __init__(
         self,
@@ -51,24 +52,24 @@ class Relaxation:
         self._trials = Trials(state, 6 * np.arange(len(state.blocks.free)))
         self._trials.remember()
         levers = ((arm**2).sum(axis=1).max() for arm in (state.joints.arm_a, state.joints.arm_b))
-        self._arms = np.array([1.0, 1.0 / max(*levers)])  # of a force and of a moment, 1 and 1/m2
+        self._arms = np.array([1.0, 1.0 / max(*levers)])  # weights of squared forces and moments, 1 and 1/m2
         self._round = self._step = 0
-        self._newton: FreeEquilibria | None = None  # of increments: finds most of them at once
-        self._reserves = joint_families.reserves(state)  # of bonds, before the loads of now
-        self._from_start = False  # whether a checkpoint of now begins there
-        self.own_way = False  # whether friction remembers viscous motion
+        self._newton: FreeEquilibria | None = None  # for increments: finds most of them at once
+        self._reserves = joint_families.reserves(state)  # of bonds, before the present loads
+        self._from_start = False  # whether a checkpoint written now restarts from the initial state
+        self.own_way = False  # whether the history of friction depends on the path of viscous motion
 
     def session_of(self, session: Session) -> Session:
-        """The session that this works in; it goes on from what that resumes."""
+        """The session to work with, after restarting from its snapshot if that is one of relaxation."""
         if session.resumed is not None and SNAPSHOT in session.resumed:
             self._restore(session.resumed)
             session.resumed = None
         elif session.resumed is not None:
-            return Session(output=session.output)  # what is kept is further on, and must not be written over
+            return Session(output=session.output)  # the existing checkpoint is further on: do not overwrite it
         return session
 
     def run(self, session: Session) -> tuple[float, int]:
-        """The unbalanced-force ratio reached, and the steps of the last round."""
+        """Relax; return the out-of-balance ratio reached and the steps of the last round."""
         joint_families.hold_bonds(self._state, True)
         ratio = self._to_rest(session)
         while ratio <= UNBALANCED and self._bonds_break():
@@ -101,7 +102,7 @@ class Relaxation:
         return ratio
 
     def _bonds_break(self) -> bool:
-        """Let the bonds go that bear too much first, in the memory from which joints answer; whether there are any."""
+        """Break the bonds that fail first, in the history from which trials start; whether there are any."""
         if not joint_families.overborne(self._state).any():
             return False
         self._from_start = True
@@ -109,7 +110,7 @@ class Relaxation:
         return True
 
     def _relaxed(self, steps: int, momentum: float) -> float:
-        """Relax by so many ``steps`` at most; returns the unbalanced-force ratio reached."""
+        """Relax by at most so many ``steps``; returns the out-of-balance ratio reached."""
         trials, blocks, free = self._trials, self._state.blocks, self._state.blocks.free
         velocity = np.concatenate([blocks.velocity[free], blocks.spin[free]], axis=1)
         for _ in range(steps):
@@ -118,7 +119,7 @@ class Relaxation:
             if self._step > 0 and ratio <= UNBALANCED:
                 break
             load = trials.trial.residual[trials.rows]
-            # the first step is the elastic answer, and no start for a swing; what works against forces has swung over
+            # the first step is the elastic response and gives no momentum; momentum against the forces has overshot
             keep = momentum if self._step > 1 and inner(load, velocity) > 0.0 else 0.0
             velocity = keep * velocity + self._answer(load)
             blocks.displacement[free] += velocity[:, :3]
@@ -128,8 +129,8 @@ class Relaxation:
         return ratio
 
     def unbalanced(self) -> float:
-        """Greatest out-of-balance force, or moment at the longest lever of a joint, over the greatest joint force or
-        dead load of a block: guides and ties may carry a block whose joints do not press."""
+        """Greatest out-of-balance force, or moment over the longest lever arm of a joint, relative to the greatest
+        joint force or dead load of a block, as guides and ties may carry a block whose joints are unloaded."""
         trials, blocks = self._trials, self._state.blocks
         squares = (trials.trial.residual[trials.rows].reshape(-1, 2, 3) ** 2).sum(axis=2).max(axis=0)
         forces = self._state.joints.resultant[:, :3], blocks.dead_force[blocks.free]
@@ -140,9 +141,9 @@ class Relaxation:
         return math.sqrt(worst / largest)
 
     def by_increments(self, session: Session, memory: SimpleNamespace, stands: bool) -> tuple[int, float, int]:
-        """Go from the start to the equilibrium again that was reached in one step, or was not (``stands``), by loads
-        that come in increments, each with the memory of the equilibrium before. Returns how many there were,
-        `Rest.path_error`, and the steps of all. Where one of these equilibria is not found, the last answer stays.
+        """Repeat the relaxation from the start with the loads applied in increments, each with the history of the
+        equilibrium before. ``stands``: whether one step found an equilibrium. Returns the number of increments,
+        `Rest.path_error`, and the steps of all. If one of these equilibria is not found, the last result stays.
         """
         steps: list[int] = []
         gave_way = partial(joint_families.gave_way, self._state, memory)
@@ -163,8 +164,8 @@ class Relaxation:
         return *found, sum(steps)
 
     def _in_increments(self, count: int, session: Session, gave_way: Callable[[], bool]) -> tuple[int, bool]:
-        """`by_increments` with so many: the steps, zero if an equilibrium is not found; whether any joint ``gave_way``
-        before the last."""
+        """`by_increments` with ``count`` of them: the number of steps, zero if an equilibrium is not found; and whether
+        any joint ``gave_way`` before the last increment."""
         state, free, steps = self._state, self._state.blocks.free, 0
         self._from_start = True
         put_back(self._start)
@@ -173,7 +174,7 @@ class Relaxation:
         trial = self._trials.trial
         weaker = joint_families.slid(state, trial, ROUNDED * float(np.abs(trial.base[:, :3]).max()))
         if weaker or joint_families.overborne(state).any():
-            return 0, False  # laws have become weaker than what joints bear, which no loads can be followed from
+            return 0, False  # laws have become weaker than the forces at the start: there is no path of loads
         loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
         change[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
         put_back(self._start)
@@ -196,13 +197,14 @@ class Relaxation:
         return steps, early
 
     def _begin(self) -> None:
-        """Let joints answer from what they are now, in the first round."""
+        """Start the first round with the present state as the history of the joints."""
         self._trials.remember()
         self._reserves = joint_families.reserves(self._state)
         self._round = self._step = 0
 
     def by_viscous_motion(self, session: Session) -> tuple[bool | None, float, int]:
-        """`ViscousMotion` from where the blocks are: whether they stand, what is out of balance, and the iterations."""
+        """Run `ViscousMotion` from the present state: whether the blocks stand, the out-of-balance over the joint
+        forces, and the iterations."""
         begun = [(array, array.copy()) for array, _ in self._start]
         motion = ViscousMotion(self._state, self._factor(), lambda: session.pause(self))
         with interrupts.deferred():
@@ -212,8 +214,8 @@ class Relaxation:
         return stands, motion.unbalanced, motion.iterations
 
     def _in_one_step(self, begun: list[tuple[np.ndarray, np.ndarray]]) -> bool:
-        """Answer to the loads in one implicit step from where it ``begun``, near the rest of now, which viscous motion
-        found on a way of its own; whether there is one, else all stays."""
+        """Replace the equilibrium that viscous motion found on its own path by one nearby that is reached in a single
+        implicit step from the state ``begun``; whether there is one, else the state is unchanged."""
         state, free = self._state, self._state.blocks.free
         moved = np.concatenate([state.blocks.displacement, state.blocks.rotation], axis=1)[free]
         reached, bonds = [(array, array.copy()) for array, _ in begun], joint_families.bonds(state)
@@ -232,18 +234,18 @@ class Relaxation:
         return True
 
     def start_again(self) -> None:
-        """Put everything as it was at the start; the relaxation is over, and a checkpoint of now begins there."""
+        """Restore the initial state; the relaxation is over, and a checkpoint written now restarts from that state."""
         self._round = len(self._rounds)
         put_back(self._start)
 
     @property
     def over(self) -> bool:
-        """Whether it has ended without rest (`start_again`), after the steps of its last round."""
+        """Whether the relaxation has ended without equilibrium, and started again."""
         return self._round == len(self._rounds)
 
     @property
     def _kept(self) -> tuple[int, int]:
-        """Round and step at which a checkpoint of now begins; one of increments begins at the start."""
+        """Round and step from which a checkpoint written now restarts; during increments, from the start."""
         return (0, 0) if self._from_start else (self._round, self._step)
 
     @property
@@ -262,7 +264,7 @@ class Relaxation:
         return {SNAPSHOT: np.array(self._kept, float), **state}
 
     def _restore(self, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
+        """Restart from a snapshot of the same scene; HistoryError if it is of another."""
         at, step = snapshot.array(SNAPSHOT, np.zeros(2)).tolist()
         steps = [most for most, _ in self._rounds]
         steps.append(steps[-1] + 1)

@@ -1,12 +1,12 @@
-"""Rest or fall under the dead loads, by viscous motion (`ViscousMotion`).
+"""Equilibrium or fall under the dead loads, decided by viscous motion (`ViscousMotion`).
 
-While the blocks move, a part of the elastic stiffness resists the motion of every joint, as a dashpot would. Each step
-is found by Newton's method, implicit in drag and friction (backward Euler; without friction the proximal point method
-of Rockafellar, SIAM J. Control Optim. 14 (1976) 877), and the drag falls from step to step, so that steps grow as fast
-as the blocks' resistance fades. Blocks that have an equilibrium come to rest in it. Blocks that have none end in a
-steady motion: what is out of balance no longer changes, no gap closes, and the same motion goes on for ever. There
-the dead loads do more work than friction takes, whatever the speed: without the drag the blocks accelerate along that
-mechanism. That is the proof of a fall. What shows neither is undecided.
+While the blocks move, a drag proportional to the elastic stiffness resists the motion of every joint, like a dashpot.
+Each step is solved by Newton's method, implicit in drag and friction (backward Euler; without friction the proximal
+point method of Rockafellar, SIAM J. Control Optim. 14 (1976) 877), and the drag falls from step to step, so that steps
+grow as fast as the blocks' resistance fades. Blocks that have an equilibrium come to rest in it. Blocks that have none
+end in a steady motion: the out-of-balance force no longer changes, no gap closes, and the same motion goes on for ever.
+The dead loads then do more work than friction dissipates, whatever the speed: without the drag the blocks accelerate
+along that mechanism. That proves the fall. If neither shows, the result is undecided.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from dembrick.simulation.statics.newton import DIFFERENCE, HELD, Equilibria, ela
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State
 
-BALANCED, RESTS = 1e-12, 1e-9  # of the joint forces: out-of-balance that is asked for, and that is rest
-NEAR = 1e-5  # of them: out-of-balance from which rest is looked for without drag
-SOLVED = 1e-4  # of the out-of-balance of a step: what the next one may leave of its own
-FINEST = 1e-13  # of the joint forces: no less can be asked for, nor less than so many times what a motion, rounded,
-ROUNDED, COARSEST = 4.0 * float(np.finfo(float).eps), 0.01  # makes of force, up to this share of the out-of-balance
-FASTER, FASTEST, SLOWER = 4.0, 16.0, 4.0  # by which the drag falls after a step, after an easy one; rises after none
+BALANCED, RESTS = 1e-12, 1e-9  # of the joint forces: out-of-balance that is aimed at, and that counts as equilibrium
+NEAR = 1e-5  # of them: out-of-balance below which an equilibrium without drag is tried
+SOLVED = 1e-4  # of the out-of-balance after a step: tolerance of the next one
+FINEST = 1e-13  # of the joint forces: least tolerance; nor is it less than so many times the force that rounding of
+ROUNDED, COARSEST = 4.0 * float(np.finfo(float).eps), 0.01  # the motion causes, up to this share of the out-of-balance
+FASTER, FASTEST, SLOWER = 4.0, 16.0, 4.0  # drag is divided after a step, after an easy one; multiplied after a failure
 EASY = 3  # iterations of an easy step
 MOST_STEPS, MOST_DRAG = 150, 1e3  # of the motion; over the elastic stiffness
-STRETCHES, LONGER = 2, 4.0  # of a steady motion, from a block's size on; how much further each goes than that before
-STEADY = 0.25  # of the out-of-balance: what it may lose on each; of strips that shrink it loses as much again, no more
+STRETCHES, LONGER = 2, 4.0  # of a steady motion beyond a block's size; ratio of the displacements at their ends
+STEADY = 0.25  # of the out-of-balance: its greatest loss on each; shrinking strips lose as much again, no more
 
 
 class FreeEquilibria(Equilibria):
-    """Equilibria under the dead loads alone: no actuator holds any displacement."""
+    """Equilibria under the dead loads alone: no actuator prescribes any displacement."""
 
-    most_short = 10  # nothing else finds the way out
+    most_short = 10  # there is no other method to fall back on
 
     def __init__(self, state: State, factor: Factors):
         super().__init__(state, np.zeros((len(state.blocks.displacement), 6)), factor, BALANCED)
@@ -45,10 +45,10 @@ class FreeEquilibria(Equilibria):
 
 
 class ViscousMotion:
-    """Viscous motion of a ``state`` from where its blocks are; ``factor``: of the elastic stiffness.
+    """Viscous motion of a ``state`` from its present positions; ``factor``: of the elastic stiffness.
 
-    ``pause`` is called before every iteration. ``iterations`` of Newton's method, and the out-of-balance over the joint
-    forces that is left (``unbalanced``). The state ends at rest, or in the last step of the motion.
+    ``pause`` is called before every iteration. ``iterations``: of Newton's method; ``unbalanced``: the out-of-balance
+    over the joint forces that is left. The state ends in equilibrium, or in the last step of the motion.
     """
 
     def __init__(self, state: State, factor: Factors, pause: Callable[[], None]):
@@ -56,7 +56,7 @@ class ViscousMotion:
         self.search = FreeEquilibria(state, factor)
         self.search.pause = pause
         self.unbalanced, self.drag = 1.0, 1.0
-        self.path: list[tuple[float, float]] = []  # how far (in block sizes), and what was out of balance (energy norm)
+        self.path: list[tuple[float, float]] = []  # displacement (in block sizes) and out-of-balance (energy norm)
         self.stiffest = float(joint_families.stiffness(state)[:, 2, 2].max())  # N/m
         arms = (state.joints.arm_a, state.joints.arm_b)
         self.size = max(float(np.sqrt((arm**2).sum(axis=1)).max()) for arm in arms)
@@ -66,9 +66,9 @@ class ViscousMotion:
         return self.search.iterations
 
     def run(self) -> bool | None:
-        """True at rest, False if the blocks fall, None if neither shows.
+        """True if the blocks find an equilibrium, False if they fall, None if neither shows.
 
-        Bonds hold until the blocks rest; those that bear too much first then break, and the motion goes on.
+        Bonds stay intact until the blocks rest; those that fail first then break, and the motion goes on.
         """
         self._reserves = joint_families.reserves(self.state)
         bonded = joint_families.has_strengths(self.state)
@@ -80,7 +80,7 @@ class ViscousMotion:
         return stands
 
     def _bonds_break(self) -> bool:
-        """Let the bonds go that bear too much first; whether there are any."""
+        """Break the bonds that fail first; whether there are any."""
         if not joint_families.overborne(self.state).any():
             return False
         joint_families.break_bonds(self.search.trial, joint_families.without_first(self.state, self._reserves))
@@ -119,8 +119,8 @@ class ViscousMotion:
         return True if self.unbalanced <= RESTS else None
 
     def _is_steady(self) -> bool:
-        """Whether what is out of balance has stopped falling: twice by little while the blocks went four times as far,
-        from further than their size on."""
+        """Whether the out-of-balance force has stopped falling: it fell little over two stretches, on each of which the
+        displacement grew fourfold, from more than a block's size on."""
         (far, force), stretches = self.path[-1], STRETCHES
         for at, before in reversed(self.path):
             if not stretches or at < 1.0:
@@ -132,9 +132,9 @@ class ViscousMotion:
         return not stretches
 
     def _step(self, start: np.ndarray, ahead: np.ndarray) -> np.ndarray | None:
-        """The motion after a step from ``start`` with the drag of now; None if it is not found.
+        """The motion after a step from ``start`` with the present drag; None if it is not found.
 
-        It is looked for from ``start``, or ``ahead`` of it by as much, where less is out of balance.
+        The initial guess is ``start`` or ``start + ahead``, whichever has the smaller out-of-balance.
         """
         search, drag = self.search, self.search.trial.drag
         drag[:] = self.drag, max(self.drag, HELD)
@@ -146,7 +146,7 @@ class ViscousMotion:
         return None if found is None else search.motion()
 
     def _rests(self, start: np.ndarray) -> bool:
-        """Whether an equilibrium without any drag is found from here; else everything is as it was."""
+        """Whether an equilibrium without drag is found from ``start``; else the state is restored."""
         search, found = self.search, None
         for balanced in (BALANCED, RESTS):
             search.balanced = balanced
@@ -162,7 +162,7 @@ class ViscousMotion:
         return True
 
     def _keep(self) -> None:
-        """Make the motion of now the one from which joints and ties go on."""
+        """Make the present motion the history from which joints and ties continue."""
         state, trial = self.state, self.search.trial
         ties.remember(state)
         self.search.remember()
