@@ -1,4 +1,4 @@
 """Equilibria and limit loads in the geometry of the start: artificial inertia for one block, Newton for assemblies.
 
-An ``Assembly`` goes in; what comes out is a record of the load path and the bracket of the limit load.
+Input is an ``Assembly``; output are a record of the load path and the bracket of the limit load.
 """

@@ -1,4 +1,4 @@
-"""Convex joints, in the searches: the area family, seen from Python.
+"""Convex joints, in statics: the Python side of the area family.
 
 The functions are those of `point_joints`, under the same names; `joint_families` calls them.
 """
@@ -25,8 +25,8 @@ from dembrick.simulation.joint_laws import (
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-MEMORY = ("elastic", "twist", "slip", "bonds")  # what the joints remember
-FOUND = ("evaluations", "pressed")  # what a step finds of them
+MEMORY = ("elastic", "twist", "slip", "bonds")  # fields of the history
+FOUND = ("evaluations", "pressed")  # fields that each evaluation finds anew
 
 
 def at_rest(assembly: Assembly) -> Areas | None:
@@ -99,31 +99,32 @@ def stiffness(areas: Areas) -> np.ndarray:
 
 
 def corners(areas: Areas) -> tuple[np.ndarray, np.ndarray]:
-    """Where the joints open and close (x, y), entries as ``start`` counts them (m)."""
+    """Points (x, y) at which the joints open and close, in the order of ``start`` (m)."""
     return areas.x, areas.y
 
 
-shear_corners = corners  # where they carry shear
+shear_corners = corners  # points at which they carry shear
 
 
 def torsion_radius(areas: Areas) -> np.ndarray:
-    """Torsion strength of each joint over V_0 (a,) in m, where friction follows the bending as it is pressed now."""
+    """Torsion strength of each joint over V_0 (a,) in m; if friction follows the bending, at most that of the present
+    pressed part."""
     return areas.radius if areas.pressed is None else np.minimum(areas.radius, areas.pressed.radius)
 
 
 def entries(areas: Areas) -> int:
-    """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
+    """Number of contact entries that the kernels process per evaluation: a measure of their time."""
     return 4 * len(areas.x)
 
 
 def friction_work(areas: Areas, before: Areas, normal: np.ndarray) -> float:
-    """Work that friction took since the memory ``before``, by the forces of now (J); ``normal`` (a,) N."""
+    """Work dissipated by friction since the history ``before``, with the present forces (J); ``normal`` (a,) N."""
     strength = sliding_strength(areas.strengths, areas.area, areas.friction, normal)
     return float((strength * (areas.slip - before.slip)).sum())
 
 
 def crushing_work(areas: Areas, before: Areas) -> float:
-    """Work that crushing took since the memory ``before`` (J)."""
+    """Work dissipated by crushing since the history ``before`` (J)."""
     if areas.strengths is None:
         return 0.0
     deeper = areas.bonds.crushed - before.bonds.crushed
@@ -131,15 +132,15 @@ def crushing_work(areas: Areas, before: Areas) -> float:
 
 
 def reserve(areas: Areas) -> np.ndarray:
-    """Reserve of the bonds (a, 2) in N: in tension, and in shear where its loss would let go of something.
-    Infinite where there is no bond."""
+    """Reserve of the bonds (a, 2) in N: in tension, and in shear if failure in shear would lose strength. Infinite
+    without a bond."""
     found = np.zeros((len(areas.joint), 2))
     reserves(areas, found)
     return found
 
 
 def tensile_strength(areas: Areas) -> np.ndarray:
-    """Tensile strength of the bond of each joint (a,) in N, of its area."""
+    """Tensile strength of the bond of each joint (a,) in N, over its whole area."""
     return areas.strengths.tension * areas.area
 
 
@@ -149,12 +150,12 @@ def whole_area(areas: Areas) -> np.ndarray:
 
 
 def greatest_strength(areas: Areas) -> np.ndarray:
-    """Greatest force (a,) in N that the bond of each joint may carry besides friction."""
+    """Greatest force (a,) in N that the bond of each joint may carry in addition to friction."""
     if areas.strengths is None:
         return np.zeros(len(areas.joint))
     return areas.area * np.maximum(areas.strengths.cohesion, areas.strengths.tension)
 
 
 def slip_twists(areas: Areas, steps: np.ndarray) -> np.ndarray:
-    """Slip twists (k, 3) by which the joints give way: the plastic part of their last steps."""
+    """Slip twists (k, 3) of the joints: the plastic part of their last steps."""
     return areas.twist

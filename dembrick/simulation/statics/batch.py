@@ -1,9 +1,9 @@
 """Limit loads of many two-block scenes at once: one compiled call instead of an assembly, a state and a file for each.
 
-Every case (see `Cases`) is a lone joint, searched by the very kernel that searches a scene of its own
-(`kernels.statics.lone_search`), also where friction follows the load: then the bracket is an indicator. Cases run in
-blocks of `BLOCK`, so memory does not grow with their number, and the compiled call lets go of Python's lock, so that
-threads share them. Whatever the number of threads, the answers are the same to the last bit.
+Every case (see `Cases`) is a lone joint, searched by the same kernel as a single scene
+(`kernels.statics.lone_search`), even if friction depends on the load: then the bracket is an indicator. Cases run in
+blocks of `BLOCK`, so memory does not grow with their number, and the compiled call releases Python's global lock, so
+that threads share them. The results are the same to the last bit whatever the number of threads.
 
     >>> cases = Cases.on(corners, "convex", friction=0.64, normal_force=467.0,
     ...                  actuator_point=[[0.075, 0.0, 0.05]], actuator_direction=[[0.0, 1.0, 0.0]])
@@ -39,10 +39,10 @@ BLOCK = 128  # cases prepared and run at a time
 class LimitLoads:
     """Limit loads of k cases, row by row. SI units, joint axes; N, V_1, V_2, M_T act on b about O.
 
-    ``status``: "yield", or what went wrong: "not converged", "no equilibrium" (under dead load alone); V and its bounds
+    ``status``: "yield", or the failure: "not converged", "no equilibrium" (under dead load alone); V and its bounds
     are those reached. ``V`` is the middle of the bracket, NaN without an upper bound (``V_upper`` infinite).
-    ``certified`` tells a strict bracket from an indicator. ``twist`` (k, 3) is the slip twist that gave the upper
-    bound, where certified, else that at the end; ``tilt`` (k, 2) how the block rocked in the last step (rad);
+    ``certified``: whether the bracket is strict, else an indicator. ``twist`` (k, 3): slip twist that gave the upper
+    bound if certified, else that at the end; ``tilt`` (k, 2): rocking of the block in the last step (rad);
     ``steps``: iterations of Newton's method.
     """
 
@@ -75,8 +75,8 @@ def find_limit_loads(
 ) -> LimitLoads:
     """The limit load of every case; ``threads`` defaults to the cores of the machine.
 
-    Cases that have no answer say so in ``status``, and the others go on. ``progress`` gets the number of cases done
-    and of all. ScenarioError if the cases are no tests: shapes, signs, a load that does not push along the joint.
+    Cases that fail are marked in ``status``, and the others go on. ``progress`` gets the number of cases done
+    and of all. Raises ScenarioError for invalid cases: shapes, signs, a load that does not push along the joint.
     """
     check(cases)
     starts = range(0, cases.count, BLOCK)
@@ -89,7 +89,7 @@ def find_limit_loads(
         return _run(part, faces)
 
     if threads > 1:
-        _run(cases.part(0, 1), faces)  # loads or fills the cache of compiled code before the threads meet at it
+        _run(cases.part(0, 1), faces)  # loads or fills the cache of compiled code before threads compete for it
     with ThreadPoolExecutor(threads) as pool:
         for result in pool.map(run, parts) if threads > 1 else map(run, parts):
             found.append(result)
@@ -101,13 +101,13 @@ def find_limit_loads(
 
 
 def face(polygon: np.ndarray, law: JointLaw) -> Joint:
-    """A joint by itself, in its own axes about its centroid, where the points of its law can be placed."""
+    """A single joint in its own axes about its centroid, for which the points of its law can be placed."""
     zero, polygon = np.zeros(3), np.asarray(polygon, float)
     return Joint(0, 1, 1, zero, np.eye(3), polygon, polygons.area(polygon), law, 0.0, zero, zero)
 
 
 class _Faces:
-    """The different joints of a batch with friction and stiffnesses of 1, as the engine sees them."""
+    """The different joints of a batch with friction and stiffnesses of 1, in place of an assembly."""
 
     custom_law = None
 
@@ -155,6 +155,6 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
         V_2=forces[:, 1],
         M_T=forces[:, 5],
         twist=np.where(strict[:, None], lone.twist, joint_families.slip_twists(lone)),
-        tilt=np.where(strict[:, None], 0.0, lone.joints.tilt),  # what is certified slides before it overturns
+        tilt=np.where(strict[:, None], 0.0, lone.joints.tilt),  # certified joints slide before they overturn
         steps=found["iterations"].astype(np.int64),
     )

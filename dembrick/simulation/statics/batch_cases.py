@@ -1,4 +1,4 @@
-"""Many two-block scenes as arrays: what a test is made of, in the joint's own axes, and which of them are none.
+"""Input of a batch of two-block scenes as arrays, in the axes of the joint, and its checks.
 
 A case is a joint between a fixed and a free block with its dead load and its actuators, all about the joint's centroid
 O.
@@ -15,7 +15,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.scenario.model import JointLaw
 
-STIFF = 1e-6  # elastic closing and slip over the short side, where no stiffness is given: a numerical choice
+STIFF = 1e-6  # elastic closing and slip over the short side, if no stiffness is given: a numerical choice
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class Cases:
     """k two-block scenes of one formulation. SI units, joint axes (t1, t2, n) about O; forces act on the free block b.
 
     ``polygons``: the different joint polygons, each (m, 2) about its centroid, counter-clockwise, convex; ``shape``
-    (k,) says which of them a case has. ``friction``, ``normal_stiffness``, ``shear_stiffness`` (k,). ``dead`` (k, 6):
-    force and moment of the dead load (a pressing force has dead[:, 2] < 0). ``actuator_point``, ``actuator_direction``
+    (k,): number of the polygon of each case. ``friction``, ``normal_stiffness``, ``shear_stiffness`` (k,). ``dead``
+    (k, 6): force and moment of the dead load (pressing: dead[:, 2] < 0). ``actuator_point``, ``actuator_direction``
     (k, j, 3) and ``actuator_weight`` (k, j): the j actuators of each case; a height above the joint is
     actuator_point[..., 2]. ``tolerance``: relative half-width of the brackets. ``points``: (n, m) of ``distributed``,
     None for as many as the tolerance needs.
@@ -66,11 +66,11 @@ class Cases:
         shear_stiffness=None,
         **options,
     ) -> Cases:
-        """Cases from whatever broadcasts to k: numbers, or arrays with k rows.
+        """Cases from arguments that broadcast to k: numbers, or arrays with k rows.
 
         ``polygons_`` is one polygon (m, 2) or a list of them. N acts at ``eccentricity`` (..., 2), ``dead_shear`` (...,
         2) is a tangential dead force at O. ``actuator_point`` and ``actuator_direction`` (j, 3) or (k, j, 3). Without
-        stiffnesses the joint is so stiff that it closes and shears by a millionth of its short side.
+        stiffnesses the joint is so stiff that it closes and slips by a millionth of its short side.
         """
         single = np.ndim(polygons_[0]) == 2
         shapes = [np.ascontiguousarray(p, float) for p in (polygons_ if single else [polygons_])]
@@ -115,7 +115,7 @@ def wrench(cases: Cases) -> np.ndarray:
 
 
 def check(cases: Cases) -> None:
-    """ScenarioError if the cases are no tests: shapes, signs, a load that does not push along the joint."""
+    """Raise ScenarioError for invalid cases: shapes, signs, a load that does not push along the joint."""
 
     def require(condition, what: str, bound: str) -> None:
         bad = np.flatnonzero(~np.asarray(condition))

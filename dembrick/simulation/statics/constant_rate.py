@@ -1,8 +1,8 @@
-"""Constant-rate test, as the laboratory runs it (`push_at_constant_rate`): physical inertia, moving geometry.
+"""Constant-rate test, as in the laboratory (`push_at_constant_rate`): physical inertia, moving geometry.
 
 The head of the actuators moves at constant speed over a given travel; the record is the whole curve, past the peak.
-Dashpots are those of `critical_step.dashpots`: a part of the critical damping of each block, whatever the time step.
-If the bracket is no certified one, the load that is read off must be steady.
+Dashpots are those of `critical_step.dashpots`: a fraction of the critical damping of each block, whatever the time
+step. If the bracket is not certified, the load must be steady to count as the limit load.
 """
 
 from __future__ import annotations
@@ -56,28 +56,28 @@ if TYPE_CHECKING:
     from dembrick.scenario.controls import DisplacementControl
 
 ENOUGH = 20.0  # elastic slips of a joint: a travel on which most loads become steady
-LOOKS = 8  # on each way at whether the joints are still those of the start
-BOUNDS = 1000  # looks at the bounds of the load, over some of which these must hold still, whatever rows are written
-CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
+LOOKS = 8  # checks per segment whether the joints are still those of the start
+BOUNDS = 1000  # evaluations of the bounds of the load, over some of which these must be constant, whatever the rows
+CHUNK = 1 << 16  # steps of a constant-rate test between two checks of the clock
 
 
 def push_at_constant_rate(
     assembly: Assembly, protocol: Protocol, step_factor: float, session: Session | Observer | None = None
 ) -> Replay:
-    """Move the actuator head by a ``protocol``, one way or to and fro, with physical inertia; returns a Replay.
+    """Move the actuator head by a ``protocol``, one way or back and forth, with physical inertia; returns a Replay.
 
-    The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
-    V is the mean load of the last quarter of the travel; with ties, the load at its end. Raises DivergedError, and
-    NotConvergedError if the dead loads alone bring the blocks down, if no joint has given way at the end of a way
-    without a turn, if the load of an uncertified test without ties still rises or swings there, or where that of a
-    slow certified one swings wildly or stays far below its bracket.
+    The bracket follows from the record: a strict one is valid at any rate, and narrower at lower rates. If it is not
+    strict, V is the mean load of the last quarter of the travel; with ties, the load at its end. Raises DivergedError,
+    and NotConvergedError if the blocks collapse under the dead loads alone, if no joint has yielded at the end of a
+    monotonic test, if the load of an uncertified test without ties still rises or oscillates there, or if that of a
+    slow certified one oscillates wildly or stays far below its bracket.
     """
     session = Session.of(session)
     setup = Setup(assembly, tolerance=0.0, session=session)
     state = setup.state
     before, opening = SimpleNamespace(**joint_families.memory(state)), state.joints.opening.copy()
     if joint_families.follows_bending(state):
-        # inertia above the joint moves the pressure, and the friction with it
+        # inertia forces above the joint shift the pressure, and with it the friction
         setup.certificate = setup.certificate._replace(strict=False)
     damping = setup.dashpots()
     critical = damping.critical_time_step
@@ -98,7 +98,7 @@ def push_at_constant_rate(
     chunk = min(CHUNK, steps_wanted)
     frames_every = max(1, min(steps_wanted, output.rows) // output.frames)
     watched = assembly.control_points
-    # written where nobody reads it too: a tenth of the time, and one form of the loop to compile in place of two
+    # recorded even if it is not read: that takes a tenth of the time, and only one form of the loop is compiled
     recorder = Recorder(state, session, chunk, rows_every, frames_every, watched)
     setup.certificate = setup.certificate._replace(every=max(1, _steps(protocol, dt) // BOUNDS))
     energy, guard = new_energy(state), new_guard(assembly, state, steps_wanted)
@@ -153,7 +153,7 @@ def push_at_constant_rate(
         refuse_unsound(replay.yield_point, guard, pace, float(joint_families.reach(state).max()))
         if (said := swings(replay.yield_point, guard)) and session.report:
             session.report(said)
-    elif state.ties is not None:  # they may stretch for ever: V is what is carried at the end of the travel
+    elif state.ties is not None:  # they may stretch for ever: V is the load at the end of the travel
         replay.yield_point = at_the_end(replay.yield_point, setup.certificate)
     else:
         course = Course(travel, rate, calm, 1e-3 * setup.dead_strength())
@@ -162,7 +162,7 @@ def push_at_constant_rate(
 
 
 def _of_cycles(point: YieldPoint) -> YieldPoint:
-    """``point`` of a test that turns: a certified bracket is that of the first direction, else V is that at the end."""
+    """``point`` of a cyclic test: a certified bracket is that of the first direction, else V is that at the end."""
     if point.bracket == "certified":
         return point
     return replace(point, V=point.actuator_load, V_lower=point.actuator_load, V_upper=None, bracket="open")
@@ -176,7 +176,7 @@ def _steady(
     assembly: Assembly,
     state: State,
 ) -> YieldPoint:
-    """`steady`, and where it refuses because blocks have fallen, a word on that."""
+    """`steady`, with a message on the fall if it refuses because blocks have fallen."""
     try:
         return steady(point, guard, course, ahead)
     except NotConvergedError as error:
@@ -189,7 +189,7 @@ def _steady(
 def plan(
     assembly: Assembly, control: DisplacementControl, protocol: Protocol, step_factor: float, output: Output
 ) -> Plan:
-    """The plan of a test, without running any of it."""
+    """Plan of a test, without running any of it."""
     system = LoadSystem(assembly)
     dt = system.time_step(step_factor * system.dashpots().critical_time_step, _fastest(protocol))
     steps = _steps(protocol, dt)
@@ -215,7 +215,7 @@ def _steps(protocol: Protocol, dt: float) -> int:
 
 
 def _until(protocol: Protocol, dt: float, rows_every: int) -> np.ndarray:
-    """The steps (w,) at which the ways of a protocol end; turns are steps of which there is a row."""
+    """The steps (w,) at which the segments of a protocol end; each of them has a row."""
     if not protocol.cycles:
         return np.array([_steps(protocol, dt)])
     rows = np.maximum(np.round(protocol.seconds / (dt * rows_every)), 1.0)
@@ -223,7 +223,7 @@ def _until(protocol: Protocol, dt: float, rows_every: int) -> np.ndarray:
 
 
 def _looks(until: np.ndarray, steps: int) -> list[int]:
-    """Steps after which the joints are looked at: `LOOKS` on each way of a protocol, and the last step."""
+    """Steps after which the joints are checked: `LOOKS` on each segment of a protocol, and the last step."""
     begins = np.concatenate([[0], until[:-1]])
     looks = begins[:, None] + (until - begins)[:, None] * np.arange(1, LOOKS + 1) // LOOKS
     return [*looks.ravel().tolist()[:-1], steps]
@@ -235,8 +235,8 @@ def physical_inertia(assembly: Assembly) -> Inertia:
 
 
 def to_finite_motion(state: State) -> None:
-    """Turn the infinitesimal rotations of the dead-load equilibrium, and of runs before, into orientations; actuators
-    go on from where their points are by these."""
+    """Convert the infinitesimal rotations of the dead-load equilibrium, and of previous runs, into orientations, and
+    set the zero of the actuator displacements accordingly."""
     blocks, actuators = state.blocks, state.actuators
     blocks.orientation[:] = unit_quaternion(turned_by(blocks.rotation, blocks.orientation))
     blocks.rotation[:] = 0.0

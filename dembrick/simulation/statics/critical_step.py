@@ -1,11 +1,11 @@
-"""The critical time step of central differences, counted with contacts, actuators and dashpots.
+"""The critical time step of central differences, including contacts, actuators and dashpots.
 
 A spring of stiffness k on a mass m with a dashpot that adds beta times the spring force of the same increment is
 stable while w^2 dt^2 (1 + 2 beta) <= 4, w^2 = k/m, because the dashpot acts half a step late. Rotation and its
-coupling with translation count in full: the stiffness of a block is a 6 x 6 matrix, and for a slender or eccentric
+coupling with translation are included: the stiffness of a block is a 6 x 6 matrix, and for a slender or eccentric
 joint rocking governs, not translation.
 
-Where the time step is that of the fastest block, a dashpot in proportion to it hardly damps a block a hundred times as
+Dashpots in proportion to the time step of the fastest block hardly damp a block a hundred times as
 heavy, or on a joint a hundred times as soft, and steady sliding on point springs can then flutter: rocking changes the
 friction of the points, which rocks the block. With physical inertia every joint and the actuator therefore get dashpots
 for their own frequency.
@@ -43,7 +43,7 @@ def block_inertia(assembly: Assembly) -> np.ndarray:
 def greatest_frequency(state: State, inertia: np.ndarray, stiffness: np.ndarray) -> float:
     """Upper bound (rad/s) of the circular frequencies of the assembly with all joints closed and none slipping.
 
-    ``inertia`` and ``stiffness`` (n, 6, 6) are those of every block alone, with its neighbours held. Exact for blocks
+    ``inertia`` and ``stiffness`` (n, 6, 6) are those of every block alone, with its neighbours fixed. Exact for blocks
     that touch fixed blocks only; see :class:`_Coupled`.
     """
     lower = _inverse_factor(state, inertia)
@@ -70,7 +70,7 @@ class _Coupled:
 
     @classmethod
     def of(cls, state: State, lower: np.ndarray) -> _Coupled:
-        """Those of a state, scaled by ``lower`` (n, 6, 6), see `_inverse_factor`."""
+        """The couplings of a state, scaled by ``lower`` (n, 6, 6), see `_inverse_factor`."""
         joints, norms = [np.zeros(0, np.int64)], [np.zeros(0)]
         for some, blocks in couplings(state):
             a, b = state.joints.block_a[some], state.joints.block_b[some]
@@ -83,8 +83,8 @@ class _Coupled:
         return cls(state.blocks.free, every, a, b, np.concatenate(norms))
 
     def frequency(self, diagonal: np.ndarray, times: np.ndarray | None = None) -> float:
-        """Bound (rad/s) of the whole, given the greatest eigenvalue of each block alone (n,); ``times`` (j,) scales the
-        joints."""
+        """Bound (rad/s) of the frequencies of the assembly, given the greatest eigenvalue of each block alone (n,);
+        ``times`` (j,) scales the joints."""
         diagonal = diagonal[self.free]
         if not len(self.joints):
             return math.sqrt(diagonal.max())
@@ -99,7 +99,7 @@ class _Coupled:
             np.add.at(y, a, norms * x[b])
             np.add.at(y, b, norms * x[a])
             bound = min(bound, float((y / x).max()))
-            # the shift keeps x positive and the iteration from swinging between two halves of the graph
+            # the shift keeps x positive, and the iteration from oscillating between two halves of the graph
             x = y + bound * x
             x /= x.max()
         return math.sqrt(bound)
@@ -119,7 +119,8 @@ def _greatest_eigenvalues(lower: np.ndarray, stiffness: np.ndarray) -> np.ndarra
 
 @dataclass(frozen=True)
 class Dashpots:
-    """Dashpots over springs as times (s), force = stiffness x time x velocity, and the critical time step (s)."""
+    """Ratios of dashpots to springs as times (s), force = stiffness x time x velocity, and the critical time step
+    (s)."""
 
     joints: np.ndarray
     actuator: float
@@ -127,7 +128,7 @@ class Dashpots:
 
 
 def dashpots(state: State, inertia: np.ndarray, actuator: np.ndarray) -> Dashpots:
-    """Dashpots for physical inertia (n, 6, 6), each for DAMPING_RATIO of the frequency at which it moves its blocks.
+    """Dashpots for physical inertia (n, 6, 6), each with DAMPING_RATIO at the frequency at which it moves its blocks.
 
     That is the greatest of a block on this joint and the actuator alone; for the actuator, on it and all its joints.
     ``actuator`` (n, 6, 6) is the stiffness that the actuator adds to the loaded blocks. With springs K and dashpots C

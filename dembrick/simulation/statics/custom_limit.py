@@ -1,11 +1,11 @@
-"""Search for the limit load of blocks whose joints follow a law of the user's own (`find_peak`).
+"""Search for the limit load of blocks whose joints follow a user-defined law (`find_peak`).
 
-No theorem bounds what such a law carries, so nothing is certified: the blocks are pushed with artificial inertia, step
-by step, until the load is steady or has fallen to `FALLEN` of its peak, and again at half the pace, until the peak
-stays. Inertia, dashpots and what the law misses within a step are all of the order of the pace once the peak is
-`RESOLVED` steps away, so twice what the last halving changed is the bar. A block that begins to move lets the load
-swing over what it then carries, less and less at a slower pace; where the load settles within the tolerance below its
-peak, which of both is the limit nobody can tell, and the bar takes both in.
+No theorem bounds the strength of such a law, so nothing is certified: the blocks are pushed with artificial inertia,
+step by step, until the load is steady or has fallen to `FALLEN` of its peak, and again at half the rate, until the peak
+no longer changes. The errors from inertia, dashpots and step length are all of the order of the rate once the peak is
+`RESOLVED` steps away, so twice the change by the last halving is the error bar. When a block begins to move, the load
+overshoots, less and less at a lower rate; if it settles within the tolerance below its peak, either may be the limit,
+and the error bar includes both.
 """
 
 from __future__ import annotations
@@ -43,23 +43,23 @@ from dembrick.simulation.statics.yield_point import YieldPoint, read_off
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-FALLEN = 0.05  # of the peak: a load that fell so far has had it
-HALVINGS = 15  # of the pace, at most
-RESOLVED, FINEST = 50, 100_000  # steps to a peak: fewer tell nothing of the pace, and with more it is not halved again
-MOST_STEPS = 200_000  # of a push at the whole pace
-BAR = 2.0  # times what the last halving of the pace changed
-BEHIND = 4.0  # tolerances below a peak, a steady load is another one than that of the peak
-STEADY = 0.1  # of the tolerance: what a load that counts as steady may still gain, at most; no bar is narrower
+FALLEN = 0.05  # of the peak: a load that has fallen so far is past its peak
+HALVINGS = 15  # of the rate, at most
+RESOLVED, FINEST = 50, 100_000  # steps to a peak: with fewer it does not count, with more the rate is not halved again
+MOST_STEPS = 200_000  # of a push at the full rate
+BAR = 2.0  # times the change by the last halving of the rate
+BEHIND = 4.0  # tolerances below the peak: a steady load below that is a residual strength of its own
+STEADY = 0.1  # of the tolerance: what a load that counts as steady may still gain; least error bar
 RECORDED = 4096  # steps of a chunk of the push that is recorded
 SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
-GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
-FLUCTUATION_DAMPING = 0.2  # the part of a velocity's fluctuation that a step takes away, where the load tilts a block
+GENTLY = 0.3  # of that, if the load tilts a block, which a fast head sets rocking as it slides
+FLUCTUATION_DAMPING = 0.2  # share of the velocity fluctuations that a step removes, if the load tilts a block
 
 
 @dataclass
 class _Push:
-    """One push: V of its peak (N), the state there, when it was and how far the head had come (m), the load at its end,
-    its steps, and whether it ended by itself."""
+    """One push: V of its peak (N), and the state, step and driven displacement (m) there; the load at its end, its
+    steps, and whether it ended by itself."""
 
     V: float
     state: State
@@ -71,10 +71,10 @@ class _Push:
 
 
 def find_peak(assembly: Assembly, tolerance: float, step_factor: float, session: Session | None = None) -> Replay:
-    """Push until the peak of V is known within ``tolerance`` of it (relative half-width).
+    """Push until the peak of V is known within ``tolerance`` (relative half-width).
 
-    Raises NotConvergedError where the load neither falls nor comes to rest, or the peak does not stay; ScenarioError if
-    free blocks touch each other, are tied or guided; and what the dead loads raise.
+    Raises NotConvergedError if the load neither falls nor becomes steady, or the peak keeps changing; ScenarioError if
+    free blocks touch each other, are tied or guided; and the errors of the dead-load equilibrium.
     """
     session = Session.of(session)
     found: list[float] = []
@@ -120,18 +120,18 @@ def _loop(assembly: Assembly, tolerance: float, step_factor: float, pace: float)
     state = setup.state
     guard, nobody = new_guard(assembly, state), Session.of(None)
     loop = Loop(dt, state, inertia, None, drive, setup.certificate, new_energy(state), guard)
-    # written where nobody reads it too: one form of the loop to compile in place of two
+    # recorded even if it is not read, so that only one form of the loop is compiled
     loop.record = Recorder(state, nobody, 2, rows_every=1 << 40, frames_every=1 << 20).record
     return setup, loop, setup.dashpots().critical_time_step
 
 
 def _eta(step_factor: float) -> float:
-    """Frequencies of the scaled blocks times the time step; actuator and dashpots bring the critical one below 2."""
+    """Frequency of the scaled blocks times the time step; actuator and dashpots lower its critical value below 2."""
     return float(step_factor * critical_time_step(math.sqrt(1.0 + ACTUATOR_STIFFNESS), VISCOUS))
 
 
 def _inertia_and_drive(setup: Setup, step_factor: float) -> tuple[float, ScaledInertia, Drive]:
-    """The time step of a search with artificial inertia (s), that inertia, and the actuators at their pace."""
+    """The time step of a search with artificial inertia (s), that inertia, and the actuators at their full rate."""
     dt = step_factor * setup.dashpots().critical_time_step
     inertia = inverse_inertia(setup.state, setup.stiffness * (dt / _eta(step_factor)) ** 2)
     scale = rough_strength(setup.state, setup.certificate, setup.load) * setup.compliance / setup.weight
@@ -143,8 +143,8 @@ def _inertia_and_drive(setup: Setup, step_factor: float) -> tuple[float, ScaledI
 
 
 class _Carried:
-    """The load that the springs of the joints carry in the motion of a step, by virtual work: without the inertia and
-    the dashpots of the search, which make the actuators' V swing over its peak."""
+    """Load carried by the springs of the joints in the motion of a step, by virtual work: without the inertia and the
+    dashpots of the search, which make the V of the actuators overshoot."""
 
     def __init__(self, setup: Setup):
         self._state, self._load = setup.state, setup.load
@@ -179,7 +179,7 @@ def _push(assembly: Assembly, tolerance: float, step_factor: float, pace: float)
         if V > peak.V:
             peak.V, peak.at, peak.driven, rising = V, loop.step, float(now.displacement), True
         elif rising:
-            peak.state, rising = copy_of(setup.state), False  # the first step behind it, where all moves as at it
+            peak.state, rising = copy_of(setup.state), False  # one step past the peak, where the motion is the same
         if now.load < FALLEN * peak.V:
             break
     refuse_divergence(status, assembly, setup.state, loop.step, loop.dt, critical)
@@ -192,7 +192,7 @@ def _push(assembly: Assembly, tolerance: float, step_factor: float, pace: float)
 def _recorded(
     assembly: Assembly, tolerance: float, step_factor: float, pace: float, session: Session, push: _Push, bar: float
 ) -> Replay:
-    """The last push once more, with its record, and the yield point of its peak."""
+    """Repeat the last push with its record; return the yield point of its peak."""
     setup, loop, critical = _loop(assembly, tolerance, step_factor, pace)
     state = setup.state
     rows_every = max(1, push.steps // session.output.rows)

@@ -1,13 +1,13 @@
 """The elastic stiffness of a whole assembly, factorised: all joints closed, none slipping.
 
-As an artificial inertia it lets all modes of an assembly swing together, the long ones of a tower as fast as those of
+As an artificial inertia it gives all modes of an assembly the same frequency, the long ones of a tower as those of
 one block, which the stiffness of each block by itself cannot do.
 
-Elements that couple the blocks in the equations of equilibrium: joints, then ties, then guides.
+The elements that couple the blocks in the equations of equilibrium are joints, then ties, then guides.
 
-A guide is an element between a block and the ground that no force can stretch. Where it acts, the out-of-balance is
-its own to bear (`kernels.statics.block_forces.hold`), so that its stiffness only keeps the equations from answering
-there: what they move along it is `RIGID` times less than what they move elsewhere.
+A guide is a rigid element between a block and the ground. In its direction it carries the out-of-balance force
+(`kernels.statics.block_forces.hold`), so its stiffness only suppresses motion in the equations: motion along it is
+`RIGID` times less than elsewhere.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SINGULAR = 1e-13  # of a diagonal entry: a pivot below this is rounding
 
 
 def touches_itself(state: State) -> bool:
-    """Whether any free block touches another one, is tied, or held by a guide."""
+    """Whether any free block touches another free block, has a tie, or a guide."""
     if state.ties is not None or len(state.blocks.guided):
         return True
     free = np.zeros(len(state.blocks.displacement), bool)
@@ -48,7 +48,7 @@ def equations(state: State, position: np.ndarray) -> Pattern:
 def elastic_factor(state: State, position: np.ndarray) -> Factors:
     """LU factors of the elastic stiffness of blocks whose centroids stand at ``position`` (n, 3) m.
 
-    Ties count where they are tight now. Raises ScenarioError if the joints, closed and sticking, do not hold every
+    Ties contribute if they are taut now. Raises ScenarioError if the joints, closed and sticking, do not hold every
     free block, and if the equations of a search would not fit into the memory.
     """
     joints, free, began = state.joints, state.blocks.free, time.perf_counter()
@@ -93,7 +93,7 @@ RIGID = 1e18  # times the stiffness of the block on its joints
 
 def ends(state: State, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``a`` and ``b``, of the joints, followed by those of the ties and of the guides: block numbers, or matrices
-    (6, 6) of what ends see of the motion of their blocks."""
+    (6, 6) from the motion of blocks to that of the ends of elements."""
     found, guided = [(a, b)], state.blocks.guided
     if state.ties is not None:
         of_ties = state.ties
@@ -113,7 +113,7 @@ def ground(state: State) -> int:
 
 
 def stiffness(state: State) -> np.ndarray:
-    """Stiffness (e, 6, 6) of all elements: of the joints, of the ties that are tight now, and of the guides."""
+    """Stiffness (e, 6, 6) of all elements: of the joints, of the ties that are taut now, and of the guides."""
     found, blocks = [joint_families.stiffness(state)], state.blocks
     if state.ties is not None:
         found.append(ties.tangent(state.ties))

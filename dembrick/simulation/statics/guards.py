@@ -1,14 +1,14 @@
-"""The guards of a run in words: what the time loop watches, and what is said when it stops.
+"""Guards of a run: quantities that the time loop monitors, and messages when it stops.
 
-Whether the load of a constant-rate test has settled: only a steady load is a limit load.
+They also decide whether the load of a constant-rate test is steady: only a steady load is a limit load.
 
-The curve of an uncertified test may still rise when its travel ends, or swing about what it would be at rest: the mean
-of neither is a limit load. The time loop sums V and its square over even stretches of the travel (``kernels.guard``). A
-load that falls after its peak is no error: V is then what the blocks still carry.
+The load of an uncertified test may still rise at the end of its travel, or oscillate about its static value: the mean
+of neither is a limit load. The time loop sums V and its square over equal stretches of the travel (``kernels.guard``).
+A load that falls after its peak is no error: V is then the residual load.
 
-The limit load is defined in the geometry of the start, and the head has moved on from there. By how much V drifts on
-its way is known from the second half of the travel; back to its start, that is part of the bracket. Where blocks rock,
-the strip that presses shrinks meanwhile with the root of the tilt, and hides the drift: V has both as terms.
+The limit load is defined in the geometry of the start, and the head has moved away from it. The drift of V during the
+travel is known from its second half; extrapolated back to the start, it is part of the bracket. While blocks rock, the
+pressed strip shrinks with the root of the tilt, which hides the drift: the fit of V has both as terms.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 
-DROPPED = 0.5  # of the least dimension of a block: one that has come down by more has fallen
-LESS = 0.01  # of the area of a joint: where it has lost more over an edge, a test that takes it as whole says so
-OVERHANG = 0.05  # and where more than that, it is refused
-OVERLAP = 1e-3  # of a block's diameter: how deep two that have no joint may be in each other in such a test
-STILL_THERE = 1e-3  # of the least dimension: blocks that have moved no further have the joints of the start
+DROPPED = 0.5  # of the least dimension of a block: a block that has dropped by more has fallen
+LESS = 0.01  # of the area of a joint: a test that ignores a greater loss of area over an edge reports it
+OVERHANG = 0.05  # and refuses if the loss is greater than this
+OVERLAP = 1e-3  # of a block's diameter: greatest overlap of blocks without a joint in such a test
+STILL_THERE = 1e-3  # of the least dimension: for smaller displacements the joints are those of the start
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
-LOOK = 64  # steps between two looks at the energy, at most; a power of two
+LOOK = 64  # steps between two checks of the energy, at most; a power of two
 STRETCHES = 64  # of a constant-rate test, over which its load is summed
 
 
@@ -66,7 +66,7 @@ def new_guard(assembly: Assembly, state: State, steps: int | None = None) -> Gua
 
 
 def refuse_divergence(status: int, assembly: Assembly, state: State, steps: int, dt: float, critical: float) -> None:
-    """DivergedError if a guard ended the run: which block, at which joint, when, and the time step it was made with.
+    """Raise DivergedError if a guard ended the run, with the block, its joint, the time and the time step.
 
     ``status`` is that of the loop, ``critical`` the critical time step (s).
     """
@@ -94,8 +94,8 @@ def refuse_divergence(status: int, assembly: Assembly, state: State, steps: int,
 
 
 def came_down(assembly: Assembly, state: State) -> str | None:
-    """A sentence on the free blocks that lie lower than they were by more than half of their least dimension, as after
-    a fall that joints of the start know nothing of; None without any."""
+    """Message on free blocks that have dropped by more than half of their least dimension, as in a fall, beyond which
+    the joints of the start are not valid; None without any."""
     weight = float(np.linalg.norm(assembly.gravity))
     if not weight > 0.0:
         return None
@@ -114,9 +114,9 @@ def came_down(assembly: Assembly, state: State) -> str | None:
 
 
 def other_joints(assembly: Assembly, state: State, travel: float) -> str | None:
-    """A remark on the joint that has lost most of its area over an edge once the head has travelled so far (m), if that
-    is more than `LESS`; a test at a constant rate takes joints as whole. NotConvergedError if it is more than
-    `OVERHANG`, or if blocks meet that have no joint, of which such a test knows nothing."""
+    """Remark on the joint that has lost the greatest share of its area over an edge after a ``travel`` (m) of the head,
+    if that is more than `LESS`, as a constant-rate test does not cut joints. Raises NotConvergedError if it is more
+    than `OVERHANG`, or if blocks without a joint meet, as such a test detects no new contacts."""
     least = min(float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes)
     if not _farthest(assembly, state) > STILL_THERE * least:
         return None
@@ -144,8 +144,8 @@ def other_joints(assembly: Assembly, state: State, travel: float) -> str | None:
 
 
 def in_the_way(assembly: Assembly, state: State, factor: float) -> str | None:
-    """A word on what a travel that is longer by ``factor`` leads to, if blocks go on as they went, and a test at a
-    constant rate knows nothing of: blocks that meet, or a joint that hangs over an edge; None if nothing."""
+    """Remark on what would invalidate a constant-rate test if its travel were longer by ``factor``, with the motion
+    extrapolated: blocks that meet, or a joint that hangs over an edge; None if nothing."""
     blocks, start = state.blocks, np.asarray(assembly.orientation)
     for part in np.geomspace(1.0, factor, 1 + math.ceil(math.log2(factor))).tolist():
         turned = start + part * (blocks.orientation - start)
@@ -161,7 +161,7 @@ def in_the_way(assembly: Assembly, state: State, factor: float) -> str | None:
 
 
 def _farthest(assembly: Assembly, state: State) -> float:
-    """How far any point of a block has moved from its start (m), at most."""
+    """Upper bound of the displacement of any point of a block (m)."""
     blocks = state.blocks
     reach = np.array([float(np.linalg.norm(shape.vertices, axis=1).max()) for shape in assembly.shapes])
     turned = np.abs((blocks.orientation * assembly.orientation).sum(axis=1)).clip(0.0, 1.0)
@@ -169,8 +169,8 @@ def _farthest(assembly: Assembly, state: State) -> float:
 
 
 def meeting(assembly: Assembly, state: State) -> tuple[float, tuple[int, ...]]:
-    """How deep (m) the two blocks overlap that do so most, of those whose parts have no joint between them, and which;
-    none where that is what they did at the start, or less than `OVERLAP` of the smaller one."""
+    """Greatest overlap (m) of two blocks whose parts have no joint between them, and their numbers; none if they
+    overlapped as much at the start, or by less than `OVERLAP` of the smaller one."""
     joints, start = JointTable.of(assembly.joints), np.asarray(assembly.position)
     before = bodies_of(assembly.shapes, start, rotation_matrix(assembly.orientation))
     bodies = before.moved(start + state.blocks.displacement, rotation_matrix(state.blocks.orientation))
@@ -189,7 +189,7 @@ def meeting(assembly: Assembly, state: State) -> tuple[float, tuple[int, ...]]:
 
 
 def overhang(assembly: Assembly, state: State) -> np.ndarray:
-    """Part (j,) of the area of each joint that no longer lies on the other's face, where the blocks are now."""
+    """Part (j,) of the area of each joint that no longer lies on the face of the other block."""
     joints, blocks = JointTable.of(assembly.joints), state.blocks
     at_start, now = (rotation_matrix(q) for q in (assembly.orientation, blocks.orientation))
     place = np.asarray(assembly.position) + blocks.displacement
@@ -211,7 +211,7 @@ def overhang(assembly: Assembly, state: State) -> np.ndarray:
 
 def _faces(shape: Shape, part: int, outward: np.ndarray, axes: np.ndarray) -> list[np.ndarray]:
     """Corners (m, 2), along two ``axes`` of the body and counter-clockwise about their normal, of the face of a
-    ``part`` that looks ``outward``, and of those of other parts that lie in one plane with it."""
+    ``part`` with the normal ``outward``, and of coplanar faces of other parts."""
     found, parts = [], parts_of(shape)
     middle, own = parts[part]
     level = float(((middle + own.vertices) @ outward).max())
@@ -226,13 +226,13 @@ def _faces(shape: Shape, part: int, outward: np.ndarray, axes: np.ndarray) -> li
 
 
 def _common_area(polygon: np.ndarray, face: np.ndarray) -> float:
-    """Area (m2) that a polygon and a face, both convex and counter-clockwise, have in common."""
+    """Area (m2) of the intersection of a polygon and a face, both convex and counter-clockwise."""
     corners, count = clip(polygon[None], face[None])
     return float(area(corners[0, : count[0]])) if count[0] else 0.0
 
 
 def _most_energy(assembly: Assembly, state: State) -> int:
-    """The free block that moves with most kinetic energy, by its physical inertia."""
+    """The free block with the greatest kinetic energy, by its physical inertia."""
     blocks, free = state.blocks, state.blocks.free
     moment = np.trace(np.asarray(assembly.inertia)[free], axis1=1, axis2=2) / 3.0
     energy = np.asarray(assembly.mass)[free] * (blocks.velocity[free] ** 2).sum(axis=1)
@@ -240,7 +240,7 @@ def _most_energy(assembly: Assembly, state: State) -> int:
 
 
 def _joint_of(b: int, assembly: Assembly, joints) -> str:
-    """The joint of block ``b`` that carries most, or that carries no number."""
+    """The joint of block ``b`` with the greatest force, or with one that is not finite, for a message."""
     mine = np.flatnonzero((joints.block_a == b) | (joints.block_b == b))
     if not len(mine):
         return "no joint"
@@ -249,13 +249,13 @@ def _joint_of(b: int, assembly: Assembly, joints) -> str:
     return f"joint {assembly.names[joints.block_a[j]]}-{assembly.names[joints.block_b[j]]}"
 
 
-STEADY = 1e-2  # of the mean load: swing (rms) and missing growth that are let pass
-MISSING = 5.5  # times the growth from the third to the last quarter: what 1 - c/sqrt(u) still lacks
-DRIFT = 1.5  # times the drift from the start of the travel: what is in it beside the terms that it is fitted with
-SLOW = 0.1  # elastic slips per critical time step: a head that is no faster cannot make a load swing
-NEAR = 1e-2  # of the joint's reach: a block that has moved no further is where its limit load is defined
-WILD = 0.1  # of the load: a swing (rms), or a want of load, that no slow test of a sound integration has
-LESS_FAST = 0.1  # times the rate, at most, that is advised; times that slow one, a load that swings has no more to lose
+STEADY = 1e-2  # of the mean load: accepted oscillation (rms) and missing growth
+MISSING = 5.5  # times the growth from the third to the last quarter: growth still to come of 1 - c/sqrt(u)
+DRIFT = 1.5  # factor on the fitted drift since the start of the travel, for what the fit does not include
+SLOW = 0.1  # elastic slips per critical time step: a slower head does not make the load oscillate
+NEAR = 1e-2  # of the joint's reach: displacement within which the geometry is that of the start
+WILD = 0.1  # of the load: oscillation (rms), or deficit of load, beyond which the integration of a slow test is unsound
+LESS_FAST = 0.1  # greatest rate that is advised over the present one; of the slow rate: no slower head helps
 TWICE, MOST = 2.0, 100.0  # times the travel: the least and the most that is advised at once
 ROUNDING = 1e-9  # of the first digit
 BY_SEARCH = 'take control.kind = "yield", which finds the limit load in the geometry of the start'
@@ -263,8 +263,8 @@ FEWEST = 8  # stretches of the travel that must have been summed
 
 
 def _late(guard: Guard) -> tuple[float, float, float]:
-    """Over the second half of the travel: swing of the load about its linear trend (rms), the trend's end, and what it
-    would gain over the whole travel (N)."""
+    """Over the second half of the travel: oscillation of the load about its linear trend (rms), the end of the trend,
+    and its gain over the whole travel (N)."""
     steps, mean, square = guard.load[guard.load[:, 0] > 0.0].T
     mean, square = mean / steps, square / steps
     done = (np.cumsum(steps) - 0.5 * steps) / steps.sum()
@@ -278,10 +278,10 @@ def _late(guard: Guard) -> tuple[float, float, float]:
 
 
 def _rocking_limit(guard: Guard) -> float:
-    """A of the load A + B / sqrt(u) + C u over the second half of the way u (N).
+    """A (N) of the load A + B / sqrt(u) + C u fitted over the second half of the travel u.
 
-    C u is what a rigid block loses as it turns. The strip on which it turns has the length sqrt(2 N / (k_n b theta)),
-    and N acts a third of that inside the edge: the term of B.
+    C u is the loss of load of a rigid block as it turns. The strip on which it turns has the length
+    sqrt(2 N / (k_n b theta)), and N acts a third of that inside the edge: the term of B.
     """
     steps, sums = guard.load[guard.load[:, 0] > 0.0].T[:2]
     done = (np.cumsum(steps) - 0.5 * steps) / steps.sum()
@@ -291,10 +291,11 @@ def _rocking_limit(guard: Guard) -> float:
 
 
 def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -> None:
-    """NotConvergedError if the curve of a slow certified test is none: its load swings, or stays below the bracket.
+    """Raise NotConvergedError if the curve of a slow certified test is unsound: its load oscillates, or stays below the
+    bracket.
 
-    ``pace``: elastic slips of the head per critical time step, ``reach`` (m) of the joint. A fast test may swing, and a
-    block that has moved far may carry less; the bracket of the start holds all the same.
+    ``pace``: elastic slips of the head per critical time step, ``reach`` (m) of the joint. The load of a fast test may
+    oscillate, and a block that has moved far may carry less; the bracket of the start is valid all the same.
     """
     if pace > SLOW or point.displacement > NEAR * reach or np.count_nonzero(guard.load[:, 0]) < FEWEST:
         return
@@ -309,8 +310,8 @@ def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -
 
 
 def swings(point: YieldPoint, guard: Guard) -> str | None:
-    """A remark on the curve of a certified test whose load swings, as that of a joint that sticks and slips; else None.
-    The bracket holds all the same."""
+    """Remark on the curve of a certified test whose load oscillates, as in stick-slip; else None. The bracket is valid
+    all the same."""
     if np.count_nonzero(guard.load[:, 0]) < FEWEST:
         return None
     swing = _late(guard)[0]
@@ -323,8 +324,8 @@ def swings(point: YieldPoint, guard: Guard) -> str | None:
 
 
 class Course(NamedTuple):
-    """How a constant-rate test went: its ``travel`` (m) and ``rate`` (m/s), the slower one at which no head makes a
-    load swing, over that load (m/s/N), and a load that counts as none (N)."""
+    """Data of a constant-rate test: its ``travel`` (m) and ``rate`` (m/s), the rate below which the load does not
+    oscillate over that load (``calm``, m/s/N), and the load below which it counts as zero (``least``, N)."""
 
     travel: float
     rate: float
@@ -333,20 +334,20 @@ class Course(NamedTuple):
 
 
 def slower(rate: float) -> str:
-    """The advice to lower the rate to this (m/s), to one digit, rounded down."""
+    """Advice to lower the rate to this (m/s), to one digit, rounded down."""
     digit = 10.0 ** math.floor(math.log10(rate) + ROUNDING)
     return f"lower control.rate, say to {digit * math.floor(rate / digit + ROUNDING):.1g} m/s"
 
 
 def longer(travel: float, factor: float) -> str:
-    """The advice to make a ``travel`` (m) longer by ``factor``, to one digit, rounded up."""
+    """Advice to lengthen a ``travel`` (m) by ``factor``, to one digit, rounded up."""
     wanted = factor * travel
     digit = 10.0 ** math.floor(math.log10(wanted))
     return f"lengthen control.travel, say to {digit * math.ceil(wanted / digit - ROUNDING):.1g} m"
 
 
 def further(travel: float, factor: float, ahead: Callable[[float], str | None]) -> str:
-    """The advice to make a ``travel`` (m) longer by ``factor``, or to do without where something is in the way."""
+    """Advice to lengthen a ``travel`` (m) by ``factor``, or another one if something is in the way."""
     way = ahead(factor)
     return f"on a longer travel {way}: {BY_SEARCH}" if way else longer(travel, factor)
 
@@ -354,12 +355,13 @@ def further(travel: float, factor: float, ahead: Callable[[float], str | None]) 
 def steady(
     point: YieldPoint, guard: Guard, course: Course, ahead: Callable[[float], str | None] = lambda factor: None
 ) -> YieldPoint:
-    """``point`` with the mean load of the last quarter for its V; NotConvergedError if the load is not steady.
+    """``point`` whose V is the mean load of the last quarter; NotConvergedError if the load is not steady.
 
-    The bracket holds V, and what it would have been in the geometry of the start. What is let pass is not less than a
-    part of the least load of the ``course``. A head that is faster than `SLOW` makes a load swing, and a slower one
-    does not, whatever the travel. What a load that still rises lacks falls with the root of the travel, which tells how
-    long it must be, unless something is in the way that far ``ahead`` (a sentence, for a travel longer by a factor).
+    The bracket includes V and its extrapolation to the geometry of the start. The tolerance on oscillation and growth
+    is relative to V, or to the least load of the ``course`` if that is more. A head faster than `SLOW` makes the load
+    oscillate, a slower one does not, whatever the travel. The growth still to come of a rising load falls with the root
+    of the travel, which tells how long it must be, unless something is in the way that far ``ahead`` (returns a remark
+    for a travel longer by a factor).
     """
     steps, mean, square = guard.load[guard.load[:, 0] > 0.0].T
     travel = course.travel

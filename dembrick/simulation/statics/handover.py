@@ -1,4 +1,4 @@
-"""States from which quasi-static runs go on, that of the run before first of all, and in which they come to rest."""
+"""Initial states of quasi-static runs, above all those that a previous run has left, and states at rest."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.stages import TiesBefore
 
-FALLEN = 0.2  # of a joint's reach: how far blocks that fall have moved when they are shown
+FALLEN = 0.2  # of a joint's reach: displacement of falling blocks in the final state
 MOVING = ("displacement", "rotation", "velocity", "spin", "force", "torque", "guide")  # fields of blocks, and of joints
 CARRYING = ("relative", "opening", "step", "tilt", "resultant")  # that relaxation changes
 
 
 def starting_state(assembly: Assembly, left: State | None, before: TiesBefore | None = None) -> State:
-    """The state at the start of a run: that of the geometry, or what another run of the same blocks has ``left``.
+    """Initial state of a run: that of the geometry, or the state that another run of the same blocks has ``left``.
 
-    Displacements and rotation vectors count from the geometry of the start. ``before``: which of its ties stay. Raises
-    ScenarioError if the joints of both are not the same.
+    Displacements and rotation vectors are measured from the geometry of the start. ``before``: which of its ties stay.
+    Raises ScenarioError if the joints of both differ.
     """
     state = initial_state(assembly)
     if left is None:
@@ -45,8 +45,8 @@ def starting_state(assembly: Assembly, left: State | None, before: TiesBefore | 
 
 
 def moved_before(assembly: Assembly, left: State | None) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements (n, 3; m) and rotation vectors (n, 3) that a run of the same blocks has ``left``; zeros if none
-    has."""
+    """Displacements (n, 3; m) and rotation vectors (n, 3) in the state that a run of the same blocks has ``left``;
+    zeros if there is none."""
     if left is None:
         none = np.zeros((len(assembly.names), 3))
         return none, none
@@ -54,14 +54,14 @@ def moved_before(assembly: Assembly, left: State | None) -> tuple[np.ndarray, np
 
 
 def turned_since_the_start(assembly: Assembly, left: State) -> np.ndarray:
-    """Rotation vectors (n, 3) of what a run with finite rotations has put into the orientations of its blocks."""
+    """Rotation vectors (n, 3) of the finite rotations that a run stores in the orientations of its blocks."""
     before, now = assembly.orientation, left.blocks.orientation
     turn = rotation_vector(quaternion_product(now, before * [1.0, -1.0, -1.0, -1.0]))
     return np.where((now == before).all(axis=1, keepdims=True), 0.0, turn)
 
 
 def _remember(state: State, left: State) -> None:
-    """Give the joints of ``state`` the memory of those of ``left``."""
+    """Copy the history of the joints of ``left`` to those of ``state``."""
     own, given = joint_families.memory_arrays(state), joint_families.memory_arrays(left)
     if {name: array.shape for name, array in own.items()} != {name: array.shape for name, array in given.items()}:
         raise ScenarioError(OTHER_JOINTS)
@@ -70,7 +70,7 @@ def _remember(state: State, left: State) -> None:
 
 
 def put_back(arrays: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    """Write into each array what goes with it."""
+    """Write into each array the values that are paired with it."""
     for array, values in arrays:
         array[...] = values
 
@@ -82,13 +82,13 @@ def carried(state: State) -> np.ndarray:
 
 
 def depends_on_size(state: State) -> bool:
-    """Whether a tie's prestress or strength makes the answer to all loads no multiple of that to a part of them."""
+    """Whether a tie's prestress or strength makes the response not proportional to the loads."""
     found = state.ties
     return found is not None and bool(found.prestress.any() or (np.abs(found.tension) >= found.strength).any())
 
 
 def come_to_rest(state: State) -> None:
-    """Let nothing move any more in a state whose forces balance."""
+    """Set all velocities to zero in a state in equilibrium, and update the history of its ties."""
     blocks, joints = state.blocks, state.joints
     ties.remember(state)
     for array in (blocks.velocity, blocks.spin, joints.step, joints.tilt):
@@ -96,7 +96,7 @@ def come_to_rest(state: State) -> None:
 
 
 def show_falling(state: State) -> None:
-    """Bring blocks that fall back along their way, which has no end, to where their mechanism is seen."""
+    """Scale the unbounded displacements of falling blocks down to a size that shows their mechanism."""
     blocks, joints = state.blocks, state.joints
     reach = float(joint_families.reach(state).max())
     moved = np.linalg.norm(blocks.displacement, axis=1) + reach * np.linalg.norm(blocks.rotation, axis=1)
@@ -106,7 +106,7 @@ def show_falling(state: State) -> None:
 
 
 def changing(state: State) -> Iterator[np.ndarray]:
-    """Arrays of a state that relaxation may change, and so all that a new start needs."""
+    """Arrays of a state that relaxation may change, and that a new start must restore."""
     for part, fields in ((state.blocks, MOVING), (state.joints, CARRYING)):
         for name in fields:
             yield getattr(part, name)

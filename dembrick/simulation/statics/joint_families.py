@@ -1,7 +1,7 @@
-"""The joint families of a state of the searches: which of them a scene has is asked here.
+"""Joint families in statics: functions over all joints of a state, whatever families it has.
 
-A family is a module (`point_joints`, `area_joints`) with one set of functions, and a field of `State`; its kernels are
-the module of the same name in `kernels.statics`.
+A family is a module (`point_joints`, `area_joints`) with a common set of functions, and a field of `State`; its kernels
+are the module of the same name in `kernels.statics`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from dembrick.simulation.statics import area_joints, point_joints
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-MANY = 0.1  # of the bonds that bear too much: so many may go at once
-ALIKE = 1e-6  # of the loads: bonds that bear too much as early as another
+MANY = 0.1  # of the overloaded bonds: so many may break at once
+ALIKE = 1e-6  # of the loads: bonds that fail within this of another break with it
 FAMILIES: dict[str, ModuleType] = {"points": point_joints, "areas": area_joints}  # fields of a state
 
 
@@ -53,7 +53,7 @@ def present(state) -> Iterator[tuple[ModuleType, Any]]:
 
 
 def number(state) -> int:
-    """The number of the only family of a scene, as kernels count them."""
+    """The number by which kernels know the only family of a scene."""
     return POINTS if state.areas is None else AREAS
 
 
@@ -96,17 +96,17 @@ def torsion_radius(state) -> np.ndarray:
 
 
 def entries(state) -> int:
-    """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
+    """Number of contact entries that the kernels process per evaluation: a measure of their time."""
     return sum(module.entries(joints) for module, joints in present(state))
 
 
 def contact_points(state) -> int:
-    """How many contact points the joints have."""
+    """Number of contact points of all joints."""
     return 0 if state.points is None else len(state.points.k_n)
 
 
 def slip_twists(state) -> np.ndarray:
-    """Slip twist (j, 3) by which each joint gives way."""
+    """Slip twist (j, 3) of each joint in the last step."""
     found = state.joints.step.copy()
     for module, joints in present(state):
         found[joints.joint] = module.slip_twists(joints, found[joints.joint])
@@ -119,7 +119,7 @@ def follows_bending(state) -> bool:
 
 
 def memory(state) -> dict[str, Any]:
-    """Memory of the joints: for every field of `FAMILIES` a copy with its own memory, or None."""
+    """History of the joints: for every field of `FAMILIES` a copy with its own history, or None."""
     found = dict.fromkeys(FAMILIES)
     for name, module in FAMILIES.items():
         joints = getattr(state, name)
@@ -129,7 +129,7 @@ def memory(state) -> dict[str, Any]:
 
 
 def changing(state) -> Iterator[np.ndarray]:
-    """Arrays of the joints that a step may change: their memory, and what was found from where they are."""
+    """Arrays of the joints that a step may change: their history, and results of the last evaluation."""
     for module, joints in present(state):
         fields = (getattr(joints, name) for name in (*module.MEMORY, *module.FOUND))
         yield from arrays_of(value for value in fields if value is not None)
@@ -153,30 +153,30 @@ def memory_arrays(part) -> dict[str, np.ndarray]:
 
 
 def has_strengths(state) -> bool:
-    """Whether any joint has more strength than friction gives it, or dilates, or crushes."""
+    """Whether any joint has more strength than friction, or dilates, or crushes."""
     return any(joints.strengths is not None for _, joints in present(state))
 
 
 def is_custom(state) -> bool:
-    """Whether the joints follow a law of the user's own."""
+    """Whether the joints follow a user-defined law."""
     return state.points is not None and state.points.custom is not None
 
 
 def hold_bonds(state, held: bool) -> None:
-    """Let no bond break that would let go of something, or let bonds break again."""
+    """Keep bonds intact if their failure would lose strength (``held``), or let bonds break again."""
     for _, joints in present(state):
         if joints.strengths is not None:
             joints.strengths.held[:] = held
 
 
 def bonds(state) -> list[np.ndarray]:
-    """A copy of which bonds of each family hold."""
+    """Copies of the intact parts of the bonds of each family."""
     return [bonds.bonded.copy() for bonds in _bonds(state)]
 
 
 def without_first(state, before: np.ndarray) -> list[np.ndarray]:
-    """`bonds` without those that bear too much first, as loads grow by which their reserves (m, 2) in N have become
-    what they are from what they were ``before``: one and its like, or a tenth of many."""
+    """`bonds` without those that fail first while their reserves (m, 2) in N fall in proportion to the loads from those
+    ``before`` to the present ones: a single one and its equals, or a tenth of many."""
     now = reserves(state)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(now < 0.0, np.maximum(before, 0.0) / (np.maximum(before, 0.0) - now), np.inf)
@@ -190,7 +190,7 @@ def without_first(state, before: np.ndarray) -> list[np.ndarray]:
 
 
 def break_bonds(part, held: list[np.ndarray]) -> None:
-    """Let all bonds of the joints in the fields of ``part`` break that hold no more in ``held``, see `bonds`."""
+    """Break all bonds of the joints in the fields of ``part`` that are broken in ``held``, see `bonds`."""
     for now, then in zip(_bonds(part), held, strict=True):
         np.minimum(now.bonded, then, out=now.bonded)
 
@@ -207,7 +207,7 @@ def reserves(state) -> np.ndarray:
 
 
 def overborne(state) -> np.ndarray:
-    """Which bonds bear more than they can in tension and in shear (m, 2)."""
+    """Which bonds are overloaded in tension and in shear (m, 2)."""
     return reserves(state) < 0.0
 
 
@@ -218,7 +218,7 @@ def tensile_strengths(state) -> np.ndarray:
 
 
 def greatest_strength(state) -> np.ndarray:
-    """Greatest force (j,) in N that the bonds of every joint may carry besides friction."""
+    """Greatest force (j,) in N that the bonds of every joint may carry in addition to friction."""
     found = np.zeros(len(state.joints.block_a))
     for module, joints in present(state):
         found[joints.joint] = module.greatest_strength(joints)
@@ -226,7 +226,7 @@ def greatest_strength(state) -> np.ndarray:
 
 
 def cohesion_of_sliding(state) -> np.ndarray:
-    """Shear force (j,) in N that every joint keeps beside friction as it slides, closed."""
+    """Residual cohesion (j,) in N of every joint that slides closed, in addition to friction."""
     found = np.zeros(len(state.joints.block_a))
     for module, joints in present(state):
         if joints.strengths is not None:
@@ -235,7 +235,7 @@ def cohesion_of_sliding(state) -> np.ndarray:
 
 
 def compressive_strength(state) -> np.ndarray:
-    """The pressure at which every joint crushes (j,) in Pa, infinite if it never does."""
+    """Compressive strength of every joint (j,) in Pa, infinite if it never crushes."""
     found = np.full(len(state.joints.block_a), np.inf)
     for _, joints in present(state):
         if joints.strengths is not None:
@@ -244,7 +244,7 @@ def compressive_strength(state) -> np.ndarray:
 
 
 def crushing_work(state, before) -> float:
-    """Work that crushing took since the `memory` in the fields of ``before`` (J)."""
+    """Work dissipated by crushing since the `memory` in the fields of ``before`` (J)."""
     return sum(
         module.crushing_work(getattr(state, name), getattr(before, name))
         for name, module in FAMILIES.items()
@@ -253,19 +253,19 @@ def crushing_work(state, before) -> float:
 
 
 def slid(state, before, least: float = 0.0) -> bool:
-    """Whether anything has slid by more than ``least`` (m) since the memory ``before``."""
+    """Whether any joint has slid by more than ``least`` (m) since the `memory` ``before``."""
     joints = ((getattr(state, name), getattr(before, name)) for name in FAMILIES)
     return any(now is not None and (now.slip - then.slip > least).any() for now, then in joints)
 
 
 def gave_way(state, before) -> bool:
-    """Whether anything has slid, broken or been crushed since the memory ``before``."""
+    """Whether any joint has slid, broken or crushed since the `memory` ``before``."""
     deeper = any((now.crushed > then.crushed).any() for now, then in zip(_bonds(state), _bonds(before), strict=True))
     return slid(state, before) or broke(state, before) or deeper
 
 
 def broke(state, before) -> bool:
-    """Whether any bond has broken since the memory ``before``."""
+    """Whether any bond has broken since the `memory` ``before``."""
     return any((now.bonded < then.bonded).any() for now, then in zip(_bonds(state), _bonds(before), strict=True))
 
 
@@ -285,7 +285,7 @@ def opened(state, before: np.ndarray) -> bool:
 
 
 def friction_work(state, before) -> float:
-    """Work that friction took since the `memory` in the fields of ``before``, by the forces of now (J)."""
+    """Work dissipated by friction since the `memory` in the fields of ``before``, with the present forces (J)."""
     normal = state.joints.resultant[:, 0]
     work = 0.0
     for name, module in FAMILIES.items():
@@ -296,8 +296,8 @@ def friction_work(state, before) -> float:
 
 
 def closes_gaps(state, base: np.ndarray) -> bool:
-    """Whether any open contact point or corner has come nearer since the joints moved by ``base`` (j, 6), more than by
-    rounding: a mechanism that does so moves at a constant load only until the gap has closed, and is no limit."""
+    """Whether any gap at a contact point or corner has decreased, beyond rounding, since the joints had moved by
+    ``base`` (j, 6): such a mechanism moves at a constant load only until the gap has closed, and is no limit."""
     opening, change = state.joints.opening, state.joints.relative - base
     found, widened = [], []
     for module, joints in present(state):

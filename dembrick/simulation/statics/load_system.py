@@ -1,4 +1,4 @@
-"""The actuators of a scene as one load system, on the state that the dead loads leave."""
+"""The actuators of a scene as one load system, and its setup on the dead-load equilibrium."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ from dembrick.simulation.statics.yield_point import YieldPoint, carried_by, cert
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-# Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
+# Numerical choices; results do not depend on them beyond the tolerance, as a test verifies.
 VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and actuator, while searching
 ACTUATOR_STIFFNESS = 1.0  # stiffness of the actuator over that of the joints along the load
 MEAN_WEIGHT = 1.0 / 16.0  # of the latest step in the running mean of a block's velocity
-RAMP = 8  # steps over which the head speeds up
+RAMP = 8  # steps over which the head accelerates
 MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
-FINEST = 0.25  # of what friction 1 would let the joints give, that the head may move in a step of a constant-rate test
+FINEST = 0.25  # longest move of the head in a step of such a test, over the elastic displacement at friction 1
 
 
 class After(NamedTuple):
-    """End of a path beyond its limit: the blocks that move there, by which mechanism, how far the furthest
-    has moved since the dead-load equilibrium (m), and the load there."""
+    """End of a path beyond its limit: the blocks that move there, their mechanism, the greatest displacement since the
+    dead-load equilibrium (m), and the load there."""
 
     blocks: tuple[int, ...]
     mechanism: str
@@ -53,10 +53,11 @@ class After(NamedTuple):
 
 @dataclass
 class Replay(Ended):
-    """A finished search or test: the yield point, the state at the limit, what the program chose, how long it took (s).
+    """A finished search or test: the yield point, the state at the limit, settings that the program chose, and
+    computing times (s).
 
-    ``left``: the state in which it ended, if that is another; ``after``: what moves there, if that is something else;
-    ``critical_time_step``: None where equilibria follow one another and no time passes.
+    ``left``: the final state, if that is another; ``after``: the motion there, if other blocks move than at the limit;
+    ``critical_time_step``: None for a sequence of equilibria, in which no time passes.
     """
 
     yield_point: YieldPoint
@@ -72,12 +73,12 @@ class Replay(Ended):
     energy: Energy | None = None
     settings: dict = field(default_factory=dict)
     moved: np.ndarray | None = None  # (n, 3) m, since the dead-load equilibrium
-    left: State | None = None  # where it ended
-    reached: State | None = None  # of convex joints that rock: where they first carried nearly as much
+    left: State | None = None  # final state
+    reached: State | None = None  # of rocking convex joints: the first state that carried nearly the limit load
     after: After | None = None
-    phases: dict | None = None  # s, of the loop, where it was timed by phase
-    turns: tuple[int, ...] | None = None  # rows at which the ways of a protocol end
-    broke: bool = False  # of a constant-rate test: whether bonds broke, in an order that its rate may decide
+    phases: dict | None = None  # s, of the loop, if it was timed by phase
+    turns: tuple[int, ...] | None = None  # rows at which the segments of a protocol end
+    broke: bool = False  # of a constant-rate test: whether bonds broke, in an order that may depend on the rate
 
 
 class LoadSystem:
@@ -118,11 +119,11 @@ class LoadSystem:
         self.actuator[loaded] = len(loaded) * self.actuator_stiffness / self.weight * load[:, :, None] * load[:, None]
 
     def dashpots(self) -> Dashpots:
-        """Those for physical inertia, with the critical time step that counts them and the actuator."""
+        """Dashpots for physical inertia, with the critical time step that includes them and the actuator."""
         return dashpots(self.state, block_inertia(self.assembly), self.actuator)
 
     def plan(self, dt: float, steps: int, rows: int, control: Control, output: Output, exact: bool = False) -> Plan:
-        """The plan of ``steps`` of ``dt`` (s) that write so many ``rows``."""
+        """Plan of ``steps`` of ``dt`` (s) that write so many ``rows``."""
         sizes, fields = Sizes.of(self.assembly), recorded(self.assembly, output.channels, control)
         memory = 8 * (96 * sizes.block + 90 * sizes.joint + 12 * sizes.point)
         memory += bytes_of(fields, rows, min(rows, output.frames))
@@ -130,7 +131,7 @@ class LoadSystem:
         return Plan(dt, self.dashpots().critical_time_step, steps, memory, seconds, exact)
 
     def dead_strength(self) -> float:
-        """V (N) that friction 1 would resist under the dead loads at the joints of the loaded blocks, roughly."""
+        """Rough V (N) that friction 1 would resist under the dead loads at the joints of the loaded blocks."""
         joints, assembly = self.state.joints, self.assembly
         normal = np.abs(np.einsum("ji,ji->j", assembly.joint_force, joints.axes[:, 2]))
         at = np.isin(joints.block_a, self.state.actuators.block) | np.isin(joints.block_b, self.state.actuators.block)
@@ -139,7 +140,7 @@ class LoadSystem:
         return float(normal[at].sum()) / float(unit)
 
     def time_step(self, most: float, rate: float) -> float:
-        """``most`` (s), or less where the head would outrun what the joints give and make the blocks jump."""
+        """``most`` (s), or less if the head would outrun the elastic displacement of the joints: blocks would jump."""
         give = self.dead_strength() * self.compliance / self.weight
         return min(most, FINEST * give / rate) if give > 0.0 else most
 
@@ -147,7 +148,7 @@ class LoadSystem:
 class Setup(LoadSystem):
     """The load system on the dead-load equilibrium, with the certificate of its limit load.
 
-    ``by_equilibria``: whether its limit is searched along a path of equilibria, which takes the `factor` of the elastic
+    ``by_equilibria``: whether the search follows a path of equilibria, which needs the ``factor`` of the elastic
     stiffness.
     """
 
@@ -195,7 +196,7 @@ class Setup(LoadSystem):
 
     @staticmethod
     def settings(drive: Drive) -> dict:
-        """Numbers that the program chose, for the history."""
+        """Settings that the program chose, for the history file."""
         return {
             "actuator_stiffness": drive.stiffness,
             "jack_dashpot": drive.dashpot,
@@ -205,7 +206,7 @@ class Setup(LoadSystem):
 
 
 def steady_drive(rate: float, dt: float, stiffness: float) -> Drive:
-    """The load system driven at a steady ``rate`` in steps of ``dt``, ``stiffness`` (N/m) that of the actuators, with
+    """The load system driven at a steady ``rate`` in steps of ``dt``, with the ``stiffness`` (N/m) of the actuators and
     the dashpots of a search."""
     return Drive(
         rate=rate,
@@ -224,7 +225,7 @@ def steady_drive(rate: float, dt: float, stiffness: float) -> Drive:
 
 
 def rough_strength(state: State, certificate: Certificate, load: np.ndarray) -> float:
-    """A scale for V (N), right to a factor of a few: what it takes to slide and twist the loaded blocks' joints."""
+    """Scale of V (N), to a factor of a few: the load that slides and twists the joints of the loaded blocks."""
     loaded = set(state.actuators.block.tolist())
     joints = state.joints
     own = np.isin(joints.block_a, list(loaded)) | np.isin(joints.block_b, list(loaded))

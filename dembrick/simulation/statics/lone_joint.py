@@ -1,5 +1,5 @@
-"""Limit loads of joints between a free block and a fixed one, by `kernels.statics.lone_search`: in a scene of their own
-(`LoneSearch`), or many together (`simulation.statics.batch`).
+"""Limit loads of single joints between a free and a fixed block, by `kernels.statics.lone_search`: of one scene
+(`LoneSearch`), or of many in a batch (`simulation.statics.batch`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class JointsAlone(NamedTuple):
-    """Joints without blocks: the part of a `State` that these searches take."""
+    """Joints without blocks: the part of a `State` that these searches need."""
 
     joints: Joints
     points: Points | None
@@ -38,7 +38,7 @@ class JointsAlone(NamedTuple):
 
 
 def lone_joints(state: State | JointsAlone, dead: np.ndarray, unit: np.ndarray) -> LoneJoints:
-    """The k joints of a ``state`` with nothing remembered, each between a free block and a fixed one.
+    """The k joints of a ``state`` without history, each between a free and a fixed block.
 
     ``dead`` and ``unit`` (k, 6): wrench of the dead load, and of the actuators for V = 1, on b about O in the axes of
     the joint.
@@ -70,7 +70,7 @@ def lone_joints(state: State | JointsAlone, dead: np.ndarray, unit: np.ndarray) 
 
 
 def is_lone(state: State) -> bool:
-    """Whether a ``state`` is that of one dry joint between a free block and a fixed one, and of nothing else."""
+    """Whether a ``state`` consists of one dry joint between a free and a fixed block, and nothing else."""
     joints, free = state.joints, state.blocks.free
     return (
         len(joints.block_a) == 1
@@ -84,7 +84,7 @@ def is_lone(state: State) -> bool:
 
 
 class LoneSearch:
-    """The search for the limit load of a ``state`` that `is_lone`, from its geometry of the start."""
+    """Search for the limit load of a ``state`` that `is_lone`, from the geometry of the start."""
 
     def __init__(self, state: State, tolerance: float):
         joints, block = state.joints, int(state.blocks.free[0])
@@ -97,16 +97,16 @@ class LoneSearch:
         self._room = new_room()
         self._search = ready(search_joints, 0, 1, self.lone, 0, tolerance, self._room)
         self._motion_at_rest = np.zeros(6)
-        self._taken = np.zeros(3)  # J: work of the loads, friction, and what springs held at rest
+        self._taken = np.zeros(3)  # J: work of the loads, friction, and elastic energy under the dead load
 
     def _about_joint(self, wrench: np.ndarray) -> np.ndarray:
-        """(1, 6) of a wrench on the free block about its centroid, as it acts on b about O in the axes of the joint."""
+        """A wrench on the free block about its centroid, transformed to b about O in the axes of the joint (1, 6)."""
         force, moment = wrench[:3], wrench[3:] - np.cross(self._arm, wrench[:3])
         return self._sense * (np.stack([force, moment]) @ self.state.joints.axes[0].T).reshape(1, 6)
 
     @property
     def found(self):
-        """The record `SEARCH`."""
+        """The `SEARCH` record of the joint."""
         return self.lone.search[0]
 
     @property
@@ -116,42 +116,42 @@ class LoneSearch:
 
     @property
     def converged(self) -> bool:
-        """Whether the bracket is as narrow as was asked for."""
+        """Whether the bracket is within the tolerance."""
         return bool(self.found["status"] == CONVERGED)
 
     def _follow(self, most: int) -> None:
-        """Bring the joint to rest, and go through at most so many equilibria more."""
+        """Find the dead-load equilibrium, if that is not done, and at most so many further equilibria."""
         self._search(0, 1, self.lone, most, self.tolerance, self._room)
 
     def run(self) -> None:
-        """Find the equilibrium under the dead load, then all others up to the limit."""
+        """Find the equilibrium under the dead load, then the path up to the limit."""
         self._rest()
         self._follow(MOST_EQUILIBRIA)
 
     def run_to(self, load: float) -> None:
-        """`run` until the joint carries a ``load`` (N), and leave it in the state."""
+        """`run` until the joint carries a ``load`` (N), and store that equilibrium in the state."""
         self._rest()
         while self.found["status"] == RUNNING and self.found["load"] < load:
             self._follow(1)
             self.show()
 
     def _rest(self) -> None:
-        """The equilibrium under the dead load, from which displacements of the actuators count."""
+        """Find the equilibrium under the dead load, from which displacements of the actuators are measured."""
         self._follow(0)
         self.show()
         zero_actuators(self.state)
         self._motion_at_rest[:] = self.lone.base[0]
 
     def record(self, recorder: Recorder, session: Session) -> None:
-        """`run`, and write each equilibrium, with that of the dead load first, into the record; ``session`` keeps
-        checkpoints, and may go on from one. Raises Interrupted."""
+        """`run`, and record each equilibrium, that of the dead load first; ``session`` keeps checkpoints and may
+        restart from one. Raises Interrupted."""
         if session.resumed is not None:
             self._restore(session.resumed)
         else:
             self._rest()
             self._taken[:] = 0.0, 0.0, elastic_energy(for_kernels(self.state), None)
             self._write(recorder)
-        session.last_told = time.monotonic()  # of so short a search nothing is told at once
+        session.last_told = time.monotonic()  # so short a search needs no progress report at its start
         with interrupts.deferred():
             while self.found["status"] == RUNNING:
                 session.pause(self)
@@ -176,7 +176,7 @@ class LoneSearch:
         return Progress("equilibrium", int(self.found["equilibria"]))
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """Everything as arrays. What the joint remembers is that of the state, between two equilibria."""
+        """Everything as arrays. Between two equilibria the history of the joint is that of the state."""
         return {**flattened({"state": self.state, "basis": self.lone.basis}), **self._path()}
 
     def _path(self) -> dict[str, np.ndarray]:
@@ -185,7 +185,7 @@ class LoneSearch:
         return path | {"lone.motion_at_rest": self._motion_at_rest, "lone.taken": self._taken}
 
     def _restore(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot of the same scene; HistoryError if it is of another."""
+        """Restart from a snapshot of the same scene; HistoryError if it is of another."""
         restored_state(self.state, snapshot)
         restored("basis", self.lone.basis, snapshot)
         for name, own in self._path().items():
@@ -208,7 +208,7 @@ class LoneSearch:
         return moved
 
     def certificate(self) -> Certificate:
-        """Certificate of the bracket, in the form that other searches have it."""
+        """Certificate of the bracket, in the form of other searches."""
         basis, found = self.lone.basis, self.found
         strict, dead_gauge, radius, normal, tilts = (float(value) for value in basis.scalars[0])
         return Certificate(
@@ -220,8 +220,8 @@ class LoneSearch:
         )  # fmt: skip
 
     def show(self) -> None:
-        """Put the block and the actuators of the state where the equilibrium of now has them, and the step before it
-        into velocities; add up the work of the loads since they were put there last."""
+        """Update the block and the actuators of the state to the present equilibrium, and the velocities to the last
+        step; add the work of the loads since the last call."""
         blocks, actuators = self.state.blocks, self.state.actuators
         block, found, before = self._block, self.found, self._motion()
         blocks.displacement[block], blocks.rotation[block] = self._of_block(self.lone.base[0])

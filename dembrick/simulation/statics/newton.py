@@ -1,4 +1,4 @@
-"""The next equilibrium of an assembly, by Newton's method on the laws themselves (``kernels.statics.newton``)."""
+"""The next equilibrium of an assembly, by Newton's method on the joint laws (``kernels.statics.newton``)."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from dembrick.simulation.statics.state import State, for_kernels
 from dembrick.simulation.statics.stiffness import to_joint
 
 MOST_ITERATIONS = 20  # for one equilibrium
-ENOUGH, SLACK = 0.9, 0.5  # of the out-of-balance, or of its work on a step: what a step, or a part of it, may leave
-MOST_PARTS, BACKTRACKS = 12, 8  # of one step that are tried, by secants, or by halves
-LOST = 1e4  # times the out-of-balance of the start: what is further away than that leads nowhere
-SHORT = 0.1  # parts of Newton steps that are short
-SINGULAR = 1e3  # times the out-of-balance of now: a Newton step that ends there is one of a singular tangent
-HELD, LEAP = 1e-10, 1e-5  # of the elastic stiffness, added to the tangent; the same where that is singular
-MOST_LEAPS, NEARER = 12, 0.8  # from there; how much smaller the out-of-balance must become by each
-DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
-LITTLE = 1e-3  # of the strongest bond: a force, where nothing weighs anything, to hold the out-of-balance against
-KEPT = 0.2  # of the out-of-balance: what a whole step may leave for the next to use its factors again
-PIVOT = 0.1  # of the greatest entry of its column in a front: a pivot above it stays where it is
+ENOUGH, SLACK = 0.9, 0.5  # of the out-of-balance, or of its work on a step: the most that a step, or part of it, leaves
+MOST_PARTS, BACKTRACKS = 12, 8  # trial lengths in a line search, by secants or by halving
+LOST = 1e4  # times the initial out-of-balance: the iteration has diverged beyond that
+SHORT = 0.1  # of a Newton step: a smaller part counts as short
+SINGULAR = 1e3  # times the present out-of-balance: a Newton step that ends above it has a singular tangent
+HELD, LEAP = 1e-10, 1e-5  # of the elastic stiffness, added to the tangent; the same if that is singular
+MOST_LEAPS, NEARER = 12, 0.8  # steps with a singular tangent; by which each must reduce the out-of-balance
+DIFFERENCE = 1e-6  # of the elastic displacement of a joint: difference by which its tangent is taken
+LITTLE = 1e-3  # of the strongest bond: reference force for the out-of-balance if there are no dead loads
+KEPT = 0.2  # of the out-of-balance: the most that a full step may leave for the next to use its factors again
+PIVOT = 0.1  # of the greatest entry of its column in a front: a pivot above it is not exchanged
 
 
 def elastic_moves(state: State) -> np.ndarray:
-    """By how much each joint gives way elastically before it slides or opens (j,) in m.
+    """Elastic displacement of each joint before it slides or opens (j,) in m.
 
-    A joint that carries nothing yet counts as if it carried the most that any joint of its blocks does.
+    An unloaded joint counts as if it carried the greatest force of any joint of its blocks.
     """
     joints = state.joints
     carried = np.zeros(len(state.blocks.displacement))
@@ -50,7 +50,7 @@ def elastic_moves(state: State) -> np.ndarray:
 
 
 def _new_trial(state: State, place: np.ndarray) -> Trial:
-    """Room for the trials; ``place`` (f,): first row of each free block in the equations."""
+    """Arrays for trials; ``place`` (f,): first row of each free block in the equations."""
     joints, free = state.joints, state.blocks.free
     count = len(joints.block_a)
     row = np.full(len(state.blocks.displacement), -1)
@@ -74,7 +74,7 @@ def _new_trial(state: State, place: np.ndarray) -> Trial:
 
 
 class Trials:
-    """Forces of trial motions of a ``state``, each an implicit step from what its joints remembered last (`remember`).
+    """Forces of trial motions of a ``state``, each an implicit step from the history of its joints (`remember`).
 
     ``place`` (f,): first row of each free block in the equations. ``phases``: seconds that went into joint forces and
     into equations.
@@ -88,7 +88,7 @@ class Trials:
         self._try_motion = ready(try_motion, self.trial, for_kernels(state), 0.0, False)
 
     def remember(self) -> None:
-        """Let trials start from the state of now."""
+        """Make the present state the history from which trials start."""
         remember(self.trial, self.state.joints, self.state.points, self.state.areas)
 
     def motion(self) -> np.ndarray:
@@ -99,14 +99,14 @@ class Trials:
         return motion
 
     def go_to(self, motion: np.ndarray, V: float) -> None:
-        """Put the blocks where a motion has them, under the load V, and find the forces."""
+        """Move the blocks by a ``motion`` and evaluate the forces under the load V."""
         began = time.perf_counter()
         self._move(motion)
         self._try(V, with_tangent=False)
         self.phases["joint_forces"] += time.perf_counter() - began
 
     def stay(self) -> None:
-        """Find the forces where the blocks are, without any actuator."""
+        """Evaluate the forces at the present positions, without any actuator."""
         ties.pull(self.state)
         self._try(0.0, with_tangent=False)
 
@@ -122,8 +122,8 @@ class Trials:
 class Equilibria(Trials):
     """Finds equilibria of ``state`` under V times the unit ``load`` (n, 6) at a given driven displacement.
 
-    ``balanced``: the out-of-balance over the joint forces that is none. ``iterations``: of Newton's method so far;
-    ``pause`` is called before each. ``most_short``: so many short parts of steps after one another lead nowhere.
+    ``balanced``: tolerance of the out-of-balance over the joint forces. ``iterations``: of Newton's method so far;
+    ``pause`` is called before each. ``most_short``: number of consecutive short steps after which the search gives up.
     """
 
     most_short = 3
@@ -133,16 +133,17 @@ class Equilibria(Trials):
         super().__init__(state, pattern.place)
         self.factor, self.balanced = factor, balanced
         self.load = pattern.to_rows(load[self.free])
-        self.answers = np.zeros((2, pattern.rows))  # of the tangent to the out-of-balance and to the unit load
+        self.answers = np.zeros((2, pattern.rows))  # solutions with the tangent: for the out-of-balance, the unit load
         self.tangent, self._none = Factors(pattern, factor.fronts.room), np.zeros(pattern.rows)
         self.heaviest = float(np.linalg.norm(state.blocks.dead_force[self.free], axis=1).max())
         self.heaviest = max(self.heaviest, LITTLE * float(joint_families.greatest_strength(state).max()))
-        self.smooth = joint_families.has_areas(state)  # forces of contact points have kinks in place of curves
+        self.smooth = joint_families.has_areas(state)  # the forces of contact points are piecewise linear
         self.iterations = 0
         self.pause: Callable[[], None] = lambda: None
 
     def attempt(self, motion: np.ndarray, V: float) -> float:
-        """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
+        """Out-of-balance of a motion under the load V, as an energy norm: the square root of the elastic energy (J)
+        that it would store."""
         self.go_to(motion, V)
         began = time.perf_counter()
         energy = self.factor.energy(self.trial.residual)
@@ -150,7 +151,7 @@ class Equilibria(Trials):
         return math.sqrt(max(0.0, not_nan(energy, "what is out of balance")))
 
     def differentiate(self, V: float) -> None:
-        """Tangents of the joints at the motion of now."""
+        """Evaluate the tangents of the joints at the present motion."""
         began, state = time.perf_counter(), self.state
         if state.ties is not None:
             first = len(state.joints.block_a)
@@ -159,7 +160,7 @@ class Equilibria(Trials):
         self.phases["joint_forces"] += time.perf_counter() - began
 
     def out_of_balance(self) -> float:
-        """Out-of-balance force or moment over the greatest joint force or dead load of a block, the worst block."""
+        """Greatest out-of-balance force, or moment over reach, relative to the greatest joint force or dead load."""
         largest, residual = self.greatest_force(), self.trial.residual[self.rows]
         worst = max(
             float(np.sqrt((residual[:, :3] ** 2).sum(axis=1)).max()),
@@ -173,8 +174,8 @@ class Equilibria(Trials):
         return max(self.heaviest, float(np.sqrt((resultant[:, :3] ** 2).sum(axis=1)).max()))
 
     def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
-        """V of the equilibrium at the driven displacement of ``motion``, near it, and the iterations that it took; None
-        if none is found."""
+        """V of the equilibrium near ``motion`` at its driven displacement, None if none is found; and the number of
+        iterations."""
         before, short, leapt = self.iterations, 0, False
         start = size = self.attempt(motion, V)
         while size <= LOST * start and short < self.most_short and self.iterations - before < MOST_ITERATIONS:
@@ -204,10 +205,10 @@ class Equilibria(Trials):
         return None, self.iterations - before
 
     def _by_chords(self, motion: np.ndarray, V: float) -> tuple[np.ndarray, float, float]:
-        """Motion, V and out-of-balance after more steps with the factors of the last (modified Newton, or chord,
-        method), as long as each leaves as little as `KEPT`.
+        """Motion, V and out-of-balance after more steps with the last factors (modified Newton, or chord, method), as
+        long as each reduces the out-of-balance to `KEPT`.
 
-        Where a tangent from far away was so good, it is as good from here, for an eighth of the time of a new one.
+        A tangent that led so close is good enough here, too, and takes an eighth of the time of a new one.
         """
         left, before = self.out_of_balance(), math.inf
         while self.balanced < left <= KEPT * before:
@@ -225,7 +226,7 @@ class Equilibria(Trials):
         return motion, V, 0.0 if left <= self.balanced else self.attempt(motion, V)
 
     def _newton_step(self, V: float) -> tuple[np.ndarray, float] | None:
-        """Change of the motion of now and of V by a Newton step at constant driven displacement; None without one."""
+        """Change of the motion and of V by a Newton step at constant driven displacement; None if it is singular."""
         self.pause()
         self.iterations += 1
         self.differentiate(V)
@@ -234,16 +235,16 @@ class Equilibria(Trials):
         return self._at_held_displacement()
 
     def _at_held_displacement(self) -> tuple[np.ndarray, float]:
-        """Change of the motion and of V by the answers of the tangent, at constant driven displacement."""
+        """Change of the motion and of V from the two solutions with the tangent, at constant driven displacement."""
         by_residual, by_load = self.answers
         change_V = -inner(self.load, by_residual) / inner(self.load, by_load)
         return by_residual + change_V * by_load, change_V
 
     def _line_search(self, motion: np.ndarray, V: float, step: tuple[np.ndarray, float], work: float) -> float:
-        """The part of a Newton ``step`` where the out-of-balance forces do next to no work on it (Matthies and Strang,
-        IJNME 14 (1979) 1613): the least potential energy, if nothing slides.
+        """The part of a Newton ``step`` at which the out-of-balance forces do next to no work on it (Matthies and
+        Strang, IJNME 14 (1979) 1613): the least potential energy, if nothing slides.
 
-        ``work``: that of the forces where it begins, J; those of now are where it ends.
+        ``work`` (J): that of the forces at the beginning of the step; the present forces are those at its end.
         """
         change, change_V = step
         low, high, part = (0.0, work), (1.0, inner(self.trial.residual, change)), 1.0
@@ -261,8 +262,8 @@ class Equilibria(Trials):
         return part
 
     def _halved(self, motion: np.ndarray, V: float, step: tuple[np.ndarray, float], size: float) -> float:
-        """The part of a Newton ``step`` that leaves least out of balance, by halves, where the forces work against it
-        from the start."""
+        """The part of a Newton ``step`` with the least out-of-balance, by halving, for a step on which the forces do
+        negative work from the start."""
         part, best = 1.0, (math.inf, 1.0)
         for _ in range(BACKTRACKS):
             found = self.attempt(motion + part * step[0], V + part * step[1])
@@ -273,11 +274,11 @@ class Equilibria(Trials):
         return best[1]
 
     def _leap(self, motion: np.ndarray, V: float, start: float) -> tuple[np.ndarray, float, float] | None:
-        """Motion, V and out-of-balance after whole Newton steps from where the tangent is singular, or None.
+        """Motion, V and out-of-balance after full Newton steps from a singular tangent, or None.
 
-        More joints are open or slide there than one mechanism lets: any of many mechanisms may move. The law is almost
-        piecewise linear, so that a whole step tells which of the joints move back and close, however far away it ends
-        (the method of active sets), about half of them at a time.
+        So many joints are open or slide there that several mechanisms may move. The laws are almost piecewise linear,
+        so a full step shows which of the joints close again, however far away it ends (active-set method), about half
+        of them at a time.
         """
         held, last, landed = self.trial.drag[1], math.inf, None
         self.trial.drag[1] = max(held, LEAP)
@@ -297,7 +298,7 @@ class Equilibria(Trials):
         return landed
 
     def correction(self, V: float) -> float:
-        """By how much one more Newton step would change V at the motion of now (N); infinite if there is none."""
+        """Change of V by one more Newton step at the present motion (N); infinite if the tangent is singular."""
         self.attempt(self.motion(), V)
         self.differentiate(V)
         if not self.solve():
@@ -306,20 +307,20 @@ class Equilibria(Trials):
         return -inner(self.load, by_residual) / inner(self.load, by_load)
 
     def mechanism(self, slope: float) -> np.ndarray | None:
-        """Motion (6 f,) over the work that the unit load does on it, along the tangent of the last iteration.
+        """Motion (6 f,) per unit of work of the unit load, along the tangent of the last iteration.
 
-        None where V grows by more than ``slope`` (N/J) with that work: then it is no mechanism that moves.
+        None if V grows by more than ``slope`` (N/J) with that work, and so no mechanism moves.
         """
         by_load = self.answers[1]
         work = inner(self.load, by_load)
         return by_load / work if work * slope > 1.0 else None
 
     def prepare(self) -> None:
-        """Compile what `solve` calls, or load it, without any work."""
+        """Compile or load the kernels of `solve`, without solving anything."""
         self.tangent.prepare(self.trial.seen_a, self.trial.seen_b, self.trial.tangent)
 
     def solve(self) -> bool:
-        """Solve for the answers of the tangent to the out-of-balance and to the unit load; False if it has none."""
+        """Solve with the tangent for the out-of-balance and for the unit load; False if it is singular."""
         began = time.perf_counter()
         solved = self._solve()
         self.phases["equations"] += time.perf_counter() - began

@@ -1,4 +1,4 @@
-"""Joints that act at contact points, in the searches: the point family, seen from Python.
+"""Joints that act at contact points, in statics: the Python side of the point family.
 
 The functions are those of `area_joints`, under the same names; `joint_families` calls them.
 """
@@ -17,8 +17,8 @@ from dembrick.simulation.joint_laws import bonded_at_start, elastic_stiffness, r
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-MEMORY = ("elastic_1", "elastic_2", "slip", "bonds", "custom")  # what the points remember
-FOUND = ("normal",)  # what a step finds of them
+MEMORY = ("elastic_1", "elastic_2", "slip", "bonds", "custom")  # fields of the history
+FOUND = ("normal",)  # fields that each evaluation finds anew
 
 
 def at_rest(assembly: Assembly) -> Points | None:
@@ -90,27 +90,27 @@ def _moments(x: np.ndarray, y: np.ndarray) -> tuple:
 
 
 def corners(points: Points) -> tuple[np.ndarray, np.ndarray]:
-    """Where the joints open and close (x, y), entries as ``start`` counts them (m)."""
+    """Points (x, y) at which the joints open and close, in the order of ``start`` (m)."""
     return points.x_n, points.y_n
 
 
 def shear_corners(points: Points) -> tuple[np.ndarray, np.ndarray]:
-    """Where they carry shear (x, y), likewise."""
+    """Points (x, y) at which the joints carry shear, in the order of ``start`` (m)."""
     return points.x_s, points.y_s
 
 
 def torsion_radius(points: Points) -> np.ndarray:
-    """Torsion strength of each joint over V_0 (p,) in m: infinite, as nothing is said of it."""
+    """Torsion strength of each joint over V_0 (p,) in m: infinite, as it is not computed."""
     return np.full(len(points.joint), np.inf)
 
 
 def entries(points: Points) -> int:
-    """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
+    """Number of contact entries that the kernels process per evaluation: a measure of their time."""
     return len(points.k_n)
 
 
 def friction_work(points: Points, before: Points, normal: np.ndarray) -> float:
-    """Work that friction took since the memory ``before``, by the forces of now (J)."""
+    """Work dissipated by friction since the history ``before``, with the present forces (J)."""
     counts = np.diff(points.start)
     friction = np.repeat(points.friction, counts)
     strengths = None if points.strengths is None else repeated(points.strengths, counts)
@@ -119,7 +119,7 @@ def friction_work(points: Points, before: Points, normal: np.ndarray) -> float:
 
 
 def crushing_work(points: Points, before: Points) -> float:
-    """Work that crushing took since the memory ``before`` (J)."""
+    """Work dissipated by crushing since the history ``before`` (J)."""
     if points.strengths is None:
         return 0.0
     deeper = points.bonds.crushed - before.bonds.crushed
@@ -128,8 +128,8 @@ def crushing_work(points: Points, before: Points) -> float:
 
 
 def reserve(points: Points) -> np.ndarray:
-    """Reserve of the bonds (c, 2) in N: in tension, and in shear where its loss would let go of something.
-    Infinite where there is no bond."""
+    """Reserve of the bonds (c, 2) in N: in tension, and in shear if failure in shear would lose strength. Infinite
+    without a bond."""
     found = np.zeros((len(points.normal), 2))
     reserves(points, found)
     return found
@@ -146,7 +146,7 @@ def whole_area(points: Points) -> np.ndarray:
 
 
 def greatest_strength(points: Points) -> np.ndarray:
-    """Greatest force (p,) in N that the bonds of each joint may carry besides friction."""
+    """Greatest force (p,) in N that the bonds of each joint may carry in addition to friction."""
     if points.strengths is None:
         return np.zeros(len(points.joint))
     area = np.add.reduceat(points.bonds.area, points.start[:-1])
@@ -154,7 +154,7 @@ def greatest_strength(points: Points) -> np.ndarray:
 
 
 def slip_twists(points: Points, steps: np.ndarray) -> np.ndarray:
-    """Slip twists (k, 3) by which the joints give way: their last ``steps``."""
+    """Slip twists (k, 3) of the joints: their last ``steps``."""
     return steps
 
 

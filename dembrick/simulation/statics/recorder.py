@@ -1,4 +1,4 @@
-"""The record of a replay: buffers that the compiled loop fills, handed on after every chunk; and forces of
+"""The record of a replay: buffers that the compiled loop fills, passed on after every chunk; and forces of
 supports and ties at the end of a search or constant-rate test.
 """
 
@@ -19,12 +19,12 @@ from dembrick.simulation.statics.state import State, for_kernels
 from dembrick.simulation.statics.tilting_table import Before, frames_on_table, rows_on_table
 
 ENERGIES = energies(real_time=False)
-BUFFER_BYTES = 4 << 20  # memory that the rows of a chunk may take, and again its frames; a chunk ends before more
+BUFFER_BYTES = 4 << 20  # memory for the rows of a chunk, and the same for its frames; a chunk ends when they are full
 
 
 class Recorder:
-    """Rows and frames of a run; the session's ``observe(rows, frames)``, if there is one, gets copies of what each
-    chunk brought.
+    """Rows and frames of a run; the session's ``observe(rows, frames)``, if there is one, gets copies of those of each
+    chunk.
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
     reaction (T, s, 6), energy (name: (T,)), with ties tension and yielded (T, t), with control points control_point
@@ -32,8 +32,8 @@ class Recorder:
     ``frames`` with the channel "frames": time (F,),
     displacement (F, n, 3), orientation (F, n, 4); "velocity" adds velocity and spin (F, n, 3), "contacts"
     contact_force (F, c, 3); joints with strengths add bond (F, j). A row is taken every ``rows_every`` steps, a frame
-    every ``frames_every`` rows and at the
-    last row of a search. ``longest_chunk`` is how many steps may pass between two calls of `drain`.
+    every ``frames_every`` rows and at the last row of a search. ``longest_chunk``: the most steps between two calls of
+    `drain`.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Recorder:
             self.longest_chunk = min(self.longest_chunk, (frames - 2) * every)
         self._observe, self._weight, self._channels = session.observe, state.actuators.weight, channels
         self._before = Before.of(state, watched, session.start is not None) if session.tilts else None
-        self._load_factors: dict[float, float] = {}  # of the equilibria that may have a frame, by their time
+        self._load_factors: dict[float, float] = {}  # of equilibria that may have a frame, by their time
         self.record = Record(
             every=np.array([rows_every, rows_every * frames_every], np.int64),
             count=np.zeros(2, np.int64),
@@ -106,9 +106,9 @@ class Recorder:
     ) -> bool:
         """Add the equilibrium with this ``number`` on a path to the record.
 
-        ``before`` (J) is what the springs held where the path began, ``terms`` (J) the other energies by name, zero if
-        they are not given; ``bracket`` (2,) N of the limit. ``framed``: whether it is worth a frame whatever its
-        number. Returns whether it has one.
+        ``before`` (J): elastic energy at the beginning of the path; ``terms`` (J): other energies by name, zero if
+        not given; ``bracket`` (2,) N of the limit. ``framed``: whether to write a frame whatever the number. Returns
+        whether it has one.
         """
         record = self.record
         frames = int(record.count[1])
@@ -127,7 +127,7 @@ class Recorder:
         self.record.count[0] = rows
 
     def drain(self) -> None:
-        """Hand on what the loop wrote since the last time."""
+        """Pass on the rows and frames that the loop has written since the last call."""
         record = self.record
         n, f = (int(c) for c in record.count)
         record.count[:] = 0
@@ -156,7 +156,7 @@ class Recorder:
 
 
 def _capacity(wanted: int, shapes: Mapping[str, tuple[int, ...]]) -> int:
-    """Entries of a buffer: as many as a chunk brings (and one at either end), if ``BUFFER_BYTES`` hold them."""
+    """Entries of a buffer: those of a chunk (and one at either end), or as many as fit into ``BUFFER_BYTES``."""
     return max(3, min(wanted + 2, BUFFER_BYTES // (8 * sum(math.prod(shape) for shape in shapes.values()))))
 
 
@@ -172,7 +172,7 @@ def reactions(state: State) -> np.ndarray:
     """Force (N) and moment (N m, about its centroid) of every fixed block on the structure, through its joints and
     ties, and of the guides on every block that they hold (s, 6).
 
-    World axes: a block at rest on a floor is held up.
+    World axes: a floor pushes a block at rest upwards.
     """
     support = support_numbers(state)
     out = np.zeros((int(support.max(initial=-1)) + 1, 6))
@@ -190,10 +190,10 @@ class Ended:
 
     @property
     def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6), see `reactions`."""
+        """Reactions of the supports (s, 6), see `reactions`."""
         return reactions(self.state)
 
     @property
     def ties(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
+        """Tension (t,) N of the ties at the end, and their permanent elongation (t,) m."""
         return self.state.ties.tension, self.state.ties.yielded

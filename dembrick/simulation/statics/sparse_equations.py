@@ -1,14 +1,14 @@
 """The equations of the free blocks of an assembly as sparse matrices: analysed once, factorised as often as needed.
 
-The analysis (nested dissection, elimination tree, where each joint enters the fronts) depends on which blocks touch
-only; the elastic stiffness and all tangents of a search share it.
+The analysis (nested dissection, elimination tree, places of each joint in the fronts) depends only on which blocks
+touch; the elastic stiffness and all tangents of a search share it.
 
-Nested dissection: an order of elimination that keeps the fill of a sparse factor low.
+Nested dissection is an order of elimination that keeps the fill of a sparse factor low.
 
 A set of blocks is cut in two halves by a separator, blocks of one half that touch the other; both halves are ordered
-first, each by itself in the same way, and the separator last. The factor of a wall of n blocks then has some n log n
-entries and takes some n^1.5 operations, in place of n^1.5 and n^2 of a band. George, SIAM J. Numer. Anal. 10 (1973)
-345. Blocks know where they stand, so that cuts across one of three axes are tried and the best is taken.
+first, each by itself in the same way, and the separator last. The factor of a wall of n blocks then has about n log n
+entries and takes about n^1.5 operations, in place of n^1.5 and n^2 of a band. George, SIAM J. Numer. Anal. 10 (1973)
+345. As the positions of the blocks are known, cuts across the three axes are tried and the best is taken.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from dembrick.errors import ScenarioError
 from dembrick.kernels.math.multifrontal import SIX, Fronts, eliminate, energy_norm, substitute_back, substitute_forward
 from dembrick.scenario.memory import available
 
-OPERATIONS_AT_ONCE = 2e9  # multiply-adds in one go: a signal waits for some tenths of a second
+OPERATIONS_AT_ONCE = 2e9  # multiply-adds per call: a signal waits for some tenths of a second
 
 
 @dataclass(frozen=True)
 class Pattern:
     """Symbolic analysis of the equations of f free blocks.
 
-    ``place`` (f,): first row of each free block in the equations. ``fronts``: elimination tree without numbers, with
-    ``entries`` of a factor and ``room`` for updates to allocate. ``stops``: fronts after which an elimination may rest.
+    ``place`` (f,): first row of each free block in the equations. ``fronts``: elimination tree without values;
+    ``entries`` of a factor and ``room`` for updates are to be allocated. ``stops``: fronts after which an elimination
+    may pause.
     """
 
     place: np.ndarray
@@ -52,16 +53,16 @@ class Pattern:
         return rows
 
     def to_blocks(self, rows: np.ndarray) -> np.ndarray:
-        """The same back: (f, 6)."""
+        """Inverse of `to_rows`: values (f, 6) of the free blocks."""
         return rows[self.place[:, None] + np.arange(SIX)]
 
     def bytes(self, factors: int) -> int:
-        """Memory of so many factors, with room for updates."""
+        """Memory (bytes) of so many ``factors``, with room for updates."""
         return 8 * (factors * (self.entries + self.rows) + self.room)
 
 
 class Factors:
-    """LU factors of one matrix of a `Pattern`; ``room`` may be shared with others that are made at other times."""
+    """LU factors of one matrix of a `Pattern`; ``room`` may be shared with factors that are made at other times."""
 
     def __init__(self, pattern: Pattern, room: np.ndarray | None = None):
         self.pattern = pattern
@@ -72,10 +73,10 @@ class Factors:
             near=np.empty(SIX * int(np.diff(pattern.fronts.edge).max(initial=0))),
         )
 
-        self.seconds = 0.0  # that went into analysis and factors
+        self.seconds = 0.0  # spent on analysis and factors
 
     def prepare(self, left_a: np.ndarray, left_b: np.ndarray, middle: np.ndarray) -> None:
-        """Compile what `make` and `solve` call, or load it, without any work."""
+        """Compile or load the kernels of `make` and `solve`, without any work."""
         none = np.zeros((0, self.pattern.rows))
         eliminate(self.fronts, left_a, left_b, middle, 0, 0, 0.0, np.zeros(0))
         self.solve(none)
@@ -112,7 +113,8 @@ class Factors:
 
 
 def inner(a: np.ndarray, b: np.ndarray) -> float:
-    """Inner product of two long vectors, in an order that depends on no number of threads, as that of BLAS does."""
+    """Inner product of two long vectors, summed in an order that, unlike BLAS, does not depend on the number of
+    threads."""
     return float((a * b).sum())
 
 
@@ -173,8 +175,8 @@ def analyse(position: np.ndarray, block_a: np.ndarray, block_b: np.ndarray) -> P
 
 
 def _boundaries(pieces: list[Piece], first: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
-    """Boundary blocks of every piece, by their place in the order of elimination: what its blocks and those of its
-    children touch that comes later. ``low`` and ``high``: coupled blocks, by their places."""
+    """Boundary blocks of every piece, by their place in the order of elimination: later blocks that its own blocks or
+    those of its children touch. ``low`` and ``high``: coupled blocks, by their places."""
     low, high = np.minimum(low, high), np.maximum(low, high)
     order = np.argsort(low, kind="stable")
     low, high = low[order], high[order]
@@ -192,7 +194,7 @@ def _boundaries(pieces: list[Piece], first: np.ndarray, low: np.ndarray, high: n
 
 
 class _Numbering:
-    """The number that a block has within a front: pivot blocks first, then those of the boundary."""
+    """Numbers of blocks within fronts: pivot blocks first, then those of the boundary."""
 
     def __init__(self, first: np.ndarray, edge: np.ndarray, boundary: np.ndarray, count: int):
         self.first, self.edge, self.count = first, edge, count
@@ -201,16 +203,16 @@ class _Numbering:
         self._keys = np.repeat(np.arange(len(first) - 1), self.around) * count + boundary
 
     def inside(self, front: np.ndarray, block: np.ndarray) -> np.ndarray:
-        """Of blocks, by their places in the order of elimination, in one ``front`` each."""
+        """Numbers of blocks, given by their places in the order of elimination, in one ``front`` each."""
         own = self.front[block] == front
         key = np.searchsorted(self._keys, front * self.count + block)
         return np.where(own, block - self.first[front], key - self.edge[front] + self.pivots[front])
 
 
 def _update_places(parent: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, int]:
-    """Where the update of each front stands in the room for all, and how much room that takes.
+    """Place of the update of each front in the shared room, and the size of that room.
 
-    An update is made while those of the children are there, and is given up once the parent has taken it; it goes into
+    An update is formed while those of its children exist, and is freed once its parent has used it; it goes into
     the first gap that is wide enough.
     """
     place, room = np.zeros(len(parent), np.int64), 0
@@ -237,7 +239,7 @@ def _update_places(parent: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, in
 
 
 def _parts(number: _Numbering, start: np.ndarray, a: np.ndarray, b: np.ndarray) -> dict[str, np.ndarray]:
-    """Where the up to four blocks of every joint enter the fronts; ``a``, ``b``: places of its ends, -1 if fixed."""
+    """Places in the fronts of the up to four blocks of every joint; ``a``, ``b``: places of its ends, -1 if fixed."""
     found = []
     for side, (row, column) in enumerate(((a, a), (a, b), (b, a), (b, b))):
         joint = np.flatnonzero((row >= 0) & (column >= 0))
@@ -256,8 +258,8 @@ def _parts(number: _Numbering, start: np.ndarray, a: np.ndarray, b: np.ndarray) 
     return {k: (v if k == "part" else v[order]).astype(np.int64) for k, v in named.items()}
 
 
-LEAF = 6  # blocks that are not cut any further
-UNEVEN = 0.15  # of a set: how far from its middle a cut may lie
+LEAF = 6  # blocks of a set that is not cut any further
+UNEVEN = 0.15  # of a set: greatest distance of a cut from its middle
 
 
 class Piece(NamedTuple):
@@ -298,8 +300,8 @@ def dissect(position: np.ndarray, first: np.ndarray, second: np.ndarray) -> list
 def _cut(position: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
     """0 and 1 for the blocks of the halves and 2 for those of the separator (n,); None if no cut leaves halves.
 
-    Sorted along an axis, a block belongs to the separator of a cut if it lies before it and touches one behind, or the
-    other way round: how many these are is counted for all cuts at once.
+    With blocks sorted along an axis, a block belongs to the separator of a cut if it lies before it and touches one
+    behind, or the other way round; these are counted for all cuts at once.
     """
     n = len(position)
     cuts = np.arange(max(1, int((0.5 - UNEVEN) * n)), min(n - 1, int(np.ceil((0.5 + UNEVEN) * n))) + 1)

@@ -1,7 +1,4 @@
-"""From the immutable geometry to the arrays of the kernels: the state that a run starts from.
-
-Nothing here knows what a yield point is, or what the answer of a test should be.
-"""
+"""State of statics: the arrays of the kernels, made from the immutable geometry of an assembly."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ class State(NamedTuple):
 
 
 def for_kernels(state: State, moving: MovingTies | None = None) -> KernelState:
-    """The state as kernels take it, with ties that follow finite motion; the forces of others are dead loads."""
+    """The state for the kernels, with ties in ``moving`` geometry, if any; the forces of other ties are dead loads."""
     return KernelState(*state[:5], moving)
 
 
@@ -54,7 +51,7 @@ def blocks_at_rest(
     free: np.ndarray, orientation: np.ndarray, dead_force: np.ndarray, dead_torque: np.ndarray,
     held: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Blocks:  # fmt: skip
-    """Blocks that have not moved; the arguments are fields of `Blocks`, ``held`` those of the guided ones and where."""
+    """Blocks that have not moved; the arguments are fields of `Blocks`, ``held``: `guided` and `held`."""
     n = len(orientation)
     guided, directions = held or (np.zeros(0, np.int64), np.zeros((0, 6), bool))
     vectors = ("displacement", "rotation", "velocity", "spin", "momentum", "force", "torque")
@@ -72,7 +69,7 @@ def blocks_at_rest(
 
 
 def joints_at_rest(**fixed: np.ndarray) -> Joints:
-    """Joints in which nothing has moved and nothing is carried; ``fixed``: the fields of `Joints` that never change."""
+    """Joints without motion and forces; ``fixed``: the fields of `Joints` that never change."""
     n = len(fixed["block_a"])
     return Joints(
         damping=np.ones(n),
@@ -86,7 +83,7 @@ def joints_at_rest(**fixed: np.ndarray) -> Joints:
 
 
 def rotations(state: State) -> np.ndarray:
-    """Matrices (n, 3, 3) from body axes to the world, as the blocks stand now."""
+    """Present rotation matrices (n, 3, 3) from body axes to the world."""
     blocks = state.blocks
     return rotation_matrix(turned_by(blocks.rotation, blocks.orientation))
 
@@ -127,13 +124,13 @@ def _joints(assembly: Assembly) -> Joints:
 
 
 def load_vectors(state: State, guides: bool = True) -> np.ndarray:
-    """Force and moment about the centroid (n, 6) on every block for V = 1, less what ``guides`` bear of it."""
+    """Force and moment about the centroid (n, 6) on every block for V = 1, without the parts that ``guides`` carry."""
     actuators = state.actuators
     load = np.zeros((len(state.blocks.displacement), 6))
     force = actuators.direction * actuators.weight[:, None]
     np.add.at(load, actuators.block, np.concatenate([force, np.cross(actuators.arm, force)], axis=1))
     if guides:
-        load[state.blocks.guided] *= ~state.blocks.held  # what pushes against a guide pushes nothing else
+        load[state.blocks.guided] *= ~state.blocks.held  # loads along held directions act on the guide alone
     return load
 
 
@@ -154,7 +151,7 @@ def new_energy(state: State) -> Energy:
 
 
 def move_actuators(state: State) -> None:
-    """Take the loaded points of the actuators along with their blocks, by small motion."""
+    """Update the displacements of the actuators to the small motion of their blocks."""
     blocks, actuators = state.blocks, state.actuators
     turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
     since_start = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
@@ -162,7 +159,7 @@ def move_actuators(state: State) -> None:
 
 
 def zero_actuators(state: State) -> None:
-    """Let the actuators touch the blocks where they are now, without a force: their displacements count from here."""
+    """Set the zero of the actuators to the present positions of the blocks, without a force."""
     actuators = state.actuators
     actuators.zero[:] = 0.0
     move_actuators(state)

@@ -1,7 +1,7 @@
-"""Time stepping in chunks: compiled steps, and what is done between two chunks.
+"""Time stepping in chunks: compiled steps, and the work between two chunks.
 
-Nothing here decides about a number: how long a chunk is, when a checkpoint is written and whether the run was stopped
-and went on leave every bit of the answer as it is.
+Nothing here affects results: they are the same to the last bit whatever the length of chunks, the times of checkpoints
+and restarts.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, for_kernels
 
-CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
-FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the pace is known
+CHUNK_SECONDS = 0.2  # of a chunk: a signal is handled within that
+FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the speed is known
 
 
 @dataclass
 class Loop:
-    """All that `kernels.statics.loop.advance` works on; all but the record is what a checkpoint holds."""
+    """Arguments of `kernels.statics.loop.advance`; a checkpoint holds all of them but the record."""
 
     dt: float  # s
     state: State
@@ -49,7 +49,7 @@ class Loop:
     _advance: Callable | None = field(default=None, init=False, repr=False)
 
     def advance(self, n_steps: int) -> int:
-        """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
+        """Do ``n_steps`` and return the status; zero steps only compile the kernel, or load it from the cache."""
         arguments = (
             self.step, n_steps, self.dt, for_kernels(self.state, self.ties), self.scaled, self.inertia, self.drive,
             self.certificate, self.record, self.energy, self.guard,
@@ -60,7 +60,7 @@ class Loop:
         return status
 
     def parts(self) -> dict[str, tuple]:
-        """The named tuples beside the state by name, without those that the scene does not have."""
+        """The named tuples other than the state by name, without those that are None."""
         names = ("scaled", "inertia", "drive", "certificate", "energy", "guard", "ties")
         return {name: part for name in names if (part := getattr(self, name)) is not None}
 
@@ -69,7 +69,7 @@ class Loop:
         return {"loop": np.array([self.step, self.dt]), **flattened({"state": self.state, **self.parts()})}
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Take everything from a snapshot of the same scene; HistoryError if it is of another."""
+        """Restore everything from a snapshot of the same scene; HistoryError if it is of another."""
         step, self.dt = (float(x) for x in snapshot.array("loop", np.zeros(2)))
         if not (step >= 0.0 and step.is_integer() and 0.0 < self.dt < np.inf):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
@@ -81,10 +81,10 @@ class Loop:
 
 
 class Stepper:
-    """Runs a loop in chunks, hands on the record, writes checkpoints and answers signals.
+    """Runs a loop in chunks, passes on the record, writes checkpoints and handles signals.
 
-    ``longest`` is the number of steps that a chunk has at most, ``total`` that of the run, if it is known; where
-    somebody watches for a row, a chunk ends at each, which are ``rows_every`` steps apart.
+    ``longest``: the most steps of a chunk, ``total``: steps of the run, if known. If the session keeps the last
+    snapshot, a chunk ends at every row, which are ``rows_every`` steps apart.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Stepper:
 
     @property
     def progress(self) -> Progress:
-        """How far the run is; a search does not know how many steps it takes."""
+        """Progress of the run; the total of a search is unknown."""
         return Progress("step", self.loop.step, self._total, self.loop.step * self.loop.dt)
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -117,7 +117,7 @@ class Stepper:
     def to(self, last: int) -> int:
         """Advance to step ``last``, or until the kernel ends the run; returns its status.
 
-        Raises Interrupted at the end of the chunk in which a signal came.
+        Raises Interrupted at the end of the chunk in which a signal arrived.
         """
         status = RUNNING
         with interrupts.deferred():

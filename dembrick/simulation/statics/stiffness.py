@@ -1,4 +1,4 @@
-"""Elastic stiffness of joints, of blocks with their neighbours held, and of the whole assembly."""
+"""Elastic stiffness of joints, of blocks with their neighbours fixed, and of the whole assembly."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.simulation.statics.state import State
 
-FREELY = 1e-14  # of the greatest stiffness of a block: the least, where nothing but rounding is
-AT_ONCE = 1024  # joints whose matrices are made together: some 300 kB each
+FREELY = 1e-14  # of the greatest stiffness of a block: a smaller one is rounding
+AT_ONCE = 1024  # joints whose matrices are made together: some 300 kB per array
 
 
 def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
@@ -33,14 +33,15 @@ def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
 
 
 def pieces(numbers: np.ndarray) -> Iterator[np.ndarray]:
-    """The numbers of joints some at a time, whose matrices stay where the processor finds them."""
+    """Split numbers of joints into groups whose matrices fit into the cache."""
     for begin in range(0, len(numbers), AT_ONCE):
         yield numbers[begin : begin + AT_ONCE]
 
 
 def felt(state: State, times: np.ndarray | None = None) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Numbers (k,) of some joints, those of their blocks, and the stiffness (k, 6, 6), ``times`` (j,) each, of the
-    joints as the blocks feel it that move alone, about their centroids: first every block a, then every block b."""
+    """Iterate over groups of joints: their numbers (k,), those of their blocks, and the stiffness (k, 6, 6) of each
+    joint, scaled by ``times`` (j,), against motion of that block alone about its centroid: first the blocks a of all
+    joints, then the blocks b."""
     joints, k = state.joints, joint_families.stiffness(state)
     if times is not None:
         k *= times[:, None, None]
@@ -51,7 +52,7 @@ def felt(state: State, times: np.ndarray | None = None) -> Iterator[tuple[np.nda
 
 
 def summed(state: State, times: np.ndarray | None = None) -> np.ndarray:
-    """Stiffness (n, 6, 6) of each block on its joints, ``times`` (j,) each; zero for fixed blocks."""
+    """Stiffness (n, 6, 6) of each block on its joints, scaled by ``times`` (j,); zero for fixed blocks."""
     stiffness = np.zeros((len(state.blocks.displacement), 6, 6))
     for _, block, own in felt(state, times):
         np.add.at(stiffness, block, own)
@@ -60,17 +61,17 @@ def summed(state: State, times: np.ndarray | None = None) -> np.ndarray:
 
 
 def block_stiffness(state: State, shared: float) -> np.ndarray:
-    """Stiffness (n, 6, 6) of each block about its centroid with all its neighbours held; zero for fixed blocks.
+    """Stiffness (n, 6, 6) of each block about its centroid with all its neighbours fixed; zero for fixed blocks.
 
-    A joint between two free blocks counts ``shared`` times. With 2 the block matrices together bound the stiffness of
-    the assembly, because an element stores at most twice the energy of its two one-sided parts.
+    A joint between two free blocks is multiplied by ``shared``. With 2 the block matrices together bound the stiffness
+    of the assembly, because an element stores at most twice the energy of its two one-sided parts.
     """
     return summed(state, np.where(_both_free(state), shared, 1.0))
 
 
 def held_stiffness(assembly: Assembly, state: State) -> np.ndarray:
-    """`block_stiffness` with what is shared counted twice; ScenarioError for a block that turns freely about the line
-    in which all points lie that hold it."""
+    """`block_stiffness` with joints between free blocks counted twice; ScenarioError for a block that can turn freely
+    about a line through all of its contact points."""
     stiffness, free = block_stiffness(state, shared=2.0), state.blocks.free
     if not any(law.points is not None and min(law.points) < 2 for law in assembly.joints.law):
         return stiffness  # no joint has its points in one line
@@ -100,8 +101,8 @@ def _both_free(state: State) -> np.ndarray:
 
 
 def _guided(state: State, stiffness: np.ndarray) -> np.ndarray:
-    """The ``stiffness`` (n, 6, 6) of blocks, where those that are held do not answer in the directions of their guides;
-    its diagonal stays, so that it may be inverted."""
+    """The ``stiffness`` (n, 6, 6) of blocks, decoupled in the directions in which guides hold them; its diagonal stays,
+    so that it can be inverted."""
     for b, held in zip(state.blocks.guided, state.blocks.held, strict=True):
         diagonal = np.diagonal(stiffness[b])[held].copy()
         stiffness[b][held], stiffness[b][:, held] = 0.0, 0.0
@@ -110,7 +111,7 @@ def _guided(state: State, stiffness: np.ndarray) -> np.ndarray:
 
 
 def couplings(state: State) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Off-diagonal stiffness between free blocks: the numbers (k,) of some of their joints, and blocks K_ab
+    """Off-diagonal stiffness between free blocks, in groups of joints: their numbers (k,), and blocks K_ab
     (k, 6, 6)."""
     joints, k = state.joints, joint_families.stiffness(state)
     for some in pieces(np.flatnonzero(_both_free(state))):
@@ -142,6 +143,6 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
 
 
 def answer_alone(state: State, stiffness: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """The motion (f, 6) by which free blocks that touch only fixed ones answer to loads (f, 6)."""
+    """Function from loads (f, 6) on free blocks that touch only fixed ones to their elastic motion (f, 6)."""
     inverse = np.linalg.inv(stiffness[state.blocks.free])
     return lambda load: np.einsum("fij,fj->fi", inverse, load)

@@ -1,8 +1,8 @@
-"""Ties in searches: springs along the line between two points, ductile at their strength, slack where they would push.
+"""Ties in statics: springs along the line between two points, ductile at their strength, slack in compression.
 
 T = T_0 + k (e - e_0 - e_p), not below zero if the tie takes tension only, and at most T_y. The elongation e is that of
-small displacements, e_0 that with which the tie came; what has yielded, e_p, is remembered. Ties are few, so that their
-forces are found here and added to the dead loads that the kernels see, before every evaluation of the joints.
+small displacements, e_0 that at which the tie was added, e_p the permanent elongation. Ties are few, so their
+forces are found here and added to the dead loads of the kernels, before every evaluation of the joints.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class Ties(NamedTuple):
     least: np.ndarray  # (t,) N, zero if it takes tension only, else minus the strength
     prestress: np.ndarray  # (t,) N
     dead: np.ndarray  # (n, 6) N, N m: dead loads on the blocks without the ties
-    yielded: np.ndarray  # (t,) m, elongation that stays
+    yielded: np.ndarray  # (t,) m, permanent elongation
     tension: np.ndarray  # (t,) N, now
     elongation: np.ndarray  # (t,) m, now
-    rest: np.ndarray  # (t,) m, elongation with which the tie came
+    rest: np.ndarray  # (t,) m, elongation at which the tie was added
 
 
 def at_rest(assembly: Assembly) -> Ties | None:
@@ -72,7 +72,7 @@ def at_rest(assembly: Assembly) -> Ties | None:
 
 
 def pull(state: State) -> None:
-    """Let the ties of a state, if it has any, act on its blocks where they are now."""
+    """Update the ties of a state, if it has any, to the positions of its blocks, and apply their forces."""
     ties = state.ties
     if ties is None:
         return
@@ -82,7 +82,8 @@ def pull(state: State) -> None:
 
 
 def go_on(state: State, left: Ties | None, before: TiesBefore | None) -> None:
-    """Give the ties of a state whose blocks are in place what those ``left`` by another run keep; others come now."""
+    """Copy the history of the ties ``left`` by a previous run to those of a state whose blocks are in place; others are
+    added now."""
     ties = state.ties
     if ties is None or (left is None and before is None):
         return
@@ -95,7 +96,7 @@ def go_on(state: State, left: Ties | None, before: TiesBefore | None) -> None:
 
 
 def _elongate(state: State) -> None:
-    """Look how long the ties are now."""
+    """Update the elongations of the ties."""
     ties, blocks = state.ties, state.blocks
     motion = np.concatenate([blocks.displacement, blocks.rotation], axis=1)
     of_b = np.einsum("tk,tk->t", ties.seen_b[:, 2], motion[ties.block_b])
@@ -103,7 +104,7 @@ def _elongate(state: State) -> None:
 
 
 def act(state: State) -> None:
-    """Put the tensions of the ties on the blocks, beside the dead loads."""
+    """Add the tensions of the ties to the dead loads of the blocks."""
     ties, blocks = state.ties, state.blocks
     wrench = ties.dead.copy()
     np.add.at(wrench, ties.block_a, ties.tension[:, None] * ties.seen_a[:, 2])
@@ -112,7 +113,7 @@ def act(state: State) -> None:
 
 
 def _trial(ties: Ties) -> np.ndarray:
-    """Tension (t,) if the ties were elastic from what has yielded."""
+    """Elastic trial tension (t,) from the permanent elongation."""
     return ties.prestress + ties.stiffness * (ties.elongation - ties.rest - ties.yielded)
 
 
@@ -125,7 +126,7 @@ def tangent(ties: Ties) -> np.ndarray:
 
 
 def remember(state: State) -> float:
-    """Keep what the ties have yielded; the work that this took (J)."""
+    """Update the permanent elongation of the ties; return the work dissipated (J)."""
     ties = state.ties
     if ties is None:
         return 0.0
@@ -137,11 +138,11 @@ def remember(state: State) -> float:
 
 
 def unspent(state: State, most: float) -> float:
-    """Work (J) by which ties would resist the motion of the last step more than they do now, once they have yielded or
-    gone slack; that of ties which never yield as if they did at ``most`` (N).
+    """Additional work (J) of the ties against the motion of the last step once they have yielded or gone slack; ties
+    that never yield count with a strength of ``most`` (N).
 
-    A cable that its prestress draws out by more than its length is no elastic one but a weight on a rope: it pulls on
-    with what it has when it is let go.
+    A cable whose prestress stretches it by more than its length stands for a weight on a rope: its tension stays when
+    it shortens.
     """
     ties, blocks = state.ties, state.blocks
     if ties is None:
@@ -169,7 +170,7 @@ def dead_loads(state: State) -> np.ndarray:
 
 
 def put_dead_loads(state: State, wrench: np.ndarray) -> None:
-    """Let ``wrench`` (n, 6) be the dead loads on the blocks; ties go on pulling as `pull` found them."""
+    """Set the dead loads on the blocks to ``wrench`` (n, 6); the tie forces stay as `pull` found them."""
     blocks = state.blocks
     if state.ties is not None:
         state.ties.dead[:] = wrench
@@ -184,15 +185,15 @@ def on_blocks(state: State) -> np.ndarray:
 
 
 def on_supports(state: State, support: np.ndarray) -> np.ndarray:
-    """Wrenches of the fixed blocks on the structure through the ties (s, 6), N and N m; zero for those that are held in
-    some directions. ``support`` (n,): the number of each among them, or -1."""
+    """Wrenches of the supports on the structure through the ties (s, 6), N and N m; zero for guided blocks.
+    ``support`` (n,): number of each block among the supports, or -1."""
     found = -on_blocks(state)
     found[state.blocks.guided] = 0.0
     return found[support >= 0]
 
 
 def write(state: State, record: Record) -> None:
-    """Add to the last row of a record what the ties hold, carry and keep."""
+    """Add the energy, tensions, reactions and permanent elongations of the ties to the last row of a record."""
     if state.ties is None:
         return
     row = record.count[0] - 1
@@ -202,7 +203,7 @@ def write(state: State, record: Record) -> None:
 
 
 def start_moving(state: State, assembly: Assembly) -> MovingTies:
-    """The ties of a dead-load equilibrium in moving geometry; they no longer count as dead loads."""
+    """The ties of a dead-load equilibrium in moving geometry; their forces then no longer count as dead loads."""
     moving = moving_ties(assembly.ties, assembly.position, assembly.rotation)
     if state.ties is not None:
         now, ties = moving.now, state.ties
@@ -215,7 +216,7 @@ def start_moving(state: State, assembly: Assembly) -> MovingTies:
 
 
 def _stretch(moving: MovingTies, blocks: Blocks) -> None:
-    """Let ties be as long, and as tight, as blocks that have turned further than searches know make them."""
+    """Set the length and tension of the ties to the finite motion of their blocks."""
     now, moved = moving.now, blocks.displacement[moving.block]
     arm = np.einsum("tsij,tsj->tsi", rotation_matrix(blocks.orientation[moving.block]), moving.lever)
     line = moving.offset + moved[:, 1] - moved[:, 0] + arm[:, 1] - arm[:, 0]
@@ -225,7 +226,7 @@ def _stretch(moving: MovingTies, blocks: Blocks) -> None:
 
 
 def stop_moving(state: State, moving: MovingTies) -> None:
-    """Give a state what its ties do at the end of a run in moving geometry."""
+    """Copy the ties at the end of a run in moving geometry back to the state."""
     ties = state.ties
     if ties is None:
         return
@@ -236,8 +237,8 @@ def stop_moving(state: State, moving: MovingTies) -> None:
 
 
 def bound(state: State) -> np.ndarray:
-    """Stiffness (n, 6, 6) of blocks on their ties, twice where those join free blocks: together no less than all ties
-    do."""
+    """Stiffness (n, 6, 6) of blocks on their ties, doubled for ties between free blocks: an upper bound of that of all
+    ties together."""
     n = len(state.blocks.displacement)
     found, free = np.zeros((n, 6, 6)), np.zeros(n, bool)
     free[state.blocks.free] = True

@@ -1,9 +1,9 @@
-"""Table that tilts, in the geometry of the start: from the blocks that its search knows to those on the table.
+"""Tilting table in the geometry of the start: conversion of the results of a search to those of the table.
 
-The search pushes the blocks by V = tan(psi) times their weight and leaves gravity as it is (`assembly.load_system`). So
-all forces, and what springs give by them, are those of the table at psi over cos(psi) = 1 / sqrt(1 + V^2). What a stage
-before has moved stays where it is. Slip paths stay too, as no path gets shorter. Energies, work along the path, are no
-multiple of the table's.
+The search pushes the blocks by V = tan(psi) times their weight under constant gravity (`assembly.load_system`). So
+all its forces and elastic displacements are those of the table at psi over cos(psi) = 1 / sqrt(1 + V^2). Displacements
+of previous stages are not scaled, nor are slip paths, as no path gets shorter. Energies, work along the path, are not
+proportional to those of the table and are left out.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DRIVEN = ("displacement", "actuator_displacement")
 
 
 class Before(NamedTuple):
-    """Where blocks and control points were as the table began to tilt, from where they are drawn."""
+    """Displacements of blocks and control points when the table began to tilt, from the geometry as drawn."""
 
     displacement: np.ndarray  # (n, 3) m
     rotation: np.ndarray  # (n, 3) rad
@@ -35,7 +35,7 @@ class Before(NamedTuple):
 
     @classmethod
     def of(cls, state: State, watched: ControlPoints, goes_on: bool) -> Before:
-        """That of a ``state`` that another run has left, if this one ``goes_on``; else as they are drawn."""
+        """From a ``state`` that a previous run has left, if this one ``goes_on`` from it; else as drawn."""
         blocks = state.blocks
         displacement, rotation = goes_on * blocks.displacement, goes_on * blocks.rotation
         turned = rotation_matrix(turned_by(rotation, blocks.orientation))
@@ -49,7 +49,7 @@ def cosine(load_factor) -> np.ndarray:
 
 
 def forces_on_table(rows: Mapping) -> dict:
-    """Rows of a search, with the forces of the table."""
+    """Rows of a search with the forces of the table."""
     found, share = dict(rows), cosine(rows["load"])
     found |= {name: _times(share, rows[name]) for name in FORCES if name in rows}
     if "joint" in rows:
@@ -59,7 +59,7 @@ def forces_on_table(rows: Mapping) -> dict:
 
 
 def rows_on_table(rows: Mapping, before: Before) -> dict:
-    """Rows of a search, as the table has them."""
+    """Rows of a search, converted to the table."""
     found, share = forces_on_table(rows) | {"energy": {}}, cosine(rows["load"])
     found |= {name: _times(share, rows[name]) for name in DRIVEN}
     if "control_point" in rows:
@@ -68,7 +68,7 @@ def rows_on_table(rows: Mapping, before: Before) -> dict:
 
 
 def frames_on_table(frames: Mapping, load_factor: np.ndarray, before: Before) -> dict:
-    """Frames of a search at these load factors (F,), as the table has them."""
+    """Frames of a search at these load factors (F,), converted to the table."""
     found, share = dict(frames), cosine(load_factor)
     found["displacement"] = _since(before.displacement, share, frames["displacement"])
     turn = rotation_vector(quaternion_product(frames["orientation"], before.orientation * (1.0, -1.0, -1.0, -1.0)))
@@ -79,31 +79,31 @@ def frames_on_table(frames: Mapping, load_factor: np.ndarray, before: Before) ->
 
 
 def _times(share: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """An entry of ``values`` times each ``share``."""
+    """``values`` with each row multiplied by its ``share``."""
     return share.reshape(-1, *[1] * (values.ndim - 1)) * values
 
 
 def _since(before: np.ndarray, share: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The same of what has come on top of ``before``."""
+    """``values`` whose change since ``before`` is multiplied by ``share``."""
     return before + _times(share, values - before)
 
 
 def on_table(replay: Replay, displacement: np.ndarray, rotation: np.ndarray) -> Replay:
-    """A search that has ended, with what joints, supports and ties of the table carry at its limit, and how far the
-    blocks went up to there; ``displacement`` and ``rotation`` (n, 3): as the table began to tilt, see `Before`."""
+    """A finished search, with the forces and displacements converted to the table at its limit; ``displacement`` and
+    ``rotation`` (n, 3): when the table began to tilt, see `Before`."""
     point, state, moved = replay.yield_point, replay.state, replay.moved
     share = float(cosine(float(state.actuators.driven[0].load)))
     carried = {name: share * getattr(point, name) for name in ("N", "V_1", "V_2", "M_T", "displacement")}
     peak = float(cosine(point.V_peak)) * point.displacement_at_peak
     point = replace(point, **carried, displacement_at_peak=peak)
     found = _state_on_table(state, share, displacement, rotation)
-    if moved is not None:  # since the dead loads alone, which the level table carries
+    if moved is not None:  # since the dead-load equilibrium, which is that of the level table
         moved = moved + (found.blocks.displacement - state.blocks.displacement)
     return replace(replay, yield_point=point, state=found, moved=moved)
 
 
 def _state_on_table(state: State, share: float, displacement: np.ndarray, rotation: np.ndarray) -> State:
-    """A ``state`` with the forces and the motion of the table; what its points remember is the search's."""
+    """A ``state`` with the forces and the motion of the table; the history of its points is that of the search."""
     now, joints, ties = state.blocks, state.joints, state.ties
     blocks = now._replace(
         displacement=displacement + share * (now.displacement - displacement),

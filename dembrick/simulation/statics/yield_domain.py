@@ -1,8 +1,8 @@
 """A joint's yield domain in the space of V_1, V_2 and M_T by simulation: one replay from rest in each direction.
 
 The set of loads that a joint carries at fixed normal forces is convex, and its slip is normal to it (limit analysis;
-friction without dilatancy is associated in this space). Neither is put into a replay, so both are measured on what
-comes out of it, each as one number with the tolerance that the error bars of the points leave it.
+friction without dilatancy is associated in this space). A replay assumes neither, so both are checked on its results,
+each as one number with a tolerance that follows from the error bars of the points.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from dembrick.geometry import polygons
 from dembrick.simulation.statics import batch
 
 SPACES = ("quarter", "plane", "all")
-_NEIGHBOURS = 10  # directions around each, out of which the cones of the test of convexity are made
+_NEIGHBOURS = 10  # directions around each, from which the cones of the test of convexity are formed
 _ROUNDING = 1e-9  # of a load
 _TURN = (3.0 - 5.0**0.5) * np.pi  # golden angle
 
 
 @dataclass(frozen=True)
 class Check:
-    """A defect that should be zero, and what the error bars of the points allow it to be (relative, both)."""
+    """A defect that should be zero, and its tolerance from the error bars of the points (both relative)."""
 
     value: float
     tolerance: float
@@ -43,7 +43,7 @@ class Check:
 class YieldDomain:
     """n points of the boundary of a yield domain. SI units, joint axes, moments about O.
 
-    ``load`` (n, 3) are the unit loads (V_1, V_2, M_T), ``limits`` what the replays found: V is their multiplier.
+    ``load`` (n, 3): unit loads (V_1, V_2, M_T); ``limits``: results of the replays, whose V multiplies these loads.
     ``space`` is that of :func:`directions`. ``V_0`` (N) and ``lever`` (m), the mean distance of the corners, scale the
     space to numbers of order one.
     """
@@ -71,7 +71,7 @@ class YieldDomain:
 
     @property
     def _allowed(self) -> float:
-        """Tolerance on the disagreement of two points: one low and the other high by its error bar, and rounding."""
+        """Tolerance on the ratio of two points: one too low and the other too high by its error bar, and rounding."""
         return 2.0 * self.error_bar / (1.0 - self.error_bar) + _ROUNDING
 
     @property
@@ -79,19 +79,19 @@ class YieldDomain:
         return self.points / (self.V_0 * np.array([1.0, 1.0, self.lever]))
 
     def convexity(self) -> Check:
-        """Greatest part by which a point lies inside the plane (in a plane: line) through points around it.
+        """Greatest part by which a point lies inside the plane (in 2D: the line) through points around it.
 
-        With P the point and P_i others whose cone holds it, P = sum of c_i P_i with c_i >= 0, and a convex set has sum
-        c_i >= 1. All cones out of the nearest directions are tried. A star-shaped surface that is convex everywhere
-        locally is convex.
+        If P is the point and P_i are others whose cone contains it, P = sum of c_i P_i with c_i >= 0, and a convex set
+        has sum c_i >= 1. All cones of the nearest directions are tried. A star-shaped surface that is locally convex
+        everywhere is convex.
         """
         P = self._scaled
         return Check(float(max(0.0, 1.0 - _least_sum(P, 3 if self.space == "all" else 2))), self._allowed)
 
     def normality(self) -> Check:
-        """Greatest part by which a point does more work on the slip of another than that one itself.
+        """Greatest part by which a point does more work on the slip of another point than that point itself.
 
-        Slip normal to a convex set is that q_i which makes q_i.P the greatest at P_i (maximum dissipation), so
+        If the slip q_i at P_i is normal to a convex set, q_i.P is greatest at P_i (maximum dissipation), so
         q_i.P_j / q_i.P_i - 1 is at most zero.
         """
         P = self.points
@@ -104,7 +104,7 @@ class YieldDomain:
 
 
 def _least_sum(P: np.ndarray, dimension: int) -> float:
-    """Least sum of the coefficients of any point over cones of its neighbours that hold it, at least 1 if convex."""
+    """Least sum of the coefficients of any point in cones of its neighbours that contain it; at least 1 if convex."""
     if dimension == 2:
         # the plane of the points: an orthonormal pair by singular values
         P = P @ np.linalg.svd(P, full_matrices=False)[2][:2].T
@@ -164,7 +164,7 @@ def actuators_for(load: np.ndarray, lever: float, height: float = 0.0) -> tuple[
 
 
 class Fan(NamedTuple):
-    """Which :func:`directions` of (V_1, V_2, M_T) a domain is asked in."""
+    """The :func:`directions` of (V_1, V_2, M_T) in which a domain is computed."""
 
     count: int
     space: str = "quarter"
@@ -188,8 +188,8 @@ def yield_domain(
 ) -> YieldDomain:
     """Replays in the :func:`directions` of a ``fan`` on a joint ``polygon`` (m, 2) about its centroid.
 
-    N acts at ``eccentricity`` (m, about O), the actuators ``height`` (m) above the joint. Raises ScenarioError for what
-    is no test, NotConvergedError if a direction has no answer.
+    N acts at ``eccentricity`` (m, about O), the actuators ``height`` (m) above the joint. Raises ScenarioError for
+    invalid input, NotConvergedError if no limit load is found in a direction.
     """
     polygon = np.asarray(polygon, float)
     if not (np.isfinite([friction, normal_force]).all() and friction > 0.0 and normal_force > 0.0):

@@ -1,5 +1,5 @@
-"""Limit load from a replay, and the way in which the joint yielded; before that, whether the bracket of a scene is
-strict, and what the compiled loop needs to form it.
+"""Limit load and mechanism from a finished replay (`read_off`); before it, whether the bracket of a scene is strict,
+and the data from which the compiled loop forms it (`certificate`).
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding
-_NOTHING = 1e-14  # of the largest joint force: a load that is nothing but rounding
-SLIDING = 1e-2  # of what a joint moves in the last step: less slip than that is none
-OPEN = 0.5  # of the lower bound: a bracket wider than this brackets nothing
+_NOTHING = 1e-14  # of the largest joint force: a smaller load is rounding
+SLIDING = 1e-2  # of the motion of a joint in the last step: smaller slip is neglected
+OPEN = 0.5  # of the lower bound: a wider bracket is reported as open
 
 
 @dataclass(frozen=True)
 class YieldPoint:
     """Limit load of the load system, with its bracket and the joint that moves most (SI units, joint axes).
 
-    ``V`` is the middle of the bracket; of a path that falls after a peak, of that of the peak, and ``V_after`` is what
-    the mechanism then still carries (else None). ``bracket`` is "certified" where the normal forces do not depend on
-    the load, else "indicator"; "open" where the bounds are further apart than a limit load allows (or ``V_upper`` is
-    None: there is no upper one), and V then only what the actuators carry at the end. ``unlimited``: no mechanism up to
-    ``V_lower``, and V is None. ``actuator_load`` is what the actuators carried when the replay ended, ``displacement``
-    the driven one at the limit, or at the end of a test that went past it (m); ``V_peak`` the largest load in
-    equilibrium, as far as the bracket knows it, at ``displacement_at_peak``; at a constant rate the largest V of the
-    record, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint at the limit,
-    ``torsion_centre`` is measured from its O (None in pure shear). ``limit_at``: when the record was there (s, or the
-    number of the equilibrium), None of a test that goes on past its peak. ``mechanism`` in a word, "none" where the
+    ``V`` is the middle of the bracket; if the load falls after a peak, the middle of that of the peak, and ``V_after``
+    is the residual load of the mechanism (else None). ``bracket`` is "certified" if the normal forces do not depend on
+    the load, else "indicator"; "open" if the bounds are too far apart for a limit load (or ``V_upper`` is None: there
+    is no upper one), and V is then only the load of the actuators at the end. ``unlimited``: no mechanism up to
+    ``V_lower``, and V is None. ``actuator_load``: load of the actuators at the end of the replay; ``displacement``:
+    the driven one at the limit, or at the end of a test that went past it (m); ``V_peak``: the largest load in
+    equilibrium, within the bracket, at ``displacement_at_peak``; at a constant rate the largest V of the
+    record, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are those of the joint at the limit,
+    ``torsion_centre`` is measured from its O (None in pure shear). ``limit_at``: time (s) or number of the equilibrium
+    at the limit, None for a test that goes on past its peak. ``mechanism``: its name, "none" if the
     blocks move elastically; ``joint``: the blocks of the joint that moves most.
     """
 
@@ -60,7 +60,8 @@ class YieldPoint:
 
     @property
     def half_width(self) -> float:
-        """How far the bracket goes from V (N), half its width if V is its middle; infinite without an upper bound."""
+        """Greatest distance of the bounds from V (N), half the width if V is in the middle; infinite without an upper
+        bound."""
         if self.V_upper is None or self.V is None:
             return math.inf
         return max(self.V_upper - self.V, self.V - self.V_lower)
@@ -70,9 +71,9 @@ class YieldPoint:
 
 
 def read_off(state: State, certificate: Certificate, names, physical: bool = False) -> YieldPoint:
-    """The yield point of a replay that has ended; BracketError if the two bounds contradict each other.
+    """The yield point of a finished replay; BracketError if the two bounds contradict each other.
 
-    ``physical``: the largest V of the record is that of a test with physical inertia.
+    ``physical``: whether the replay was a test with physical inertia, whose peak may exceed the upper bound.
     """
     lower, upper = (float(v) for v in certificate.bracket)
     if upper < NEVER:
@@ -94,8 +95,8 @@ def read_off(state: State, certificate: Certificate, names, physical: bool = Fal
     driven = state.actuators.driven[0]
     peak = float(driven.greatest)
     if not physical and kind != "open":
-        peak = min(peak, upper)  # below the lower bound where it comes nearer and nearer to the limit
-    # + 0.0: a negative zero would only puzzle the reader
+        peak = min(peak, upper)  # below the lower bound if V only approaches its limit
+    # + 0.0 turns a negative zero, which would only puzzle the reader, into zero
     return YieldPoint(
         V=V,
         V_lower=lower,
@@ -116,7 +117,7 @@ def read_off(state: State, certificate: Certificate, names, physical: bool = Fal
 
 
 def carried_by(point: YieldPoint, state: State) -> YieldPoint:
-    """``point`` with what its joint carries in a ``state``."""
+    """``point`` with the forces of its joint in a ``state``."""
     if len(state.joints.resultant) != 1:
         return point
     N, V_1, V_2, M_T = (float(value) + 0.0 for value in state.joints.resultant[0, :4])
@@ -124,15 +125,15 @@ def carried_by(point: YieldPoint, state: State) -> YieldPoint:
 
 
 def in_equilibrium(point: YieldPoint, certificate: Certificate) -> YieldPoint:
-    """``point`` of the one joint of a strict bracket with what it carries at V, without the inertia of the test."""
+    """``point`` of the one joint of a strict bracket with its forces in equilibrium at V, without inertia effects."""
     V_1, V_2, M_T = (float(value) + 0.0 for value in certificate.dead + present(point.V) * certificate.unit)
     return replace(point, V_1=V_1, V_2=V_2, M_T=M_T)
 
 
 def at_the_end(point: YieldPoint, certificate: Certificate) -> YieldPoint:
-    """``point`` with what the actuators carried when the replay ended for its V, in a bracket that holds it. Where the
-    strengths of the joints would take far more than V along the last motion, joints and ties give elastically, at
-    least in part, and it is no mechanism."""
+    """``point`` whose V is the final load of the actuators, in a bracket that includes it. If the strengths of the
+    joints would resist far more than V along the last motion, joints and ties move elastically, at least in part, and
+    there is no mechanism."""
     V = point.actuator_load
     above = None if point.V_upper is None else max(point.V_upper, V)
     point = replace(point, V=V, V_lower=min(point.V_lower, V), V_upper=above)
@@ -141,14 +142,14 @@ def at_the_end(point: YieldPoint, certificate: Certificate) -> YieldPoint:
 
 
 def without_mechanism(point: YieldPoint) -> YieldPoint:
-    """``point`` of a test at the end of which no mechanism moves."""
+    """``point`` of a test that ends without a mechanism."""
     return replace(point, mechanism="none", torsion_centre=None)
 
 
 def at_peak(point: YieldPoint, peak: tuple[float, float], within: float) -> YieldPoint:
-    """``point`` of a path that had a ``peak`` (bounds of it): about the peak, if that is a limit load of its own.
+    """``point`` of a path with a ``peak`` (given by bounds): at the peak, if that lies above the bracket.
 
-    A peak that stands out of the bracket by less than ``within`` (N) is part of it.
+    A peak above the bracket by less than ``within`` (N) only extends it.
     """
     if point.V_upper is None or not peak[0] > point.V_upper:
         return point
@@ -160,7 +161,7 @@ def at_peak(point: YieldPoint, peak: tuple[float, float], within: float) -> Yiel
 
 
 def without_limit(point: YieldPoint) -> YieldPoint:
-    """``point`` of a path on which nothing limited the load: V is at least what it was followed to."""
+    """``point`` of a path on which nothing limited the load: V is at least the last load."""
     followed = point.actuator_load
     return replace(
         point, V=None, V_lower=followed, V_upper=None, bracket="open", V_peak=followed, mechanism="none", unlimited=True
@@ -170,8 +171,8 @@ def without_limit(point: YieldPoint) -> YieldPoint:
 def _mechanism(state: State, certificate: Certificate, j: int) -> tuple[tuple[float, float] | None, str]:
     """Torsion centre of the last slip of joint ``j``, and the name of the mechanism.
 
-    A strict bracket is that of a joint that slides before it overturns, by the twist of the upper bound: it may close
-    on the last elastic step, which tilts the joint.
+    With a strict bracket the joint slides before it overturns, and the slip is the twist of the upper bound: the
+    bracket may close on the last elastic step, which tilts the joint.
     """
     reach = joint_families.reach(state)[j]
     if certificate.strict and certificate.twist.any():
@@ -190,7 +191,7 @@ def _mechanism(state: State, certificate: Certificate, j: int) -> tuple[tuple[fl
 def last_moves(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How far the rim of each joint slid, turned about the normal and tilted in the last step (j,) in m.
 
-    What moves past an open joint does not slide on it: joints without a normal force count for nothing.
+    Joints without a normal force are open and do not count: motion across them is no slip.
     """
     joints = state.joints
     reach = joint_families.reach(state) * (joints.resultant[:, 0] > 0.0)
@@ -199,14 +200,14 @@ def last_moves(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def mechanism_of(state: State) -> str:
-    """Name of the mechanism of an assembly in its last step: of the joint that moved most."""
+    """Name of the mechanism of an assembly in its last step: that of the joint that moved most."""
     if lifted_off(state):
         return "uplift"
     if crushed(state):
         return "crushing"
     slid, turned, tilted = last_moves(state)
     if (broken := joint_families.overborne(state)).any():
-        # the step before bonds break is elastic and moves all joints: what opens turns, what slips does not tilt
+        # the step before bonds break is elastic and moves all joints: joints that open rock, others only slip
         if broken[:, 0].any():
             return "rocking"
         tilted = np.zeros_like(tilted)
@@ -216,7 +217,7 @@ def mechanism_of(state: State) -> str:
 def slides(state: State) -> bool:
     """Whether joints between several free blocks slide in the mechanism, and do not only rock.
 
-    Friction without dilatancy then has no unique limit: what the joints carry depends on how they were loaded.
+    Friction without dilatancy then has no unique limit load: joint forces depend on the load history.
     """
     slid, turned, tilted = last_moves(state)
     several = len(state.joints.block_a) > 1
@@ -224,7 +225,7 @@ def slides(state: State) -> bool:
 
 
 def crushed(state: State) -> bool:
-    """Whether joints gave way by crushing in the last step."""
+    """Whether the last step was crushing of joints."""
     strength = joint_families.compressive_strength(state)
     if not np.isfinite(strength).any():
         return False
@@ -236,7 +237,7 @@ def crushed(state: State) -> bool:
 
 
 def lifted_off(state: State) -> bool:
-    """Whether the blocks that move have left all that stands still: no joint between the two carries anything."""
+    """Whether the moving blocks have lost contact with those at rest: no joint between the two carries a force."""
     weight = np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).max()
     ends = state.joints.block_a, state.joints.block_b
     moving = np.array(moving_blocks(state), np.int64)
@@ -249,8 +250,8 @@ def moving_blocks(state: State) -> tuple[int, ...]:
     return tuple(fastest_blocks(speed).tolist())
 
 
-WINDOW = 32  # steps over which an indicator must hold still
-CAUTION = 0.5  # an indicator must be this much narrower than asked: what still drifts is not in it
+WINDOW = 32  # steps over which an indicator must be constant
+CAUTION = 0.5  # factor on the tolerance of an indicator, as it does not include any remaining drift
 
 
 def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float) -> Certificate:
@@ -258,10 +259,10 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
 
     ``elastic`` (N/m) is the elastic stiffness of V against the driven displacement.
 
-    Strict where the scene has one joint, and its friction does not depend on the load: point forces while the load
-    neither presses nor tilts the joint, the full pressure of a convex joint while it does not press, and slides before
-    it could overturn; the pressures of a convex joint that follow the bending like points. Never with bonds, which may
-    break one after another, nor with a law of the user's own. A tolerance of 0 never ends a run.
+    Strict if the scene has one joint whose friction does not depend on the load: with point forces, if the load
+    neither presses nor tilts the joint; with the full pressure of a convex joint, if the load does not press and the
+    joint slides before it overturns; pressures of a convex joint that follow the bending count as points. Never with
+    bonds, which may break one after another, nor with a user-defined law. A tolerance of 0 never ends a run.
     """
     parts = {
         "strict": False,

@@ -1,2 +1,2 @@
-"""Limit loads of assemblies from equilibrium to equilibrium: which step is next, what an equilibrium says of the limit,
-and what helps where Newton's method finds no way."""
+"""Limit loads of assemblies by path following: choice of steps, bounds of the limit from equilibria, and methods for
+cases in which Newton's method fails."""

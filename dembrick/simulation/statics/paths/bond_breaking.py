@@ -1,9 +1,10 @@
-"""Bonds that break along a path of equilibria: between two of them, where they bear all that they can.
+"""Bonds that break along a path of equilibria: between two of them, where their strength is exhausted.
 
-Within an equilibrium all bonds hold, so that the forces are a continuous function of the motion and Newton's method
-finds it. A step at whose end a bond bears too much is shortened until it ends there, by straight lines between what the
-bonds had left before and after; then the same law lets it go. A ductile bond that presses slips and breaks nothing. If
-it comes to be pulled by more shear than it bears within a step, then the step ends where it stops pressing.
+During the search for an equilibrium all bonds stay intact, so that the forces are a continuous function of the motion
+and Newton's method converges. A step at whose end a bond is overloaded is shortened until it ends where the strength is
+reached, by linear interpolation of the reserves; then the joint law breaks it. A ductile bond under pressure slips
+without breaking. If within a step it goes into tension with more shear than its strength, the step ends where the
+pressure vanishes.
 """
 
 from __future__ import annotations
@@ -16,16 +17,16 @@ from dembrick.simulation.statics.newton import Equilibria
 from dembrick.simulation.statics.paths.path_state import PathState
 from dembrick.simulation.statics.state import State, for_kernels
 
-BRINK = 1e-4  # of a step: so close to its end is where a bond breaks
-SHORTEST = 1e-4  # of the longest step: no step is made shorter to find where a bond breaks
+BRINK = 1e-4  # of a step: accuracy to which its end meets the failure of a bond
+SHORTEST = 1e-4  # of the longest step: least step when locating the failure of a bond
 AFTER = 1e-4  # of it: the step after bonds broke
 
 
 class BondBreaking:
-    """The bonds of a ``state`` whose path is followed; it has none, and does nothing, in dry scenes.
+    """The bonds of a ``state`` whose path is followed; inactive in dry scenes.
 
-    ``reserves``: what bonds could carry more at the last equilibrium (N). ``borne``: the part of the last step that
-    they bore. ``strength``: sum of all bonds (N).
+    ``reserves``: unused strength of the bonds at the last equilibrium (N). ``borne``: the part of the last step that
+    they withstood. ``strength``: sum of the strengths of all bonds (N).
     """
 
     def __init__(self, state: State):
@@ -35,7 +36,7 @@ class BondBreaking:
         joint_families.hold_bonds(state, True)
 
     def bear(self, way: PathState) -> bool:
-        """Whether the bonds bear the step that was found; if not, ``way.step`` becomes as long as they do."""
+        """Whether the bonds withstand the step that was found; if not, shorten ``way.step`` to the first failure."""
         self.borne = 1.0
         if not self.present or way.broke:
             return True
@@ -56,9 +57,9 @@ class BondBreaking:
         return False
 
     def give_way(self, search: Equilibria, way: PathState) -> bool:
-        """Let the bonds go that bear too much in the equilibrium of now; whether there are any.
+        """Break the bonds that are overloaded in the present equilibrium; whether there are any.
 
-        The next equilibrium is then looked for at almost the same driven displacement. What the springs lose is
+        The next equilibrium is then sought at almost the same driven displacement. The energy that the springs lose is
         added to the energy terms.
         """
         state, way.broke = self._state, False

@@ -1,6 +1,4 @@
-"""Bounds of the limit load from a path of equilibria, whether it is one, and where the path goes on while convex joints
-rock.
-"""
+"""Bounds of the limit load from a path of equilibria, and extrapolation of the path while convex joints rock."""
 
 from __future__ import annotations
 
@@ -11,15 +9,13 @@ import numpy as np
 from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL, settles, still_to_come
 from dembrick.simulation.statics.paths.path_state import PathState
 
-EIGHTH = (
-    0.125  # of what the blocks have given way: by which there must have been an equilibrium, before a quarter of it
-)
-APART = 3.0  # times that estimates of the limit differ: how far it may be from the last of them
+EIGHTH = 0.125  # of the inelastic displacement so far: there must have been an equilibrium between it and a quarter
+APART = 3.0  # times the difference of two estimates of the limit: error of the last of them
 
-LEFT_OUT = 0.2  # times the square of how far V falls short of the limit, over the limit: no estimate is closer
+LEFT_OUT = 0.2  # times (limit - V)^2 / limit: least error of an estimate
 
-PUSHES, STILL_GROWS = 3, 0.05  # pushes that tell of V, and the part by which it may grow in the last of them
-BEYOND = 0.5  # of the range that pushes have shown: how far V may go beyond it at either end
+PUSHES, STILL_GROWS = 3, 0.05  # pushes that bound V, and the part by which it may grow in the last of them
+BEYOND = 0.5  # of the range of V in the pushes: added to it at either end
 
 Seen = tuple[float, float, float, float, bool]  # inelastic displacement (m), V, its bounds (N), whether a gap closes
 
@@ -27,12 +23,11 @@ Seen = tuple[float, float, float, float, bool]  # inelastic displacement (m), V,
 def limit_bounds(seen: list[Seen], elastic: float, rocks_on: Callable[[float], bool]) -> tuple[float, float, bool]:
     """Lower and upper bound of V from the equilibria ``seen`` so far, and whether V is that of a mechanism.
 
-    The bounds are those since the blocks had given way half as far. What V grew meanwhile shows how much is still
-    missing where a contact shrinks for ever (a convex joint that rocks): the sum of all growths to come, each smaller
-    than the last as the last was than the one before; or `_beyond_the_strip`, where that tells it closer and convex
-    joints rock on up to there (``rocks_on``): where friction gives out before, V ends there. What V fell meanwhile, as
-    normal forces drift and elastic forces are forgotten, is charged to the lower bound in the same way. ``elastic``
-    (N/m): the slope of V before anything gives way.
+    The bounds are those since half of the present inelastic displacement. If a contact shrinks for ever (a rocking
+    convex joint), V keeps growing: the growth still to come is estimated as a geometric series from the last two
+    growths, or by `_beyond_the_strip` if that is more accurate and convex joints rock on up to there (``rocks_on``);
+    V ends earlier if friction is exhausted. A decrease of V meanwhile, as normal forces drift and elastic forces fade,
+    lowers the lower bound in the same way. ``elastic`` (N/m): the elastic slope of V.
     """
     given, V = seen[-1][:2]
     half = _when(seen, 0.5 * given)
@@ -46,19 +41,19 @@ def limit_bounds(seen: list[Seen], elastic: float, rocks_on: Callable[[float], b
         closer = _beyond_the_strip([seen[_when(seen, 0.125 * given)], seen[quarter], seen[half], seen[-1]])
         if closer is not None and closer[1] - closer[0] < upper - lower and rocks_on(closer[1]):
             lower, upper = closer
-    # over half the way V must grow more slowly than the elastic structure would let it
+    # over the second half V must grow more slowly than elastically
     followed = 0.0 < EIGHTH * given <= seen[quarter][0] and not any(s[4] for s in recent)
     slow = growth <= STILL * elastic * (given - seen[half][0]) and settles(growth, before, V - seen[-1][2], V)
     return lower, upper, followed and slow
 
 
 def pushed_bounds(pushes: list[Seen], strips: bool) -> tuple[float, float, bool]:
-    """The same where driven relaxation pushes the blocks on, from what each of the ``pushes`` has ended with.
+    """Bounds as in `limit_bounds` from the outcomes of ``pushes`` by driven relaxation.
 
-    V rises and falls by turns as blocks snap, without a limit that it tends to: it is at least what it fell to in the
-    last part of the last two pushes, and what the blocks carried after them, and at most what it came to in the last
-    three. Half of that range is added at either end, as three pushes do not tell all of it. If V still grew in the
-    last, as much again may be missing, or more where there are ``strips``; and if it grew by much, nothing bounds it.
+    V rises and falls as blocks snap, without converging: its lower bound is the least V in the last part of the last
+    two pushes and after them, its upper bound the greatest in the last three. Half of that range is added at either
+    end, as three pushes do not show all of it. If V still grew in the last push, the same growth may follow again, or
+    more with ``strips``; if it grew by much, there is no upper bound.
     """
     if len(pushes) < PUSHES:
         return 0.0, NEVER, False
@@ -73,8 +68,8 @@ def pushed_bounds(pushes: list[Seen], strips: bool) -> tuple[float, float, bool]
 
 
 def peak_bounds(seen: list[Seen], compliance: float) -> tuple[float, float]:
-    """Bounds of the greatest V on the path ``seen``: the load that its best equilibrium surely carried, and what V may
-    have reached between its neighbours, by straight lines from either side. ``compliance``: elastic, m/N."""
+    """Bounds of the greatest V on the path ``seen``: the load that its best equilibrium certainly carried, and the peak
+    between its neighbours, extrapolated linearly from both sides. ``compliance``: elastic, m/N."""
     i = max(range(len(seen)), key=lambda k: min(seen[k][1], seen[k][2]))
     _, V, lower = seen[i][:3]
     sure, above = min(V, lower), []
@@ -86,18 +81,18 @@ def peak_bounds(seen: list[Seen], compliance: float) -> tuple[float, float]:
 
 
 def _when(seen: list[Seen], given: float) -> int:
-    """The last equilibrium before the blocks had given way so far."""
+    """Number of the last equilibrium whose inelastic displacement is at most ``given``."""
     return next((i for i in range(len(seen) - 1, -1, -1) if seen[i][0] <= given), 0)
 
 
 def _beyond_the_strip(marks: list[Seen]) -> tuple[float, float] | None:
-    """Bounds of what V tends to while convex joints rock, from equilibria each about twice as far as the last; or None.
+    """Bounds of the limit of V while convex joints rock, from equilibria each about twice as far as the last; or None.
 
-    The strip that a joint presses is w = sqrt(2 N / (k_n L theta)) wide when it has turned by theta, and the resultant
-    stands w/3 inside the edge: V falls short by c / sqrt(theta). The rotation is g, what the blocks have given way, but
-    for an offset from before they rocked: V = limit - c / sqrt(g) - d / g^(3/2). Three equilibria give all three. How
-    far the limits of two such sets differ, or else what the offset still does to the last, shows how good that is; both
-    may vanish by chance, and then what the series leaves out (`LEFT_OUT`) is the bar.
+    A joint that has turned by theta presses on a strip of the width w = sqrt(2 N / (k_n L theta)), and the resultant
+    acts w/3 inside the edge: V falls short by c / sqrt(theta). The rotation is proportional to the inelastic
+    displacement g but for an offset from before rocking: V = limit - c / sqrt(g) - d / g^(3/2). Three equilibria give
+    all three unknowns. The error is estimated by the difference of two such limits, or by half the effect of the offset
+    on the last; both may vanish by chance, and then the truncation error of the series (`LEFT_OUT`) is the least.
     """
     pairs = list(zip(marks, marks[1:], strict=False))
     if not marks[0][0] > 0.0 or not all(now[1] > before[1] and now[0] > before[0] for before, now in pairs):
@@ -120,12 +115,12 @@ FURTHEST = 2.0  # times the difference of tangent and secant: how far it is extr
 
 
 def go_on_rocking(way: PathState, tangent: np.ndarray, secant: np.ndarray, slope: float) -> None:
-    """Look for the next equilibrium where convex joints that rock come to, then along the ``secant`` of the last step.
+    """Predict the next equilibrium of rocking convex joints; the ``secant`` of the last step is the second choice.
 
-    Motions (6 f,) are a metre of the driven displacement, to the last bit: the ``tangent`` of the path, and the secant,
-    along which V grew by ``slope`` (N/m). When the blocks have given way by g, the strip that a joint presses
+    Motions (6 f,) are per metre of driven displacement, exactly: the ``tangent`` of the path, and the secant,
+    along which V grew by ``slope`` (N/m). At an inelastic displacement g, the strip on which a joint presses
     is c / sqrt(g) wide (`limit_bounds`) and closed by a multiple of sqrt(g) at its edge: the motion is A g + B sqrt(g),
-    and V falls short of its limit by a multiple of 1 / sqrt(g). From g to h the motion a metre is A + B / (sqrt(g) +
+    and V falls short of its limit by a multiple of 1 / sqrt(g). From g to h the motion per metre is A + B / (sqrt(g) +
     sqrt(h)) on average.
     """
     (g, V, *_), (now, V_now, _, upper, _) = way.seen[-2:]

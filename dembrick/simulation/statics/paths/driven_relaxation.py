@@ -1,13 +1,13 @@
-"""Driven relaxation: blocks are pushed on with the elastic stiffness of the whole assembly for their inertia.
+"""Driven relaxation: blocks are pushed on in explicit steps with the elastic stiffness of the assembly as inertia.
 
-Where many blocks slide and snap at once, equilibria lie so close to each other that Newton's method takes thousands of
-steps from one to the next, or finds none. With an inertia M = K, the elastic stiffness, all modes of the closed
-structure have the frequency 1, those of the structure that gives way lower ones, and explicit steps of about that size
+If many blocks slide and snap at once, equilibria lie so close to each other that Newton's method takes thousands of
+steps, or finds none. With an inertia M = K, the elastic stiffness, all modes of the closed structure have the
+frequency 1, those of the yielding structure lower ones, and explicit steps of about that size
 are stable whatever opens, slides or closes (dynamic relaxation: Underwood, in Computational Methods for Transient
 Analysis, 1983, 245). K is factorised once; a step costs one substitution and the joint forces.
 
-The head moves on at a steady rate and then slows down by halves, so that what inertia and dashpots add to V dies out.
-How far it goes is told in elastic displacements at the load of now.
+The head moves at a steady rate and then slows down by halving, so that the contributions of inertia and dashpots to V
+die out. Its travel is measured in elastic displacements at the present load.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State, for_kernels, new_energy
 
 STEP_FACTOR = 0.9  # of the critical time step
-STEADY, HALVINGS, HALVING = 256, 8, 96  # steps at a steady rate; then it is halved so often, each over so many steps
-LATE = 4 * HALVING  # last steps, over which V is watched
-FAR, FARTHEST = 64.0, 256.0  # elastic displacements of the load of now, that a push goes at least and at most
-NEAR = 0.02  # out-of-balance over joint forces from which Newton's method has a chance
-CHUNK = 32  # steps between two looks at signals
+STEADY, HALVINGS, HALVING = 256, 8, 96  # steps at a steady rate; then number of halvings, and steps over each
+LATE = 4 * HALVING  # last steps, over which the range of V is recorded
+FAR, FARTHEST = 64.0, 256.0  # least and greatest travel of a push, in elastic displacements at the present load
+NEAR = 0.02  # out-of-balance over joint forces below which Newton's method is tried
+CHUNK = 32  # steps between two checks for signals
 STEPS = STEADY + HALVINGS * HALVING
 
 
 class Pushed(NamedTuple):
-    """Outcome of a push: V at its end, the least and the greatest in its last part (N), the driven displacement (m),
-    how the free blocks (6 f,) and the joints (j, 6) moved in that part, and energies (J): what the actuators did, what
-    friction and what dashpots took."""
+    """Outcome of a push: V at its end, its least and greatest value in the last part (N), the driven displacement (m),
+    the motion of the free blocks (6 f,) and of the joints (j, 6) in that part, and energies (J): work of the actuators,
+    and dissipation by friction and by dashpots."""
 
     V: float
     least: float
@@ -59,9 +59,9 @@ class Pushed(NamedTuple):
 
 
 class DrivenRelaxation:
-    """Pushes ``state`` on by its actuators; ``factor`` of its elastic stiffness, ``slope`` (N/m) of V against the
-    driven displacement while everything is elastic. ``pushed``: what the last push came to; ``seconds`` that all took,
-    and those of compiling."""
+    """Pushes ``state`` on by its actuators; ``factor``: of its elastic stiffness; ``slope`` (N/m): elastic slope of V
+    against the driven displacement. ``pushed``: outcome of the last push; ``seconds`` of all pushes, and
+    ``compile_seconds``."""
 
     pushed: Pushed
 
@@ -73,15 +73,15 @@ class DrivenRelaxation:
 
     @cached_property
     def inertia(self) -> ScaledInertia:
-        """That of the elastic structure."""
+        """Inertia equal to the elastic stiffness of the structure."""
         none = np.zeros((0, 6, 6))
         return ScaledInertia(none, none, rounded_inertia(self._factor))
 
     def push(self, search: Equilibria, way: PathState) -> float:
-        """V after a push from the last equilibrium of ``way``, by about as much as the blocks have given way.
+        """V after a push from the last equilibrium of ``way``, by about the inelastic displacement so far.
 
-        What it came to is the equilibrium near there, if there is one; else what is out of balance there counts against
-        the lower bound. Raises DivergedError.
+        The result is the equilibrium nearby, if there is one; else the remaining out-of-balance reduces the lower
+        bound. Raises DivergedError.
         """
         state = self.state
         search.attempt(way.motion, way.V)
@@ -103,20 +103,20 @@ class DrivenRelaxation:
         return V if found is None else found
 
     def _advance(self, step: int, steps: int, state: KernelState, drive: Drive, energy: Energy) -> None:
-        """Do so many steps more, whatever the blocks do."""
+        """Advance by so many ``steps``, without any guard."""
         advance(step, steps, self.dt, state, self.inertia, None, drive, None, None, energy, None)
 
     def show_what_moves(self, rows: np.ndarray) -> None:
-        """Let the state hold the motion of the last part of the push, which is that of the mechanism; ``rows`` (f, 6)
+        """Store the motion of the last part of the push, which is that of the mechanism, in the state; ``rows`` (f, 6):
         of the free blocks in the equations."""
         blocks, joints, moved = self.state.blocks, self.state.joints, self.pushed.motion[rows]
         joints.step[:], joints.tilt[:] = self.pushed.slip[:, [0, 1, 5]], self.pushed.slip[:, 3:5]
         blocks.velocity[blocks.free], blocks.spin[blocks.free] = moved[:, :3], moved[:, 3:]
 
     def drive(self, distance: float, motion: Callable[[], np.ndarray], pause: Callable[[], None]) -> Pushed:
-        """Drive the actuators on by about ``distance`` (m) from the equilibrium of now.
+        """Drive the actuators on by about ``distance`` (m) from the present equilibrium.
 
-        ``motion`` tells where the free blocks are; ``pause`` is called now and then. Raises DivergedError.
+        ``motion`` returns that of the free blocks; ``pause`` is called after every chunk. Raises DivergedError.
         """
         state, dt = self.state, self.dt
         blocks, now = state.blocks, state.actuators.driven[0]

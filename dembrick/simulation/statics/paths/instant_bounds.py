@@ -1,4 +1,4 @@
-"""Bounds of the limit load from one equilibrium on a path by itself, and its out-of-balance."""
+"""Bounds of the limit load from a single equilibrium of a path and its out-of-balance."""
 
 from __future__ import annotations
 
@@ -10,43 +10,44 @@ from dembrick.simulation.statics.state import for_kernels
 
 NOTHING = 1e-6  # of the dead loads: a limit load below it is zero
 LEAST_BALANCED = 1e-9
-CORRECTIONS = 2.0  # of V by one more Newton step: what is charged if that is less than the work of the out-of-balance
-HIDDEN = 0.1  # of the tolerance: what the out-of-balance may hide of V before equilibria are found more closely
+CORRECTIONS = 2.0  # times the change of V by one more Newton step: another estimate of its error, if less
+HIDDEN = 0.1  # of the tolerance: error of V by the out-of-balance above which equilibria are found more accurately
 
 
 class InstantBounds:
     """Bounds of the limit load from the equilibrium that ``search`` has found. ``weight``: of all actuators; ``dead``
-    (N): V that weighs as much as all dead loads."""
+    (N): V whose loads equal the sum of all dead loads."""
 
     def __init__(self, search: Equilibria, certificate: Certificate, weight: float, dead: float):
         self._search, self._certificate, self._weight, self._dead = search, certificate, weight, dead
 
     def bounds(self, V: float, moved: float, hidden: float | None) -> tuple[float, float]:
-        """Bounds of the limit load from the equilibrium of now, for the motion of the last step that ``moved`` V (m).
+        """Bounds of the limit load from the present equilibrium, by the motion of the last step, on which V does work
+        over the distance ``moved`` (m).
 
-        Strict if the certificate is; else by the normal forces of now, charged with what is ``hidden`` of V (N).
+        Strict if the certificate is; else for the present normal forces, widened by the error ``hidden`` of V (N).
         """
         state = for_kernels(self._search.state)
         if self._certificate.strict:
             lower, upper = strict_bounds(self._certificate, state, V)
             return float(lower), float(upper)
         upper = float(instant_upper(state, V, moved, 1.0))
-        if hidden is None:  # something else held the blocks up
+        if hidden is None:  # a drag carried part of the load
             unbalanced = self.held_up(V)
             return V / (1.0 + unbalanced), max(V, upper) * (1.0 + unbalanced)
         return V - hidden, max(V, upper) + hidden
 
     def held_up(self, V: float) -> float:
-        """Ratio of what a drag leaves out of balance to the greatest joint force, or to the load if that is less."""
+        """Ratio of the out-of-balance left by a drag to the greatest joint force, or to the load if that is less."""
         load = max(abs(V), NOTHING * self._dead) * self._weight
         return self._search.out_of_balance() * max(1.0, self._search.greatest_force() / load)
 
     def hidden(self, V: float, moved: float, closest: float) -> float | None:
-        """Part of V (N) that the out-of-balance may hide, by the motion of the last step; asks the search for a closer
-        balance, down to the ``closest``, if that is much. None if something else held the blocks up, as a drag.
+        """Error of V (N) from the out-of-balance, by the motion of the last step. If it is large, the tolerance of the
+        search is tightened, down to ``closest``. None if the balance is not met, as a drag carried part of the load.
 
-        A force that a joint lacks does as much work at the most as its block's motion lets it. If no closer balance is
-        to be had, as in high towers, one more Newton step tells what it hides.
+        The error is bounded by the work of the out-of-balance forces on the motion of their blocks. If no closer
+        balance is possible, as in high towers, one more Newton step gives an estimate.
         """
         search, hidden = self._search, 0.0
         blocks, free = search.state.blocks, search.free

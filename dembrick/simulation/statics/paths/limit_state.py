@@ -1,4 +1,4 @@
-"""The state at the limit of a search: what moves and what joints carry there, while the path may go on beyond it."""
+"""The state at the limit of a search: motion and joint forces there, while the path may go on beyond it."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from dembrick.simulation.statics.paths.path_state import PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, load_vectors
 
-SAME = 1e-6  # of V: a mechanism that moves on carries no more than that above what it did
-NEAR = 0.02  # of V: what the equilibrium that is handed on may lack of it
+SAME = 1e-6  # of V: the load of an unchanged mechanism grows by no more than that
+NEAR = 0.02  # of V: greatest shortfall of the equilibrium from which the next stage starts
 _PREFIX, _REACHED = "limit.", "reached."
 
 
 class LimitState:
     """The equilibrium of a path that is its limit so far: a copy of its ``state``, and its number in ``way.limit``.
 
-    It is the one that surely carried most. Once the bracket is narrow enough, it is the one that made it so, until
-    another carries more: a block that comes off later, at a load no greater, is none of the mechanism.
+    It is the one with the greatest certain load. Once the bracket is narrow enough, it is the equilibrium that made it
+    so, until another carries more: a block that comes off later, at no greater load, is not part of the mechanism.
 
-    With ``hands_on`` the first equilibrium that carried nearly as much is kept too (`reached`), on which another search
-    can start: a convex joint that rocks takes up the last of its limit over metres.
+    With ``hands_on`` the first equilibrium with nearly that load is kept too (``reached``), as the start of another
+    search: a rocking convex joint approaches its limit over metres.
     """
 
     def __init__(self, state: State, hands_on: bool):
@@ -52,7 +52,7 @@ class LimitState:
             way.framed = way.limit
 
     def record_end(self, recorder: Recorder | None, state: State, way: PathState) -> None:
-        """The same, and the frame of the end of the path, and hand them on."""
+        """`record`, add the frame of the end of the path, and drain the recorder."""
         if recorder is None:
             return
         self.record(recorder, way)
@@ -62,7 +62,7 @@ class LimitState:
         recorder.drain()
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All of it by name, as a checkpoint has it; nothing is copied, as a state that is kept never changes."""
+        """Named arrays for a checkpoint, not copied, as the states kept here never change."""
         kept = {_PREFIX: self.state} | ({} if self.reached is None else {_REACHED: self.reached})
         return {
             f"{prefix}{name}": array
@@ -71,14 +71,14 @@ class LimitState:
         }
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
+        """Restore it from a snapshot of the same scene; HistoryError if it is of another."""
         self.state = restored_state(copy_of(self.state), Prefixed(snapshot, _PREFIX))
         if self.reached is not None:
             self.reached = restored_state(copy_of(self.reached), Prefixed(snapshot, _REACHED))
 
 
 def copy_of(state):
-    """A named tuple of arrays, and of such tuples, with arrays of its own."""
+    """Deep copy of a named tuple of arrays and of such tuples."""
 
     def own(value):
         if hasattr(value, "_asdict"):
@@ -89,10 +89,10 @@ def copy_of(state):
 
 
 def carrying(state: State, V: float) -> State:
-    """``state`` with its one joint in equilibrium with the dead loads and V (N), where that alone tells its forces.
+    """``state`` with its one joint in equilibrium with the dead loads and V (N), if that alone determines its forces.
 
-    That is so of one free block on one joint without ties, in the geometry of the start; any other state is returned
-    as it is.
+    That holds for one free block on one joint without ties, in the geometry of the start; any other state is returned
+    unchanged.
     """
     joints, free = state.joints, state.blocks.free
     if len(joints.block_a) != 1 or len(free) != 1 or state.ties is not None or len(state.blocks.guided):

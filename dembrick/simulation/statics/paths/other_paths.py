@@ -1,16 +1,15 @@
-"""Other paths to the limit load of a search: whether one may bear more, and whether one may bear less.
+"""Dependence of a limit load on the load path: whether another path may bear more, and whether one may bear less.
 
 **More.** For a mechanism u along the load f, joint forces in equilibrium with the dead load g and V f give
 V f . u = -g . u - (power of the joints on the blocks). At a contact point that power is N u_n + T . u_t, which
-Coulomb's cone |T| <= mu N keeps from being negative if u_n >= mu |u_t|. Then V f . u <= -g . u on every path. This must
-hold at all points that touch, whether they carry on this path or not: a squeeze may make those carry that graze their
-neighbour here. Bonds and ties add the greatest power that their strength takes.
+by Coulomb's cone |T| <= mu N is not negative if u_n >= mu |u_t|. Then V f . u <= -g . u on every path. This must
+hold at all points that touch, loaded on this path or not: a prestress may load points that only graze their
+neighbour here. Bonds and ties add the greatest power that their strength can dissipate.
 
-**Less.** In a chain or tree of joints, by which no block is held in two ways, statics alone gives what every joint
-carries under a load, and normal springs without memory give its pressures. Then no history changes at which load a
-joint gives way.
+**Less.** In a chain or tree of joints without closed loops, statics alone gives the forces of every joint under a load,
+and normal springs without memory give its pressures. Then the load at which a joint fails does not depend on history.
 
-`Grip` tells how much of its friction each joint uses along a path, and what that comes to if the load grows on.
+`Grip` measures how much of its friction each joint uses along a path, and extrapolates that to greater loads.
 """
 
 from __future__ import annotations
@@ -29,12 +28,12 @@ if TYPE_CHECKING:
     from dembrick.simulation.statics.state import State
 
 
-RESTS = 1e-3  # of the fastest relative motion at a contact point: what a point slides or closes beyond dilatancy
+RESTS = 1e-3  # of the greatest relative motion at a contact point: slip beyond dilatancy that is neglected
 
 
 def greatest_on_any_path(state: State) -> float:
     """V (N) that no path exceeds, by the mechanism of the last step and normality; infinite if it slides without the
-    dilatancy that normality asks for, or stretches a tie that never yields."""
+    dilatancy that normality requires, or stretches a tie that never yields."""
     blocks, free = state.blocks, state.blocks.free
     motion = np.concatenate([blocks.velocity, blocks.spin], axis=1)
     along = float((load_vectors(state)[free] * motion[free]).sum())
@@ -45,7 +44,7 @@ def greatest_on_any_path(state: State) -> float:
 
 
 def _taken_by_joints(state: State, motion: np.ndarray) -> float:
-    """The greatest power that the joints can take from the blocks' ``motion`` (n, 6), N m a step."""
+    """Greatest dissipation of the joints in the ``motion`` (n, 6) of the blocks, N m per step."""
     moved = _at_contacts(state, motion)
     if _not_dilatant(moved).any():
         return np.inf
@@ -54,17 +53,17 @@ def _taken_by_joints(state: State, motion: np.ndarray) -> float:
 
 
 def grazing_joints(state: State) -> np.ndarray:
-    """Numbers of the joints, carrying or not, that slide in the last step without opening by as much as normality
-    asks for: what presses them together makes the mechanism bear more."""
+    """Numbers of the joints, loaded or not, that slide in the last step without opening as much as normality requires:
+    the mechanism bears more if they are pressed together."""
     blocks = state.blocks
     moved = _at_contacts(state, np.concatenate([blocks.velocity, blocks.spin], axis=1))
     return np.unique(moved.joint[_not_dilatant(moved)])
 
 
 class _Contacts(NamedTuple):
-    """Contact points, or the corners of convex joints, in a mechanism (c,): whose they are, opening and slip
-    (m), friction, and the greatest tension and cohesion (N) of their bonds; a corner has the whole bond of its joint,
-    which is more than it takes."""
+    """Contact points, or the corners of convex joints, in a mechanism (c,): their joints, opening and slip (m),
+    friction, and the greatest tension and cohesion (N) of their bonds. Each corner has the whole bond of its joint,
+    which is on the safe side for an upper bound."""
 
     joint: np.ndarray
     opening: np.ndarray
@@ -103,22 +102,21 @@ def _of_family(module, own, relative: np.ndarray) -> _Contacts:
 
 
 def _taken_by_ties(state: State, motion: np.ndarray) -> float:
-    """The greatest power that the ties can take from the blocks' ``motion`` (n, 6), N m a step."""
+    """Greatest dissipation of the ties in the ``motion`` (n, 6) of the blocks, N m per step."""
     own = state.ties
     if own is None:
         return 0.0
     longer = np.einsum("tk,tk->t", own.seen_b[:, 2], motion[own.block_b])
     longer -= np.einsum("tk,tk->t", own.seen_a[:, 2], motion[own.block_a])
     longer[np.abs(longer) <= RESTS * np.abs(motion[:, :3]).max(initial=0.0)] = 0.0
-    with np.errstate(invalid="ignore"):  # a tie that never yields and stays as long as it is
+    with np.errstate(invalid="ignore"):  # infinite strength times zero elongation
         taken = np.where(longer > 0.0, own.strength * longer, own.least * longer)
     return float(np.where(longer == 0.0, 0.0, taken).sum())
 
 
 def statically_determinate(assembly: Assembly) -> bool:
-    """Whether statics alone gives what every joint carries, whatever was loaded before: no block is held in two ways,
-    no tie pulls, and joints have friction
-    alone: bonds, first slip and crushing are remembered."""
+    """Whether statics alone determines the forces of every joint, whatever the load history: the joints form no closed
+    loop, there are no ties, and joints have friction alone, as bonds, first slip and crushing are irreversible."""
     joints = assembly.joints
     if len(assembly.ties) or has_strengths(joints.law):
         return False
@@ -138,19 +136,19 @@ def statically_determinate(assembly: Assembly) -> bool:
     return True
 
 
-SURE = 0.98  # of the friction: joints that use less will hold
-NOTHING = 1e-6  # of the greatest normal force: joints that carry less hold nothing up
-SLIDES = 1e-6  # of the friction: joints that leave less of it unused slide already
+SURE = 0.98  # of the friction: joints that use less do not slide
+NOTHING = 1e-6  # of the greatest normal force: smaller forces are neglected
+SLIDES = 1e-6  # of the friction: joints with a smaller reserve slide already
 
 
 class Grip:
-    """The forces of the joints of a ``state`` at the last two equilibria of its path, whose friction may give out.
+    """The forces of the joints of a ``state`` at the last two equilibria of its path, to predict sliding.
 
     ``forces`` (2, j + 1, 4): N, V_1, V_2 (N) and M_T (N m), the earlier first; V (N) in the last row.
     """
 
     def __init__(self, state: State):
-        # a joint that crushes presses no strip of elastic springs alone
+        # in a joint that crushes the strip is not one of elastic springs alone
         crushes = np.isfinite(joint_families.compressive_strength(state)).any()
         self._state, self._strips = state, joint_families.has_areas(state) and not crushes
         self._friction, self._cohesion = joint_families.friction(state), joint_families.cohesion_of_sliding(state)
@@ -158,15 +156,15 @@ class Grip:
         self.forces = np.zeros((2, len(self._friction) + 1, 4))
 
     def note(self, V: float) -> None:
-        """Keep the forces of the equilibrium of now, at ``V``."""
+        """Store the forces of the present equilibrium at ``V``."""
         self.forces[0] = self.forces[1]
         self.forces[1, :-1], self.forces[1, -1] = self._state.joints.resultant[:, :4], V
 
     def rocks_on(self, V: float) -> bool:
-        """Whether convex joints may rock on, on elastic strips, until the load is ``V`` (N): no joint slides then that
-        does not slide now.
+        """Whether convex joints may rock on, on elastic strips, until the load is ``V`` (N): no further joint begins to
+        slide.
 
-        While one mechanism rocks, joint forces follow V on a straight line, that of one joint by statics.
+        While one mechanism rocks, joint forces are linear in V; those of a single joint follow from statics.
         """
         if not self._strips:
             return False
@@ -186,5 +184,5 @@ class Grip:
         return np.hypot(forces[..., 1], forces[..., 2])
 
     def _strength(self, forces: np.ndarray) -> np.ndarray:
-        """Friction and the cohesion that lasts (.., j) in N."""
+        """Friction and residual cohesion (.., j) in N."""
         return self._friction * np.maximum(forces[..., 0], 0.0) + self._cohesion

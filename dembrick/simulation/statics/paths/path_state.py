@@ -1,4 +1,4 @@
-"""Where a search that follows a path of equilibria is, so that it can be stopped and goes on as if it never was."""
+"""State of a search along a path of equilibria, from which it can be restarted without any difference."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ FIRST_DRAG = 0.01
 
 @dataclass
 class Path:
-    """A followed path: whether the bracket became narrow enough, Newton iterations and equilibria it took, and seconds
-    by phase; ``path`` is what is left, the choice of steps.
+    """A followed path: whether the bracket became narrow enough, the numbers of Newton iterations and equilibria, and
+    seconds by phase; the phase ``path`` is the remainder, such as the choice of steps.
 
-    ``wanders``: the bracket is as narrow as it becomes, as blocks snap on and on. ``unlimited``: V grew beyond all dead
-    loads; ``moved``: whether anything slid or opened meanwhile. ``peak``: bounds of the greatest V on the path (N).
+    ``wanders``: the bracket cannot become narrower, as blocks snap again and again. ``unlimited``: V grew beyond all
+    dead loads; ``moved``: whether anything slid or opened. ``peak``: bounds of the greatest V on the path (N).
     """
 
     converged: bool
@@ -35,7 +35,7 @@ class Path:
 
 @dataclass
 class Drift:
-    """Blocks that were let go: the motion (6 f,) they have drifted to, V there, the drag and the steps taken."""
+    """Released blocks: the motion (6 f,) to which they have drifted, V there, the drag and the steps taken."""
 
     motion: np.ndarray
     V: float
@@ -45,11 +45,11 @@ class Drift:
 
 @dataclass
 class PathState:
-    """How far a path has come, and how it is to go on. Motions (6 f,) are those of the free blocks."""
+    """Progress of a path, and its next step. Motions (6 f,) are those of the free blocks."""
 
     motion: np.ndarray  # at the last equilibrium
-    direction: np.ndarray  # in which the next is looked for: motion a metre of the driven displacement
-    spare: np.ndarray  # another direction to try first ...
+    direction: np.ndarray  # in which the next is sought: motion per metre of the driven displacement
+    spare: np.ndarray  # another direction, tried if that fails ...
     drift: Drift | None = None
     has_spare: bool = False
     spare_gain: float = 0.0  # ... and how V grows along it
@@ -57,20 +57,20 @@ class PathState:
     driven: float = 0.0  # m
     step: float = 0.0  # m, of the driven displacement, to the next equilibrium
     elastic: float = 0.0  # m, of the first steps
-    usual: float = 0.0  # m, the longest that was taken without letting go
-    longest: float = 0.0  # m, the longest step, or what the blocks have given way
-    gain: float = 0.0  # N/m, how V is thought to grow
-    balanced: float = 0.0  # out-of-balance over joint forces that is none
-    closest: float = 1e-9  # the least that it may become; more once no equilibrium was found so closely
-    tried: int = 0  # iterations of the last equilibrium that was asked for
+    usual: float = 0.0  # m, the longest step so far without releasing the blocks
+    longest: float = 0.0  # m, the longest step, or the inelastic displacement
+    gain: float = 0.0  # N/m, predicted slope of V
+    balanced: float = 0.0  # tolerance of the out-of-balance over the joint forces
+    closest: float = 1e-9  # its least value; raised once no equilibrium was found to it
+    tried: int = 0  # iterations of the last search for an equilibrium
     equilibria: int = 0
     iterations: int = 0
     since_failure: int = 0  # steps since one failed
-    jumps: int = 0  # times that the blocks were let go
+    jumps: int = 0  # times that the blocks were released
     drag: float = FIRST_DRAG  # over the elastic stiffness, of the next step that needs one
     dragged: int = 0  # steps still to take with it
-    wasted: int = 0  # iterations of steps that found no equilibrium, or not without a drag
-    pushes: int = 0  # times that the blocks were pushed on by driven relaxation
+    wasted: int = 0  # iterations of steps that found no equilibrium, or only with a drag
+    pushes: int = 0  # pushes by driven relaxation
     kept: int = 0  # value of `jumps` when the direction was last taken from a relaxed state
     external: float = 0.0  # J, work of actuators and dead loads
     friction: float = 0.0  # J
@@ -79,16 +79,16 @@ class PathState:
     fracture: float = 0.0  # J
     yielding: float = 0.0  # J, of ties
     limit: int = 0  # number of the equilibrium that is the limit so far
-    limit_load: float = 0.0  # N, what it surely carried
-    reached_load: float = 0.0  # N, what the equilibrium carried that is handed on
+    limit_load: float = 0.0  # N, load that it certainly carried
+    reached_load: float = 0.0  # N, load of the equilibrium from which the next stage starts
     limit_found: bool = False  # whether the bracket has been narrow enough
     framed: int = 0  # number of the last equilibrium with a frame in the record
-    broke: bool = False  # whether bonds broke at the last equilibrium, so that the next is not a step on from it
+    broke: bool = False  # whether bonds broke at the last equilibrium, so that the next is only a redistribution
     # of every equilibrium: inelastic displacement (m), V, lower and upper bound (N), whether a gap is closing
     seen: list[tuple[float, float, float, float, bool]] = field(default_factory=lambda: [(0.0, 0.0, 0.0, NEVER, False)])
 
     def turn_to(self, direction: np.ndarray, gain: float) -> None:
-        """Look for the next equilibrium in another direction, and in that of now only if there is none."""
+        """Seek the next equilibrium in another ``direction``, and in the present one only if that fails."""
         self.spare, self.spare_gain, self.has_spare = self.direction, self.gain, True
         self.direction, self.gain = direction, gain
 
@@ -107,7 +107,7 @@ class PathState:
         }
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
+        """Restore it from a snapshot of the same scene; HistoryError if it is of another."""
         numbers = snapshot.array("way.numbers", np.zeros(len(NUMBERS))).tolist()
         for (name, kind), number in zip(NUMBERS.items(), numbers, strict=True):
             if kind is not float and not (number.is_integer() and 0.0 <= abs(number) < 1e15):
