@@ -1,9 +1,9 @@
 """Contact detection in dynamic runs: the list of near pairs, and the transition from joints to contacts.
 
-A joint goes on as long as its polygon describes how its blocks touch. Where the one face has turned far against the
-other, or the blocks have parted and moved on, the new contact of that pair of parts takes its place, for good. Pairs
-that have no joint are watched once they come within a margin of each other. The pairs are looked for between two chunks
-of steps, and again before anything can have moved by the margin; a scene in which nothing comes near never pays.
+A joint stays in use as long as its polygon describes how its blocks touch. Once one face has turned far relative to the
+other, or the blocks have parted and moved away, a new contact of that pair of parts replaces it for good. Pairs
+without a joint are tracked once they come within a margin of each other. Pairs are updated between two chunks
+of steps, before anything can have moved by the margin; a scene in which nothing comes near has no cost.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from dembrick.simulation.dynamics.state import MovingState
 from dembrick.simulation.dynamics.time_step import load_of_contacts
 from dembrick.simulation.session import Snapshot
 
-MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of theirs are watched
-FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far
-STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
+MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of theirs are tracked
+FIRST = 5e-4  # of the smallest block's diameter: displacement before the first detection
+STIRRED = 0.3  # of the motion at which the handover of a joint begins: beyond it joints are tracked
 GONE = 0.05  # of its size: an open joint whose nearest corner is so far apart will not be handed back,
-TIPPED = 0.02  # of its size: nor one that has turned or slipped far, if a corner is, before the face or behind it
-LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
-# Edges that lie along each other from the start overlap as the joints beside them give way. They press nothing until
-# their force would be that part of the lighter block's weight, or their depth that part of the thinner one's radius
+TIPPED = 0.02  # of its size: nor one that has turned or slipped far, if a corner is so far before or behind the face
+LOOSE = 1e-3  # of its size: a joint that has moved so far is tracked too, if any pair is
+# Edges that lie along each other at the start overlap as the joints beside them yield. They exert no force until it
+# would be that part of the lighter block's weight, or their depth that part of the thinner one's radius
 NEGLIGIBLE, SHALLOW = 1e-3, 1e-2
-SLIVER = 1e-5  # of that radius: a depth that is not looked at
-STABLE = 4.0  # what springs and dashpots may do to a block in a step: the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C)
-MOST = 8.0  # a bound, over twice what is stable, that is looked at again though a closer look has found less
-# what a pair keeps when the pairs are looked for again
+SLIVER = 1e-5  # of that radius: a depth that is neglected
+STABLE = 4.0  # stability limit of the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C), with springs K and dashpots C
+MOST = 8.0  # cap, twice the stability limit, on the bound beyond which a block is examined again
+# fields of a pair that are kept when pairs are updated
 REMEMBERED = ("weight", "slack", "plane", "elastic", "stiffness", "twist", "slip", "normal", "area", "point", "axis",
               "force", "torque")  # fmt: skip
 
 PAIRS = ("first", "second", "joint")
-# what is told of a contact that carries something: its type and shape
+# recorded fields of a contact that carries a force: type and shape
 NEW_CONTACT = {"blocks": (np.int64, (2,)), "point": (float, (3,)), "normal": (float, (3,)), "force": (float, (3,)),
                "torque": (float, (3,)), "area": (float, ()), "slip": (float, ())}  # fmt: skip
 _NO_CONTACTS = {name: np.zeros((0, *tail), kind) for name, (kind, tail) in NEW_CONTACT.items()}
@@ -50,12 +50,12 @@ _NO_CONTACTS = {name: np.zeros((0, *tail), kind) for name, (kind, tail) in NEW_C
 
 @dataclass
 class ContactDetection:
-    """New contacts of a run, and when to look for more; ``touching`` is None while nothing comes near.
+    """New contacts of a run, and the schedule of their detection; ``touching`` is None while nothing comes near.
 
-    ``retired`` (j,): joints that new contacts have taken over from; ``looked`` (n, 4, 3): centroids and body axes when
-    pairs were looked for last; ``patience`` (m): how far blocks may move until they are looked for again; ``bearable``:
-    what contacts may do to a block in a step, on top of joints, before `examine` looks closer; ``met``: blocks that
-    had come to rest in each other, where they were not drawn so, before anyone looked.
+    ``retired`` (j,): joints that new contacts have replaced; ``looked`` (n, 4, 3): centroids and body axes at the last
+    update of pairs; ``patience`` (m): displacement of blocks until the next one; ``bearable``: bound of the stability
+    number of a block's contacts, in addition to its joints, beyond which `examine` computes it; ``met``: blocks that
+    overlapped at the first detection although they were not drawn so, as they had come to rest in each other.
     """
 
     assembly: object
@@ -74,15 +74,15 @@ class ContactDetection:
         self._parts = self._scratch = None
         self._codes = None
         self._free = np.where(self.assembly.fixed, 0.0, 1.0)
-        self._bears = np.zeros(len(self._free))  # more than `bearable`, as far as `examine` has seen
+        self._bears = np.zeros(len(self._free))  # bounds above `bearable` that `examine` has allowed
         self.struck = np.zeros(len(self._joints), bool)  # joints whose blocks hit each other as the run begins
         self.met: list[tuple[int, int]] = []
-        self._quiet = 0.0  # m, that any block may move before `follow` need look at more than that,
-        self._far_turned = np.zeros(0, np.int64)  # and the joints that have done their work once they are open
+        self._quiet = 0.0  # m, displacement of any block before `follow` must check anything else,
+        self._far_turned = np.zeros(0, np.int64)  # and joints that are to be retired once they are open
         self._partial = np.array([self._is_partial(joint) for joint in self._joints], bool)
 
     def _is_partial(self, joint: Joint) -> bool:
-        """Whether the polygon of a joint is less than the face that it rides on."""
+        """Whether the polygon of a joint is smaller than the face to which it is fixed."""
         on_a = joint.host == joint.block_a
         block, part = (joint.block_a, joint.part_a) if on_a else (joint.block_b, joint.part_b)
         _, shape = parts_of(self.assembly.shapes[block])[part]
@@ -90,23 +90,23 @@ class ContactDetection:
         return joint.area < (1.0 - 1e-6) * shape.face_areas[int(np.argmax(shape.face_normals @ outward))]
 
     def strike(self, polygons: Polygons, joints: np.ndarray) -> None:
-        """Make impacts of ``joints`` (j,) whose blocks hit each other as time begins: new contacts from the start."""
+        """Replace ``joints`` (j,) whose blocks hit each other as time begins by new contacts, as for an impact."""
         self.struck |= joints
         for j in np.flatnonzero(joints).tolist():
             polygons.retire(j)
         self.retired |= joints
 
     def let_move(self, supports: np.ndarray) -> None:
-        """Count fixed blocks (k,) that are moved among those that may come near others."""
+        """Treat moving supports (k,) as blocks that may come near others."""
         self._free[supports] = 1.0
 
     def forget(self) -> None:
-        """Look again for the first time: blocks have been put elsewhere."""
+        """Reset the detection after blocks have been put elsewhere."""
         self.touching, self.looked, self.met = None, None, []
 
     def steps_to_go(self, state: MovingState, gravity: float, dt: float, fastest: float = 0.0) -> float:
-        """How many steps blocks can make at their speed, at least ``fastest`` (m/s), before pairs must be looked for,
-        by a generous estimate; the loop itself counts where there are contacts."""
+        """Estimated number of steps, at the speed of the blocks or ``fastest`` (m/s), until pairs must be updated;
+        infinite if there are contacts, as the loop itself then tracks the motion."""
         if self.touching is not None:
             return np.inf
         bodies = state.bodies
@@ -116,12 +116,12 @@ class ContactDetection:
 
     @property
     def room(self) -> float:
-        """How far (m) any block may move before pairs must be looked for; infinite if contacts know."""
+        """Displacement (m) of any block until pairs must be updated; infinite if there are contacts, which track it."""
         return 0.5 * self.patience if self.touching is None else np.inf
 
     def calm_for(self, steps: int, gravity: float, dt: float) -> tuple[float, float]:
-        """The speed (m/s) of a point up to which `steps_to_go` are certainly so many, and the way (m) of a block from
-        which on `follow` has something to do."""
+        """The speed (m/s) of a point up to which `steps_to_go` is at least ``steps``, and the displacement (m) of a
+        block from which `follow` has work to do."""
         if self.touching is not None:
             return np.inf, np.inf
         far = 0.5 * self.patience
@@ -129,9 +129,9 @@ class ContactDetection:
         return (1.0 - 1e-6) * (mean - 0.5 * gravity * steps * dt), -1.0 if len(self._far_turned) else self._quiet
 
     def follow(self, state: MovingState, polygons: Polygons, called: bool, travel: np.ndarray) -> None:
-        """Look for pairs where that is due: because the loop ``called`` for it, or blocks or joints have moved.
+        """Update the pairs if that is due: because the loop ``called`` for it, or blocks or joints have moved.
 
-        ``travel`` (1,): m, how far any block can have moved since this last put it to zero.
+        ``travel`` (1,): bound (m) of the displacement of any block since this last set it to zero.
         """
         if not called and (self.touching is not None or (travel[0] < self._quiet and not self._lifted(state))):
             return
@@ -150,8 +150,9 @@ class ContactDetection:
         self._look(state, polygons, first)
 
     def examine(self, state: MovingState, dt: float) -> int | None:
-        """Look closer at what the last step's contacts do in a step of ``dt``: the block whose contacts swing too fast
-        for it, or None. Those that stand it may carry more from now on, by half of the room that is left."""
+        """Compute the stability number of the contacts of the last step for a step of ``dt``: return the block whose
+        contacts are too stiff for it, or None. Otherwise raise the bounds of overloaded blocks by half of the margin
+        left."""
         touching = self.touching
         worst = int(np.argmax(touching.load - touching.bearable))
         swing = load_of_contacts(state, touching, self.left_to_joints(), dt)
@@ -165,10 +166,10 @@ class ContactDetection:
         return None
 
     def pressed(self, middle: np.ndarray) -> dict[str, np.ndarray]:
-        """The new contacts that carry something now, k of them, of the last forces.
+        """The k new contacts that carried a force in the last evaluation.
 
-        ``blocks`` (k, 2); ``point`` (k, 3) m, the centre of pressure in the world, with positions counted from
-        ``middle`` so far; ``normal`` (k, 3), from the first block to the second; ``force`` (k, 3) N on the second
+        ``blocks`` (k, 2); ``point`` (k, 3) m, the centre of pressure in the world, if positions are measured from
+        ``middle``; ``normal`` (k, 3), from the first block to the second; ``force`` (k, 3) N on the second
         and ``torque`` (k, 3) N m on it about the point; ``area`` (k,) m2; ``slip`` (k,) m, the length of its path.
         """
         touching = self.touching
@@ -187,11 +188,11 @@ class ContactDetection:
 
     @property
     def carrying(self) -> int:
-        """How many new contacts carry a force now."""
+        """Number of new contacts that carry a force now."""
         return 0 if self.touching is None else int(np.count_nonzero(self.touching.normal > 0.0))
 
     def left_to_joints(self) -> np.ndarray:
-        """Share (j,) of its force that each joint still carries, beside the contact that takes over from it."""
+        """Share (j,) of its force that each joint still carries; the contact that replaces it carries the rest."""
         share = np.where(self.retired, 0.0, 1.0)
         if self.touching is not None:
             handed = self.touching.joint >= 0
@@ -199,7 +200,7 @@ class ContactDetection:
         return share
 
     def _stirred(self, state: MovingState, polygons: Polygons, turn: np.ndarray, slip: np.ndarray) -> np.ndarray:
-        """Joints (j,) that will be handed over soon, by their ``turn`` and ``slip`` (j,), or have opened for good."""
+        """Joints (j,) that will be handed over soon, by their ``turn`` and ``slip`` (j,), or have parted."""
         size = polygons.size
         due = (turn > STIRRED * TURN[0]) | (
             self._partial & ((slip > STIRRED * SLIP[0] * size) | (slip * turn > STIRRED * SINK[0] * size))
@@ -207,15 +208,15 @@ class ContactDetection:
         return ~self.retired & (due | self._parted(state, polygons))
 
     def _lifted(self, state: MovingState) -> bool:
-        """Whether any of the joints that only their forces keep has none."""
+        """Whether any of the joints that are to be retired once open has no force."""
         return len(self._far_turned) > 0 and not state.links.wrench[self._far_turned, :3].any(axis=1).all()
 
     def _patient(self, state: MovingState, polygons: Polygons, turn, slip, moved: float) -> float:
         """Distance (m) that any block may still move before the list of near pairs can be out of date.
 
-        Notes the joints that only their forces keep. While no block moves by more than s, the turn between two grows by
-        at most s (1/R + 1/R') with their reaches R, and a point of the one, at d from the other's centroid, moves past
-        that by at most s (2 + d/R'); less where one is fixed.
+        Also notes the joints that are to be retired once open. While no block moves by more than s, the turn between
+        two grows by at most s (1/R + 1/R') with their reaches R, and a point of the one, at d from the other's
+        centroid, moves past that by at most s (2 + d/R'); less if one is fixed.
         """
         far = (0.5 * self.patience - moved) / np.sqrt(2.0)
         if len(self._joints):
@@ -243,22 +244,22 @@ class ContactDetection:
         return np.hypot(seen[:, 5], seen[:, 8])
 
     def _parted(self, state: MovingState, polygons: Polygons) -> np.ndarray:
-        """Joints (j,) that are open, and whose nearest corners lie apart."""
+        """Joints (j,) that are open with all corners apart."""
         return self._apart(state, polygons) > PARTED * polygons.size
 
     def _apart(self, state: MovingState, polygons: Polygons) -> np.ndarray:
-        """How far (m) the faces of each joint (j,) lie apart where they are nearest, at least; zero if it is closed."""
+        """Lower bound (m) of the least distance of the faces of each joint (j,); zero if it is closed."""
         links = state.links
         is_open = (links.wrench[:, :3] == 0.0).all(axis=1)
         gap = links.sense * (links.field("origin")[:, 2] - links.offset)
         return np.where(is_open, np.maximum(gap - polygons.size * self._turn(state), 0.0), 0.0)
 
     def _gone(self, state: MovingState, polygons: Polygons) -> np.ndarray:
-        """Joints (j,) that are open, and so far apart, turned or slipped that they will not be handed back."""
+        """Joints (j,) that are open and so far apart, turned or slipped that they will not be handed back."""
         links, size = state.links, polygons.size
         is_open = (links.wrench[:, :3] == 0.0).all(axis=1)
         gap, tilt = links.sense * (links.field("origin")[:, 2] - links.offset), size * self._turn(state)
-        # one that is open though it lies below the face has slid over its edge: it would come back as if from within
+        # an open joint below the face has slid over its edge, and would come back as if from within the block
         beside = np.maximum(gap + tilt, tilt - gap) > TIPPED * size
         tipped = self._strayed(state, polygons) & beside
         return is_open & (tipped | (self._apart(state, polygons) > GONE * size))
@@ -292,12 +293,12 @@ class ContactDetection:
         wanted = watched[joint]
         pairs, depth, joint, struck = pairs[wanted], depth[wanted], joint[wanted], struck[wanted]
         if first and len(pairs):
-            # what lies side by side from the start is watched when something stirs; what is apart, by however little,
-            # is found again before two blocks can have met
+            # parts that touch at the start are tracked once something moves; parts that are apart, by however little,
+            # are found again before they can have met
             self.patience = max(2.0 * FIRST * self._size, float(np.maximum(-depth, 0.0).min()))
             apart = -depth > TOLERANCE * parts.table.diameter[pairs].min(axis=1)
             self.patience = min(self.patience, 0.49 * float(-depth[apart].max(initial=-np.inf)))
-            # what is thrown at something may be there after a step
+            # a thrown block may reach another one within a step
             met = (depth > 0.0) & (joint < 0) & ~self._lie(parts.owner, pairs)
             self.met = [(int(a), int(b)) for a, b in parts.owner[pairs[met]]]
             struck = struck | met
@@ -326,7 +327,7 @@ class ContactDetection:
         return np.where(codes[place] == wanted, order[place], -1)
 
     def _retire(self, state: MovingState, polygons: Polygons, joint: np.ndarray, depth: np.ndarray) -> None:
-        """Let go for good of joints whose contact has taken over all, or whose blocks have parted and lie far apart."""
+        """Retire joints that a contact has fully replaced, or whose blocks have parted and lie far apart, for good."""
         due = self._gone(state, polygons)
         due[joint[(joint >= 0) & (depth > 0.0)]] = False
         if self.touching is not None:
@@ -337,10 +338,10 @@ class ContactDetection:
         self.retired |= due
 
     def _watch(self, state: MovingState, polygons: Polygons, owner, pairs, depth, joint) -> None:
-        """Make `touching` of these pairs; what was watched before keeps its memory.
+        """Set `touching` to these pairs; pairs that were tracked before keep their history.
 
-        ``depth`` (p,): by how much (m) the parts overlap. Those that do already lie side by side from the start: if
-        they have no joint, their contact begins at nothing, and later (`_let_lie`).
+        ``depth`` (p,): overlap (m) of the parts. Parts that overlap already have been side by side since the start: if
+        they have no joint, the weight of their contact begins at zero, and later (`_let_lie`).
         """
         before, laws = self.touching, self.assembly.laws
         if not len(pairs):
@@ -361,20 +362,19 @@ class ContactDetection:
         self.touching = fresh
 
     def blank(self, polygons: Polygons) -> Touching:
-        """`touching` of no pair, with room for the block of the fewest faces: arrays of the same types, and small."""
+        """`touching` without pairs, sized for the block with the fewest faces: small arrays of the same types."""
         simplest = min(self.assembly.shapes, key=lambda shape: max(len(part.faces) for _, part in parts_of(shape)))
         parts = parts_table([simplest])
         return self._blank(polygons, np.zeros((0, 2)), np.zeros(0), [], (parts, scratch_for(parts)))
 
     @functools.cached_property
     def _start(self) -> Bodies:
-        """The convex parts of all blocks, where they stand at the start."""
+        """The convex parts of all blocks at their initial positions."""
         return bodies_of(self.assembly.shapes, self.assembly.position, self.assembly.rotation)
 
     @functools.cached_property
     def _lying(self) -> np.ndarray:
-        """Pairs of parts (k,) that touch at the start, as the number of the first times that of parts, plus the
-        second."""
+        """Pairs of parts (k,) that touch at the start, encoded as first * (number of parts) + second."""
         start = self._start
         pairs = close_pairs(start, TOLERANCE)
         pairs = pairs[start.owner[pairs[:, 0]] != start.owner[pairs[:, 1]]]
@@ -386,7 +386,7 @@ class ContactDetection:
         return np.isin(pairs[:, 0] * len(owner) + pairs[:, 1], self._lying)
 
     def _let_lie(self, touching: Touching) -> None:
-        """Let parts without a joint whose edges lie along each other at the start press nothing until that counts."""
+        """Suppress the forces of parts without a joint whose edges touch at the start until they are significant."""
         assembly, owner = self.assembly, touching.parts.owner
         pairs = np.column_stack([touching.first, touching.second])
         near = np.flatnonzero(self._lie(owner, pairs) & (touching.joint < 0))
@@ -406,7 +406,7 @@ class ContactDetection:
         return touching_pairs(parts, scratch, ~self.assembly.fixed, pairs, joint, laws, self.ratio, known)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """Everything that a run goes on from, besides its state."""
+        """Arrays for a restart, in addition to the state of the run."""
         count = -1.0 if self.touching is None else float(len(self.touching.first))
         arrays = {
             "contacts.loop": np.array([self.patience, count]),
@@ -418,7 +418,7 @@ class ContactDetection:
         return arrays
 
     def restore(self, state: MovingState, polygons: Polygons, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
+        """Restore it from a snapshot of the same scene; HistoryError if it is of another."""
         self.patience, count = snapshot.array("contacts.loop", np.zeros(2)).tolist()
         self.retired[:] = snapshot.array("contacts.retired", self.retired)
         self.looked = snapshot.array("contacts.looked", np.zeros((len(state.bodies.mass), 4, 3))).copy()

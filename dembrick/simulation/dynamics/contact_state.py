@@ -1,4 +1,4 @@
-"""The arrays that new contacts work on: convex parts of all blocks, room for a contact surface, pairs."""
+"""Arrays for new contacts: convex parts of all blocks, scratch space for a contact surface, pairs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dembrick.simulation.dynamics.time_step import COARSE
 
 
 def parts_table(shapes) -> Parts:
-    """The convex parts of all blocks as the kernels want them; equal shapes are stored once."""
+    """The convex parts of all blocks in the form that kernels need; equal shapes are stored once."""
     known: dict[int, tuple[int, int]] = {}
     vertices, normals, offsets = [], [], []
     vertex_start, face_start, vertex_count, face_count = [], [], [], []
@@ -51,12 +51,12 @@ def parts_table(shapes) -> Parts:
 
 
 def scratch_for(parts: Parts) -> Scratch:
-    """Room for the contact surface of any two of the parts."""
+    """Scratch space for the contact surface of any two of the parts."""
     faces, vertices = int(parts.face_count.max()), int(parts.vertex_count.max())
     patches = faces * faces
     corners = (
         6 * patches + 16 * faces + 64
-    )  # a map of so many plane cells has six corners each at the most, but for its rim
+    )  # a plane map of so many cells has at most six corners each, apart from its rim
     return Scratch(
         normal=np.zeros((2 * faces, 3)),
         offset=np.zeros(2 * faces),
@@ -77,7 +77,7 @@ def scratch_for(parts: Parts) -> Scratch:
 
 
 def pressed_room(scratch: Scratch) -> Pressed:
-    """Room for the pressure of one contact, with linear pieces as many as ``scratch`` has patches."""
+    """Arrays for the pressure of one contact, with as many linear pieces as ``scratch`` has patches."""
     patches = len(scratch.depth)
     integers = (np.zeros(patches, np.int64) for _ in range(3))
     return Pressed(
@@ -95,10 +95,10 @@ def pressed_room(scratch: Scratch) -> Pressed:
 
 
 def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ratio: float, hand_over=None) -> Touching:
-    """Pairs (t, 2) of parts with their ``joints`` (t,; -1 for none) and ``laws``, nothing remembered yet.
+    """Pairs (t, 2) of parts with their ``joints`` (t,; -1 for none) and ``laws``, without history.
 
-    ``hand_over``: what is known of all joints, for those that are handed over: size and whether it is less than its
-    face (j,), `seen` at the start (j, 9) and shift (j, 2).
+    ``hand_over``: data of all joints for the handover: size and whether it is smaller than its face (j,), `seen` at
+    the start (j, 9) and shift (j, 2).
     """
     pairs = np.asarray(pairs, np.int64).reshape(-1, 2)
     n = len(pairs)
@@ -140,8 +140,8 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
 
 @functools.cache
 def dashpot_polynomial(ratio: float) -> np.ndarray:
-    """Dashpot over spring of a contact, times its swing in a step (rad), as a polynomial (8,) in that swing; the last
-    of the nine numbers is the greatest swing that it holds for, well within what is stable.
+    """Dashpot over spring of a contact times its phase per step w dt (rad), as a polynomial (8,) in that phase; the
+    last of the nine numbers is the greatest phase for which it holds, well within the stable range.
 
     The equation of `time_step.stepped_dashpots`, by its parameter s.
     """
