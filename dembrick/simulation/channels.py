@@ -1,8 +1,8 @@
-"""Channels of the record: each quantity that a run may write down, declared once.
+"""Channels of the record: each quantity that a run may record, declared once.
 
-Recorders give the numbers by these names, a history has a dataset for each, the reader opens these, and CSV prints
-them. A new channel is a declaration here with a ``fill``, if its numbers follow from those that recorders give; if not,
-the recorder that knows them gives them by the same name.
+Recorders provide values under these names, a history has a dataset for each, and the reader and CSV output use the same
+list. A new channel is a declaration here, with a ``fill`` if its values follow from those that recorders provide; if
+not, a recorder must provide them under the same name.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from dembrick.simulation.joint_laws import has_strengths
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a channel has an entry for: a row, a frame, a new contact of a frame
+ROWS, FRAMES, CONTACTS = 0, 1, 2  # a channel has an entry per row, per frame, or per new contact of a frame
 AXES = tuple("xyz")
 WRENCH = ("F_x [N]", "F_y [N]", "F_z [N]", "M_x [N m]", "M_y [N m]", "M_z [N m]")
-OPTIONAL = ("control_point", "support", "tie")  # where a scene has none of these, there is no channel of them
-NO_BOUND = 1e300  # N, or a load factor: an upper bound that does not bind
-STRENGTHS = "strengths"  # asks for what only joints with strengths beside friction have
+OPTIONAL = ("control_point", "support", "tie")  # a scene without any of these has no channels for them
+NO_BOUND = 1e300  # N, or a load factor: stands for no upper bound
+STRENGTHS = "strengths"  # marks channels that only joints with strengths other than friction have
 
 
 class Sizes(NamedTuple):
-    """Counts that shapes of channels name; ``point``: contact points of joints, of which convex ones have none."""
+    """Counts to which shapes of channels refer; ``point``: contact points of joints (convex joints have none)."""
 
     block: int
     joint: int
@@ -44,7 +44,7 @@ class Sizes(NamedTuple):
 
     @classmethod
     def of(cls, assembly: Assembly) -> Sizes:
-        """Those of an assembly."""
+        """The counts of an assembly."""
         points = len(assembly.contact_points.area)
         return cls(
             len(assembly.names), len(assembly.joints), len(assembly.actuators.names),
@@ -57,12 +57,13 @@ class Sizes(NamedTuple):
 class Channel:
     """One quantity of the record.
 
-    ``path``: its dataset in a history. ``shape`` of an entry: numbers, or names of `Sizes`. ``unit`` and ``about``, in
-    which {load}, {time} and {when} stand for what the control says. ``asked``: the word of ``output.channels`` that
-    asks for it, none if it is always recorded, `STRENGTHS` if joints do that have any; ``real_time``: whether only runs
-    in real time have it, or only the others. ``columns``: the heading in CSV, in which {name}, {axis} (of ``axes``) and
-    {time} say which entry; none if CSV leaves it out. ``fill`` finds it from a record and its assembly, else a recorder
-    gives it; ``in_file_only``: results in memory do without. ``kind``: numpy's string of its type, of eight bytes.
+    ``path``: its dataset in a history. ``shape`` of an entry: numbers, or names of `Sizes`. ``unit`` and ``about``:
+    texts in which {load}, {time} and {when} are replaced according to the control. ``asked``: the word of
+    ``output.channels`` that requests it, empty if it is always recorded, `STRENGTHS` if joints with strengths request
+    it; ``real_time``: whether only runs in real time have it (True), or only others (False). ``columns``: the heading
+    in CSV, in which {name}, {axis} (of ``axes``) and {time} identify the entry; empty if CSV omits it. ``fill``
+    computes it from a record and its assembly, else a recorder provides it; ``in_file_only``: not part of results in
+    memory. ``kind``: numpy's type string, of eight bytes.
     """
 
     path: str
@@ -82,7 +83,7 @@ class Channel:
         kind = FRAMES if self.path.startswith("frames/") else ROWS
         if kind == FRAMES and self.name.startswith("new_contacts/") and self.name != "new_contacts/end":
             kind = CONTACTS
-        object.__setattr__(self, "grows_by", kind)  # once, as every row asks for it
+        object.__setattr__(self, "grows_by", kind)  # set once, as it is needed for every row
 
     @property
     def name(self) -> str:
@@ -96,7 +97,7 @@ class Channel:
 
     @property
     def optional(self) -> bool:
-        """Whether only scenes have it that have what it counts."""
+        """Whether only scenes with any of the items that it lists have it."""
         return self.shape[0] in OPTIONAL if self.shape else False
 
     def tail(self, sizes: Sizes) -> tuple[int, ...]:
@@ -105,16 +106,16 @@ class Channel:
 
     @property
     def entry_bytes(self) -> int:
-        """Of one entry in a run."""
+        """Bytes of one entry in a run."""
         return 8 * math.prod(self.shape)
 
     def of_run(self, sizes: Sizes, words: Mapping[str, str]) -> Channel:
-        """The same in a run: a dataset that grows with it, shaped in numbers, unit and meaning in these ``words``."""
+        """The channel in a given run: the shape in numbers, and unit and description with these ``words`` filled in."""
         unit, about = self.unit.format(**words), self.about.format(**words)
         return dataclasses.replace(self, shape=self.tail(sizes), unit=unit, about=about)
 
     def titles(self, names: Mapping[str, list[str]], unit: str) -> list[str]:
-        """Headings of its columns; ``names`` of what its shape counts."""
+        """Headings of its columns; ``names`` of the items along its shape."""
         which = names[self.shape[0]] if self.shape else [""]
         axes = self.axes if len(self.shape) == 2 else ("",)
         time = "equilibrium" if unit == "1" else "time"
@@ -253,14 +254,13 @@ NEW_CONTACTS = {c.name.partition("/")[2]: c for c in CHANNELS if c.grows_by == C
 
 
 def energies(real_time: bool) -> tuple[str, ...]:
-    """Names of the energies that a run records, in the order in which it does."""
+    """Names of the energies that a run records, in their order."""
     found = [c for c in CHANNELS if c.path.startswith("history/energy/") and c.real_time in (None, real_time)]
     return tuple(c.name.partition("/")[2] for c in found)
 
 
 def counts_equilibria(control: Control, assembly: Assembly) -> bool:
-    """Whether the times of a record are the numbers of equilibria. A search with a law of the user's own pushes in
-    time."""
+    """Whether the times of a record are numbers of equilibria; a search with a user-defined law pushes in time."""
     return control.regime.counts_equilibria and assembly.custom_law is None
 
 
@@ -287,14 +287,14 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
 
 
 def bytes_of(fields: tuple[Channel, ...], rows: int, frames: int, contacts: int = 0) -> int:
-    """Bytes of so many rows, frames and new contacts."""
+    """Bytes of so many ``rows``, ``frames`` and new ``contacts``."""
     counts = (rows, frames, contacts)
     return sum(counts[field.grows_by] * field.entry_bytes for field in fields)
 
 
 def taken(record: Mapping, field: Channel, assembly: Assembly) -> np.ndarray:
-    """The numbers of a channel in a record as recorders give it: joints share an array, energies and new contacts a
-    mapping. ValueError if the record has none."""
+    """Values of a channel in a record as recorders provide it: joints share an array, energies and new contacts a
+    mapping. ValueError if the record lacks them."""
     group, _, name = field.name.partition("/")
     try:
         if field.fill is not None:
@@ -307,6 +307,6 @@ def taken(record: Mapping, field: Channel, assembly: Assembly) -> np.ndarray:
 
 
 def followed(record: Mapping, fields: tuple[Channel, ...], grows_by: int, assembly: Assembly) -> dict[str, np.ndarray]:
-    """A record with the channels that follow from it, for results in memory."""
+    """A record with the channels that are computed from it added, for results in memory."""
     own = [f for f in fields if f.grows_by == grows_by and f.fill and not f.in_file_only]
     return {**record, **{channel.name: channel.fill(record, assembly) for channel in own}}

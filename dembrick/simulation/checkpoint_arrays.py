@@ -1,4 +1,4 @@
-"""Named tuples of arrays to arrays by name and back: what a checkpoint holds of a run."""
+"""Conversion of named tuples of arrays to named arrays of a checkpoint, and back."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COUNTERS = ("state.areas.evaluations", "state.areas.pressed.count")  # integers 
 
 
 def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
-    """All fields as arrays ``part.field``, without copying; what the scene does not have is None and left out."""
+    """All fields as arrays ``part.field``, without copying; parts and fields that are None are left out."""
     arrays: dict[str, np.ndarray] = {}
     for name, part in parts.items():
         for field, value in () if part is None else part._asdict().items():
@@ -26,8 +26,7 @@ def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
 
 
 def plain(array: np.ndarray) -> np.ndarray:
-    """The numbers of an array of records of one kind of number, one after the other and not copied; any other array as
-    it is."""
+    """View of an array of records, whose fields have one type, as plain numbers; any other array unchanged."""
     if array.dtype.names is None:
         return array
     return array.view(array.dtype[0].base)
@@ -43,9 +42,9 @@ def arrays_of(part: Iterable) -> Iterator[np.ndarray]:
 
 
 def restored_state(state, snapshot: Snapshot):
-    """The state of statics out of ``snapshot``, where it is called "state"; HistoryError if it is of another scene."""
+    """The state of statics from ``snapshot``, where it is named "state"; HistoryError if it is of another scene."""
     pressed = None if state.areas is None else state.areas.pressed
-    if pressed is not None:  # before anything is taken: it leads into arrays
+    if pressed is not None:  # check before anything is restored, as counts are used as indices
         count = snapshot.array(COUNTERS[1], pressed.count)
         if (count < 0).any() or (count > room_of(pressed)).any():
             raise HistoryError(f"{snapshot.path}: {COUNTERS[1]} leads out of its polygons")
@@ -53,16 +52,15 @@ def restored_state(state, snapshot: Snapshot):
 
 
 def _is_part(value) -> bool:
-    """Whether a field is a named tuple of its own, as the pressed part of convex joints is."""
+    """Whether a field is itself a named tuple, such as the pressed part of convex joints."""
     return hasattr(value, "_asdict")
 
 
 def restored(name: str, part, snapshot: Snapshot, counters: Container[str] = ()):
-    """A named tuple whose arrays and numbers are those of ``snapshot``; arrays are filled in place.
+    """A named tuple with the arrays and numbers of ``snapshot``; arrays are filled in place.
 
-    Integers are indices that nothing changes and must be the same as in ``part``, because another one could lead out
-    of its array; ``counters`` are the names of those that do change. HistoryError if the snapshot is of another
-    scene.
+    Integers are constant indices and must be the same as in ``part``, because others could be out of bounds;
+    ``counters``: names of those that may change. HistoryError if the snapshot is of another scene.
     """
     if part is None:
         return None

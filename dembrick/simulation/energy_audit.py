@@ -1,4 +1,4 @@
-"""The energy audit of a run: does the energy balance, and did friction only ever take energy away?"""
+"""The energy audit of a run: whether the energy balances, and whether friction only dissipates."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from dembrick.errors import EnergyAuditError
 from dembrick.kernels.state import Energy
 
-LIMIT = 1e-3  # of what was put in: beyond it the integration is not to be trusted
-MOTION = 1e-2  # of what was put in, in a run in real time: where blocks tumble, joints turn within a step
-STEPPING = 0.1  # of what was put in: where blocks may bounce, no impact loses more than (w dt)^2 / 4 = 0.09 of its own
-GIVEN = 1e-3  # of what was put in: what joints may give back by rounding and by opening within steps
-NEGATIVE = 1e-6  # of what was put in: what friction may give back in one increment whose slip turns about
-BROKEN = 1e-3  # the same where brittle bonds break: blocks swing then, as in a run in real time
-SLIP = 0.1  # of what was put in: between the friction work and the sum of mu N |slip increment|, of first order
+LIMIT = 1e-3  # of the energy put in: beyond it the integration is not reliable
+MOTION = 1e-2  # the same of a run in real time: when blocks tumble, joints turn within a step
+STEPPING = 0.1  # of the energy put in: if blocks may bounce, an impact loses at most (w dt)^2 / 4 = 0.09 of its own
+GIVEN = 1e-3  # of the energy put in: energy that joints may return by rounding and by opening within steps
+NEGATIVE = 1e-6  # of the energy put in: energy that friction may return in an increment in which slip reverses
+BROKEN = 1e-3  # the same if brittle bonds break: blocks swing then, as in a run in real time
+SLIP = 0.1  # of the energy put in: between the friction work and the sum of mu N |slip increment|, of first order
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class EnergyAudit:
     """Result of the audit.
 
     ``relative_residual``: kinetic + elastic + actuator spring + friction + dashpots - external work, the worst row,
-    over what was put in. ``friction_law_error``: friction work over the sum of mu N |slip increment| (the dissipation
+    over the energy put in. ``friction_law_error``: friction work over the sum of mu N |slip increment| (the dissipation
     function for a convex joint), minus 1; of first order in the step. ``least_friction_increment`` (J).
     """
 
@@ -38,10 +38,10 @@ class EnergyAudit:
 
 @dataclass(frozen=True)
 class MotionAudit(EnergyAudit):
-    """Result of the audit of a run in real time, over the external work and the kinetic energy of the start.
+    """Result of the audit of a run in real time, relative to the external work and the initial kinetic energy.
 
-    That holds for ``friction_law_error`` too, friction work less its law's: friction may be next to nothing in impacts.
-    ``step_error``: what contacts that open or close within a time step took out of the motion, less what they gave.
+    So is ``friction_law_error``, friction work less that of its law, as friction may be negligible in impacts.
+    ``step_error``: net energy that contacts took from the motion by opening or closing within a time step.
     It is of second order in the step; at an impact no more than (w dt)^2 / 4 of its energy, w the frequency of the
     contact.
     """
@@ -51,9 +51,9 @@ class MotionAudit(EnergyAudit):
 
 @dataclass(frozen=True)
 class Sums:
-    """Energies of a run in real time for the audit (J): friction, the same by its law, the least of a step,
-    what contacts took by opening and closing within steps; the least energy that errors are held against; and what
-    rounding of positions may make of nothing: less is no error."""
+    """Energies of a run in real time for the audit (J): friction, the same by its law, the least of a step;
+    ``stepping``: energy taken by contacts that open and close within steps; ``floor``: least reference energy for
+    errors; ``rounding``: energy that rounding of positions may create, below which there is no error."""
 
     friction: float
     by_law: float
@@ -64,24 +64,24 @@ class Sums:
 
 
 class Auditor:
-    """Audits recorded energies as they come.
+    """Audits energies as they are recorded.
 
     ``worst`` (3,) J: greatest residual, most energy put in so far, kinetic energy of the first row (NaN before it).
-    What is put in is the external work, and the kinetic energy that there was before; or the forces of actuators times
-    their displacements, where that is more: a block that rocks gives what they do to gravity.
+    The energy put in is the external work plus the initial kinetic energy; or the forces of actuators times
+    their displacements plus the latter, if that is more, as a rocking block passes their work on to gravity.
     """
 
     def __init__(self):
         self.worst = np.array([0.0, 0.0, np.nan])
 
     def observe(self, rows: Mapping) -> Auditor:
-        """Take the next rows of a record, with what their actuators do. Returns itself."""
+        """Add the next rows of a record, with the work of their actuators. Returns itself."""
         if not np.size(rows.get("actuator_force", ())):
             return self.add(rows["energy"])
         return self.add(rows["energy"], np.abs(rows["actuator_force"] * rows["actuator_displacement"]).sum(axis=1))
 
     def add(self, energies: Mapping[str, np.ndarray], pushed: np.ndarray | float = 0.0) -> Auditor:
-        """Take the next energies, (T,) in J by name; some runs have none. ``pushed`` (T,) J: forces of actuators times
+        """Add the next energies, (T,) in J by name; some runs have none. ``pushed`` (T,) J: forces of actuators times
         their displacements. Returns itself."""
         if not energies or not len(energies["external"]):
             return self
@@ -95,8 +95,8 @@ class Auditor:
         return self
 
     def result(self, energy: Energy | Sums, custom: bool = False) -> EnergyAudit:
-        """The audit; EnergyAuditError if the energy terms do not balance, or if joints that follow a ``custom`` law
-        gave back more than they took, which no law of the program does."""
+        """The audit; EnergyAuditError if the energy terms do not balance, or if joints with a ``custom`` law returned
+        more energy than they took, which no built-in law does."""
         residual, scale = (float(value) for value in self.worst[:2])
         friction = float(energy.friction if isinstance(energy, Sums) else energy.work[0].sliding)
         if custom and friction < -GIVEN * scale:
@@ -107,7 +107,7 @@ class Auditor:
         if isinstance(energy, Sums):
             return _of_motion(residual, max(scale, energy.floor, energy.rounding / MOTION), energy)
         by_law = float(energy.work[0].by_law)
-        scale = max(scale, by_law)  # of few rows none may know what was put in
+        scale = max(scale, by_law)  # with few rows none may show the energy put in
         relative = residual / scale if scale else 0.0
         result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(energy.work[0].least))
         breaks = float(energy.work[0].fracture) > 0.0

@@ -1,4 +1,6 @@
-"""Floating-point faults in engines: a division by zero or a number that is none ends the run, it never warns."""
+"""Floating-point faults in engines: a division by zero or an invalid number ends the run with an error, not a
+warning.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,8 @@ from dembrick.errors import DivergedError
 
 @contextmanager
 def faults_raised() -> Iterator[None]:
-    """Within, numpy raises where it would warn of a division by zero or of an invalid operation, and the caller gets a
-    DivergedError. Where such a thing is meant, an inner ``np.errstate`` says so."""
+    """Context in which numpy raises for a division by zero or an invalid operation, which becomes a DivergedError.
+    Intended ones are exempted by an inner ``np.errstate``."""
     try:
         with np.errstate(divide="raise", invalid="raise"):
             yield
@@ -26,7 +28,7 @@ def faults_raised() -> Iterator[None]:
 
 
 def not_nan(value: float, what: str) -> float:
-    """The ``value``; DivergedError if it is NaN, with which every comparison would fail and ``max`` would say zero."""
+    """The ``value``; DivergedError if it is NaN, which would fail every comparison and could get lost in ``max``."""
     if math.isnan(value):
         raise DivergedError(f"{what} is no number, so that there is no answer; please report the scenario")
     return value

@@ -1,8 +1,8 @@
 """SIGINT and SIGTERM: a time loop ends after its chunk, anything else at once; a second signal kills.
 
-A signal that comes when a run has its answer finds the answer written first.
+If a signal arrives when a run has finished computing, its results are still written first.
 
-Signals belong to the process, so what is known of them is kept here once. Without ``handled`` nothing changes:
+Signals belong to the process, so their state is kept here once. Without ``handled`` nothing changes:
 Python raises KeyboardInterrupt wherever it is.
 """
 
@@ -19,7 +19,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal ended the run; what was simulated is on disk where a history was asked for."""
+    """A signal ended the run; the simulation so far is on disk if a history was requested."""
 
     def __init__(self, signum: int, message: str = "interrupted"):
         super().__init__(message)
@@ -32,7 +32,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _Known:
-    signum = 0  # that came and was not acted on yet
+    signum = 0  # of a signal that has arrived and is not handled yet
     deferring = False
 
 
@@ -43,7 +43,7 @@ def requested() -> int:
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Within, a signal is only noted: whoever enters here looks at ``requested`` every second or so."""
+    """Context in which a signal is only noted: the caller must check ``requested`` every second or so."""
     before, _Known.deferring = _Known.deferring, True
     try:
         yield
@@ -53,15 +53,15 @@ def deferred() -> Iterator[None]:
 
 @contextmanager
 def handled() -> Iterator[None]:
-    """Within, SIGINT and SIGTERM raise Interrupted, or wait for the end of a chunk where they are deferred.
+    """Context in which SIGINT and SIGTERM raise Interrupted, or wait for the end of a chunk if deferred.
 
-    A compiler that is called back in the middle of its work swallows the exception and fails with one of its own, which
-    comes out as Interrupted here.
+    A compiler that is interrupted by the exception swallows it and fails with one of its own, which is turned into
+    Interrupted here.
     """
     _Known.signum = 0
     try:
         before = {number: signal.signal(number, _note) for number in SIGNALS}
-    except ValueError:  # not the main thread: signals are none of our business
+    except ValueError:  # not the main thread, which alone can handle signals
         yield
         return
     unraisable, sys.unraisablehook = sys.unraisablehook, _silent
@@ -86,14 +86,14 @@ def caused(error: BaseException) -> BaseException:
 
 
 def _silent(unraisable) -> None:
-    """Hook of Python for exceptions that cannot be raised; one of a signal, which is known anyway, is not printed."""
+    """Hook for exceptions that Python cannot raise; that of a signal, which is noted anyway, is not printed."""
     if not isinstance(unraisable.exc_value, Interrupted):
         sys.__unraisablehook__(unraisable)
 
 
 def _note(signum: int, _frame) -> None:
     for number in SIGNALS:
-        signal.signal(number, signal.SIG_DFL)  # the next one kills, whatever is going on
+        signal.signal(number, signal.SIG_DFL)  # the next one kills the process
     _Known.signum = signum
     if not _Known.deferring:
         raise Interrupted(signum)

@@ -1,9 +1,9 @@
-"""Joint laws from the assembly to the arrays of the kernels, for both engines: the elastic stiffness of a closed joint
-(6 x 6), strengths beside friction, room for the pressed parts of convex joints whose friction follows the bending, and
-a law of the user's own.
+"""Arrays of joint laws for the kernels of both engines: the elastic stiffness of a closed joint (6 x 6), strengths
+other than friction, room for the pressed parts of convex joints whose friction follows the bending, and a user-defined
+law.
 
-That one is compiled by itself, once in every process, and kernels get its address. No kernel is compiled with it, so
-that none in the cache can hold one law or another.
+A user-defined law is compiled separately, once in every process, and kernels get its address. No kernel is compiled
+with it, so the cache of kernels does not depend on the law.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ def elastic_stiffness(shear: Sequence, normal: Sequence) -> np.ndarray:
 
 
 def has_strengths(laws: Iterable[JointLaw]) -> bool:
-    """Whether any of the ``laws`` gives a joint more than friction."""
+    """Whether any of the ``laws`` has more strength than friction."""
     return any(not law.dry for law in {id(law): law for law in laws}.values())  # many joints, few laws
 
 
 def strengths_of(laws: Sequence[JointLaw]) -> Strengths | None:
-    """Strengths of joints with these ``laws``, an entry each; None if all are dry."""
+    """Strengths of joints with these ``laws``, one entry each; None if all are dry."""
     if not has_strengths(laws):
         return None
     return Strengths(
@@ -67,30 +67,28 @@ def bonded_at_start(laws: Sequence[JointLaw]) -> np.ndarray:
 
 
 def repeated(strengths: Strengths, counts: np.ndarray) -> Strengths:
-    """An entry of each strength for every contact point, from those of joints with so many points (s,)."""
+    """Strengths with an entry for every contact point, from those of joints with ``counts`` (s,) points."""
     each = {name: np.repeat(value, counts) for name, value in strengths._asdict().items() if name != "held"}
     return strengths._replace(**each)
 
 
 def sliding_strength(strengths: Strengths | None, area, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Force against which slip does work (N), an entry for each of ``strengths``, from N (N) and the ``area`` that
-    carries it.
+    """Force by which slip dissipates work (N), one entry for each of ``strengths``, from N (N) and the ``area``.
 
-    What slides has no bond, and what rises by dilation takes the work of that from friction.
+    Sliding joints have no bond any more, and the work of dilation is subtracted from that of friction.
     """
     if strengths is None:
         return friction * normal
     return strengths.residual_cohesion * area + (strengths.residual * friction - strengths.dilation) * normal
 
 
-_NO_TEXT = ("Failed in", "During", "File ", "def ", "<source", "^")  # begin lines of numba that tell of itself
+_NO_TEXT = ("Failed in", "During", "File ", "def ", "<source", "^")  # begin lines of numba on its own internals
 
 
 def rows_of(law: CustomLaw, laws: Sequence[JointLaw], area: np.ndarray) -> Custom:
     """Rows of contact points with the scenario's ``laws`` and tributary areas (c,) in m2, at rest.
 
-    Raises ScenarioError if the law does not compile, does not answer with four numbers, or not with finite ones at
-    rest.
+    Raises ScenarioError if the law does not compile, does not return four numbers, or not finite ones at rest.
     """
     compiled = _compiled(law.function, law.memory, tuple(law.parameters))
     _try(law, compiled)
@@ -117,7 +115,7 @@ def _compiled(function: Callable, memory: tuple[str, ...], parameters: tuple[str
     names = (MOVE, (*RECORD, *parameters), (*ANSWER, *memory))
     try:
         return PointerLaw(function, [np.dtype([(name, float) for name in each]) for each in names])
-    except Exception as error:  # numba raises what it likes for a field that there is not
+    except Exception as error:  # numba raises various errors for a missing field
         name = getattr(function, "__name__", "law")
         raise ScenarioError(
             f"the joint law {name} does not compile: {_cause(error)}; it must take (move, law, memory) and return four "
@@ -126,14 +124,14 @@ def _compiled(function: Callable, memory: tuple[str, ...], parameters: tuple[str
 
 
 def _cause(error: Exception) -> str:
-    """The line of numba's message that says what is wrong."""
+    """The line of numba's message with the cause of the error."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     told = [line for line in lines if not line.startswith(_NO_TEXT)]
     return (told or lines or ["no reason given"])[0].rstrip(".")
 
 
 def _try(law: CustomLaw, compiled: PointerLaw) -> None:
-    """ScenarioError if the law has no finite answer for a point of 1 m2 that rests open."""
+    """Raise ScenarioError if the law returns no finite result for an open point of 1 m2 at rest."""
     rest = _at_rest(law, [JointLaw("concave", 0.5, 1.0, 1.0)], np.ones(1), compiled.at)
     try:
         compiled(rest.move[0], rest.record[0], rest.memory[0], rest.answer[0])
@@ -147,7 +145,8 @@ def _try(law: CustomLaw, compiled: PointerLaw) -> None:
 
 
 def check_pressures(joints, chosen: np.ndarray) -> None:
-    """ScenarioError if one of the ``chosen`` joints of a `JointTable` has a pressure that its polygon cannot have."""
+    """Raise ScenarioError if a ``chosen`` joint of a `JointTable` has a kind of pressure that its polygon does not
+    allow."""
     for j in chosen.tolist():
         if joints.law[j].pressure == "effective" and j in joints.pieces:
             raise ScenarioError(
@@ -156,7 +155,7 @@ def check_pressures(joints, chosen: np.ndarray) -> None:
 
 
 def pressed_parts(pressures: Sequence[str], corners: Sequence[int]) -> Pressed | None:
-    """Room for the pressed parts of convex joints; the first forces fill it."""
+    """Arrays for the pressed parts of convex joints, filled by the first evaluation; None if all pressures are full."""
     if all(pressure == "full" for pressure in pressures):
         return None
     room = [2 * m + 2 for m in corners]  # every edge of the reflected polygon can add a corner
@@ -178,5 +177,5 @@ def pressed_parts(pressures: Sequence[str], corners: Sequence[int]) -> Pressed |
 
 
 def room_of(part: Pressed) -> np.ndarray:
-    """How many corners each pressed part has room for (a,)."""
+    """Number of corners for which each pressed part has room (a,)."""
     return np.diff(np.append(part.start, len(part.x)))

@@ -1,4 +1,4 @@
-"""The words for how joints and assemblies give way, the same for searches and for limit analysis."""
+"""Names of the mechanisms of joints and assemblies, the same for searches and for limit analysis."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism
 CARRIES_NOTHING = 1e-9  # of the heaviest block
-_PURE = 1e-5  # of the slip at the joint's rim: a part of the slip twist that is not there
+_PURE = 1e-5  # of the slip at the joint's rim: smaller parts of the slip twist count as zero
 
 
 def joint_mechanism(twist, tilt, reach: float) -> tuple[tuple[float, float] | None, str]:
@@ -31,7 +31,7 @@ def assembly_mechanism(slid: np.ndarray, turned: np.ndarray, tilted: np.ndarray)
 
 
 def crushes(closed: np.ndarray, strength: np.ndarray, *moves: np.ndarray) -> bool:
-    """Whether joints give way by crushing: those with a compressive ``strength`` (j,) in Pa have ``closed`` (j,) at O
+    """Whether the mechanism is crushing: joints with a compressive ``strength`` (j,) in Pa have ``closed`` (j,) at O
     by more than any rim has moved otherwise, ``moves`` (j,), all in m."""
     depth = float(closed[np.isfinite(strength)].max(initial=0.0))
     return depth > max(float(move.max(initial=0.0)) for move in moves)
@@ -43,7 +43,7 @@ def fastest_blocks(speed: np.ndarray) -> np.ndarray:
 
 
 def nothing_between(moving: np.ndarray, ends, normal: np.ndarray, weight: float) -> bool:
-    """Whether the blocks that move have left all that stands still: no joint between the two carries anything.
+    """Whether the moving blocks have lost contact with those at rest: no joint between the two carries a force.
 
     ``moving`` (k,) block numbers; ``ends``: the two blocks of every joint (j,); ``normal`` (j,) N; ``weight`` (N) of
     the heaviest block.

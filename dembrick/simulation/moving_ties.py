@@ -1,4 +1,4 @@
-"""Ties in moving geometry, from the assembly to the arrays of the loops: runs in real time, constant-rate tests."""
+"""Arrays of ties in moving geometry, for runs in real time and constant-rate tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> Ties:
-    """The ties of a table as drawn, their blocks at a ``position`` (n, 3) m and a ``rotation`` (n, 3, 3)."""
+    """The ties of a table as drawn, with blocks at a ``position`` (n, 3) m and a ``rotation`` (n, 3, 3)."""
     n = len(table)
     a, b = table.ends.block.T
     now = np.zeros(n, TIE)
@@ -35,7 +35,7 @@ def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> 
 
 
 def at_ends(ties: Ties, blocks: int) -> np.ndarray:
-    """Forces and moments (n, 6) of the ties on every one of so many blocks, at its centroid: N and N m, world axes."""
+    """Forces and moments (n, 6) of the ties on so many ``blocks``, about their centroids: N and N m, world axes."""
     found = np.zeros((blocks, 6))
     if not len(ties.stiffness):
         return found
