@@ -1,4 +1,4 @@
-"""Convex joints, in real time: the area family, seen from Python.
+"""Convex joints, in real time: the Python side of the area family.
 
 The functions are those of `point_joints`, under the same names; `joint_families` calls them.
 """
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.statics.area_joints import Areas
 
-PART_OF_WEIGHT = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
-EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
+PART_OF_WEIGHT = 1e-5  # of the lighter block's weight: negligible force, as in head joints of a wall, which always slip
+EQUAL = 12  # digits to which equal polygons agree: rounding makes those of a wall differ in the last one or two
 
 
 def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray, first_tile: int) -> Faces | None:
@@ -42,7 +42,7 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray, first_tile: i
         return None
     laws = [joints.law[j] for j in chosen]
     check_pressures(joints, chosen)
-    # a polygon cut by a face has at most as many corners more
+    # cutting a polygon by a face adds at most as many corners as the face has
     longest = np.array([shape.longest_face for shape in assembly.shapes])
     most = np.maximum(longest[joints.block_a], longest[joints.block_b])[chosen]
     room = int((np.diff(joints.start)[chosen] + most).max())
@@ -79,7 +79,7 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray, first_tile: i
     faces.put("negligible", without_rounding(PART_OF_WEIGHT * _lightest(assembly, joints)[chosen]))
     number = np.zeros(len(joints), np.int64)  # among the convex joints
     number[chosen] = np.arange(n)
-    for numbers, outlines in joints.by_corners(np.sort(chosen)):  # of equal ones the first counts
+    for numbers, outlines in joints.by_corners(np.sort(chosen)):  # equal outlines are stored once
         size = np.abs(outlines).max(axis=(1, 2), keepdims=True)
         form = np.concatenate([(outlines / size).reshape(len(size), -1), np.log(size)[:, :, 0]], axis=1)
         _, first, which = np.unique(np.round(form, EQUAL) + 0.0, axis=0, return_index=True, return_inverse=True)
@@ -97,7 +97,7 @@ def _lightest(assembly: Assembly, joints: JointTable) -> np.ndarray:
 
 
 def with_outlines(faces: Faces, rows: int) -> Faces:
-    """The same joints with room for that many polygons, and no more."""
+    """The same joints with room for exactly ``rows`` polygons."""
     if rows == len(faces.count):
         return faces
     table = {}
@@ -108,8 +108,8 @@ def with_outlines(faces: Faces, rows: int) -> Faces:
 
 
 def put_outlines(faces: Faces, rows: np.ndarray, outlines: np.ndarray, i: np.ndarray, which: np.ndarray) -> None:
-    """Write polygons (g, m, 2) about their centroids, and their series, into the ``rows`` (g,) for them; and give the
-    convex joints ``i`` (k,) ``which`` (k,) of them, with the numbers that follow."""
+    """Write polygons (g, m, 2) about their centroids, and their series, into ``rows`` (g,); and assign them to the
+    convex joints ``i`` (k,), ``which`` (k,) to each, with the section properties that follow."""
     m = outlines.shape[1]
     faces.count[rows] = m
     faces.x[rows, :m], faces.y[rows, :m] = outlines[..., 0], outlines[..., 1]
@@ -131,7 +131,7 @@ def stiffness(faces: Faces) -> np.ndarray:
 
 
 def normal_stiffness(faces: Faces) -> np.ndarray:
-    """The entry of `stiffness` along the normal (a,), N/m, by itself."""
+    """The normal entry of `stiffness` (a,), N/m."""
     return faces.k_n * faces.area
 
 
@@ -141,19 +141,19 @@ def friction(faces: Faces) -> np.ndarray:
 
 
 def put_friction(faces: Faces, values) -> None:
-    """Give the joints that friction, a number or one for each."""
+    """Set the friction of the joints to a number, or one for each."""
     faces.put("friction", values)
     faces.share()
 
 
 def retire(faces: Faces, a: int) -> None:
-    """Let joint ``a`` carry nothing any more."""
+    """Set the stiffness of joint ``a`` to zero, so that it carries nothing any more."""
     faces.put("k_n", 0.0, a)
 
 
 def take_memory(faces: Faces, left: Areas, sense: np.ndarray) -> None:
-    """Elastic shear resultants, plastic twists and slip of the same joints in the searches; ``sense`` (j,) of the
-    joints."""
+    """Copy elastic shear resultants, plastic twists, slip and bonds of the same joints of statics; ``sense`` (j,) of
+    the joints."""
     own, there = sense[faces.joint][:, None], np.argsort(np.argsort(faces.joint))  # in the order of the joints there
     faces.put_elastic(own * left.elastic[there])
     faces.twist[:], faces.slip[:] = own * left.twist[there], left.slip[there]
@@ -162,21 +162,21 @@ def take_memory(faces: Faces, left: Areas, sense: np.ndarray) -> None:
 
 
 def arrays(faces: Faces) -> list[np.ndarray]:
-    """All arrays but the strengths, which nothing changes."""
+    """All arrays but the strengths, which are constant."""
     own = [array for array in faces if isinstance(array, np.ndarray)]
     return [*own, *(faces.pressed or ()), *(faces.bonds or ())]
 
 
 def bonded(faces: Faces) -> np.ndarray:
-    """The part of each joint's area whose bond holds (a,)."""
+    """The part of each joint's area whose bond is intact (a,)."""
     return np.zeros(len(faces.joint)) if faces.bonds is None else faces.bonds.bonded
 
 
-memory = arrays  # no force is only written down
+memory = arrays  # there are no forces that are only recorded
 
 
 def rooms(faces: Faces, snapshot) -> int:
-    """For how many polygons the joints need room before ``snapshot`` is put into them."""
+    """Number of polygons for which the joints need room before ``snapshot`` is restored."""
     outline = snapshot.array("faces.outline", faces.outline)
     if int(outline.max()) >= len(faces.count) + len(outline):
         raise HistoryError(f"{snapshot.path}: faces.outline leads out of its polygons")
@@ -184,7 +184,7 @@ def rooms(faces: Faces, snapshot) -> int:
 
 
 def check_restored(faces: Faces, path) -> None:
-    """HistoryError if what was restored from the checkpoint ``path`` leads out of its arrays."""
+    """Raise HistoryError if indices restored from the checkpoint ``path`` are out of bounds."""
     faces.share()
     if (faces.count < 0).any() or (faces.count > faces.x.shape[1]).any():
         raise HistoryError(f"{path}: faces.count leads out of its polygons")

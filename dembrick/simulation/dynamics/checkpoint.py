@@ -1,6 +1,6 @@
-"""State that a run in real time begins on: a checkpoint of its own, or what a stage before it left.
+"""State from which a run in real time starts: a checkpoint of its own, or the final state of a previous stage.
 
-Positions, the memory of joints, and ties, which stay, come and go.
+It consists of positions, the history of joints, and ties, which may be kept, added or removed.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     from dembrick.simulation.statics.state import State
 
 
-PARTS = ("bodies", "links", "corners", "faces", "ties")  # of the state, that a checkpoint holds
-LOAD_WORK = "energy.load"  # of every load, what it did last
+PARTS = ("bodies", "links", "corners", "faces", "ties")  # of the state, in a checkpoint
+LOAD_WORK = "energy.load"  # last wrench of every load, for its work
 COUNTERS = (  # integers among them that change
     "faces.outline", "faces.count", "faces.pressed.count", "links.like", "corners.like", "faces.like",
 )  # fmt: skip
 
 
 def restore_scene(moving: Motion, snapshot: Snapshot, met: bool, parts: Iterable[str] = PARTS) -> None:
-    """Blocks, joints, ties and polygons as in a snapshot of the same scene, and new contacts if blocks have ``met``;
-    of its state the ``parts``."""
+    """Restore blocks, joints, ties and polygons from a snapshot of the same scene, and new contacts if blocks have
+    ``met``; ``parts``: those of the state to restore."""
     polygons = moving.polygons
     for name, own in _polygons(moving).items():
         own[...] = snapshot.array(name, own)
@@ -57,7 +57,7 @@ def _polygons(moving: Motion) -> dict[str, np.ndarray]:
 
 
 class Past:
-    """Quantities beside the state of a run that a checkpoint keeps, so that the run can go on."""
+    """Quantities of a run other than its state that a checkpoint needs for a restart."""
 
     def __init__(self, moving: Motion, controller: PushController | None):
         self.moving, self._controller = moving, controller
@@ -65,7 +65,7 @@ class Past:
         self.longest, self.may_end_early = 0, False  # steps of the run, and whether a collapse ends it
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
         self.extremes = Extremes.of(moving)
-        self.pass_on: Callable[[], None] = lambda: None  # what of the record waits, before a snapshot
+        self.pass_on: Callable[[], None] = lambda: None  # called before a snapshot, to pass on waiting rows
 
     @property
     def where(self) -> str:
@@ -93,16 +93,16 @@ class Past:
         moving = self.moving
         loop = np.array([moving.steps, moving.time_step, moving.dead_load_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}
-        met = moving.contact_detection.snapshot() if moving.steps else {}  # nobody looks for pairs before time begins
+        met = moving.contact_detection.snapshot() if moving.steps else {}  # there is no detection before time begins
         return {"loop": loop, **met, **self._arrays(), **_polygons(moving), **flattened(parts)}
 
     def has_begun(self, snapshot: Snapshot) -> bool:
-        """Whether the dead-load equilibrium was reached when the ``snapshot`` was taken, and time had begun."""
+        """Whether time had begun when the ``snapshot`` was taken, after the dead-load equilibrium."""
         return bool(snapshot.array("loop", np.zeros(3))[0] > 0.0)
 
     def restore(self, snapshot: Snapshot, goes_on: GoesOn | None = None) -> None:
-        """Take it from a snapshot of the same scene; HistoryError if it is of another. ``goes_on``: laws, loads and
-        ties are those of now."""
+        """Restart from a snapshot of the same scene; HistoryError if it is of another. ``goes_on``: changes of laws,
+        loads and ties since then."""
         moving = self.moving
         steps, dt, before = snapshot.array("loop", np.zeros(3)).tolist()
         counts = min(steps, before) >= 0.0 < max(steps, before) and steps.is_integer() and before.is_integer()
@@ -115,13 +115,13 @@ class Past:
         self.go_back(snapshot, met=moving.steps > 0)
 
     def go_back(self, snapshot: Snapshot, met: bool = True) -> None:
-        """Take all but the steps from a snapshot of this scene, and new contacts if blocks have ``met``."""
+        """Restore all but the steps from a snapshot of this scene, and new contacts if blocks have ``met``."""
         for name, own in self._arrays().items():
             own[...] = snapshot.array(name, own)
         restore_scene(self.moving, snapshot, met)
 
     def _change(self, snapshot: Snapshot, goes_on: GoesOn) -> None:
-        """Take motion and memory from a snapshot, and keep the laws, loads and ties that there are."""
+        """Restore motion and history from a snapshot, but keep the present laws, loads and ties."""
         moving, laws = self.moving, joint_families.strengths(self.moving.state)
         of_now = ((LOAD_WORK, goes_on.loads), (PEAK_TENSIONS, goes_on.ties))
         changed = {name for name, given in of_now if given is not None}
@@ -131,7 +131,7 @@ class Past:
         parts = PARTS if goes_on.ties is None else [part for part in PARTS if part != "ties"]
         restore_scene(moving, snapshot, moving.steps > 0, parts)
         joint_families.put_strengths(moving.state, laws)
-        moving.state.bodies.applied[:] = 0.0  # loads and ties of now put theirs there before they are asked for
+        moving.state.bodies.applied[:] = 0.0  # present loads and ties are added before these are used
         if goes_on.loads is not None and moving.energy.table is not None:
             self._change_loads(snapshot, goes_on)
         if goes_on.ties is not None:
@@ -139,10 +139,10 @@ class Past:
             take_ties(moving.state, snapshot, goes_on.ties)
             self.extremes.go_on_with(snapshot.array(PEAK_TENSIONS, np.zeros(goes_on.ties.total)), goes_on.ties)
             given = ties_given(moving.state, goes_on.ties, moving.time_step)
-            moving.energy.start[1] += given - held  # what comes and goes with the ties is no work of the blocks
+            moving.energy.start[1] += given - held  # energy of added and removed ties is no work on the blocks
 
     def _change_loads(self, snapshot: Snapshot, goes_on: GoesOn) -> None:
-        """Loads that stay go on with the work of the step; that of those which are gone ends half a step ago."""
+        """Continue the work of loads that are kept; that of removed loads ends half a step ago."""
         table, bodies = self.moving.energy.table, self.moving.state.bodies
         assert table is not None and goes_on.loads is not None
         old = snapshot.array(LOAD_WORK, table.load)
@@ -154,10 +154,10 @@ class Past:
 
 
 def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = None) -> None:
-    """Put the blocks where ``left`` has them, at rest, and give their joints its memory. Nothing has moved yet.
+    """Start at rest from the positions and joint history of the state ``left`` by a previous stage.
 
     A search or a quasi-static test leaves a `State`, a settlement the snapshot of its last equilibrium. ``before``:
-    which of its ties stay. Raises ScenarioError if the joints of both are not the same.
+    which of its ties are kept. Raises ScenarioError if the joints of both differ.
     """
     if isinstance(left, Kept):
         _go_on_from(moving, left, before)
@@ -166,14 +166,14 @@ def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = Non
 
 
 def start_at_rest(moving: Motion) -> float:
-    """Put the blocks where they rest in the geometry of the start, and give their joints what they remember there.
-    Returns by how much (N) their forces may be off.
+    """Start from the equilibrium of statics in the geometry of the start, with its joint history; return the error (N)
+    of its forces.
 
-    Where they find no such rest, or rest in each other there, as nobody looks for contacts, they stay as drawn; so they
-    do where the joints are others, as parts of blocks have their own here. From there they would fall onto one another,
-    and what opens as they swing forgets its shear.
+    Relaxation from the geometry as drawn would let blocks fall onto one another, and joints that open on the swing lose
+    their shear. The blocks stay as drawn if there is no such equilibrium, if they overlap in it, as statics detects no
+    new contacts, or if the joints differ, as those of blocks made of parts do.
     """
-    from dembrick.simulation.statics.rest.dead_load import find_rest  # and its kernels
+    from dembrick.simulation.statics.rest.dead_load import find_rest  # imported here for its kernels
 
     bodies, drawn = moving.state.bodies, keep(moving)
     place = bodies.position.copy()
@@ -199,7 +199,7 @@ def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
     laws = joint_families.strengths(moving.state)
     try:
         restore_scene(moving, left, True, PARTS if before is None else [part for part in PARTS if part != "ties"])
-    except HistoryError as error:  # of the same blocks, so what differs is how their joints were made
+    except HistoryError as error:  # the blocks are the same, so their joints differ
         raise ScenarioError(OTHER_JOINTS) from error
     joint_families.put_strengths(moving.state, laws)
     if before is not None:
@@ -207,7 +207,7 @@ def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
     moving.state.links.put("viscous", dashpots)
     bodies = moving.state.bodies
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
-    bodies.applied[:] = 0.0  # loads that act in this stage come with its first step
+    bodies.applied[:] = 0.0  # the loads of this stage are added at its first step
     bodies.start[:], moving.upright[:] = bodies.position, bodies.orientation
     moving.settled = True
 
@@ -235,13 +235,13 @@ def _take(moving: Motion, left: State, before: TiesBefore | None) -> None:
 
 
 def take_ties(state: MovingState, left: Snapshot, before: TiesBefore) -> None:
-    """Give the ties of a state, whose blocks are in place, what a snapshot of the run before holds of them."""
+    """Copy the ties from a snapshot of the previous run to those of a state whose blocks are in place."""
     m = before.total
     tie(state, _ties(left, "now", m)["yielded"], left.array("ties.length", np.zeros(m)), before)
     old = np.array(before.of, np.int64)
     kept = old >= 0
     ties = state.ties
-    # as of the last forces, which a step may lie behind
+    # as at the last evaluation of forces, which may be a step behind
     for name, array in (("now", ties.now), ("before", ties.before)):
         array[kept] = _ties(left, name, m)[old[kept]]
     for name, array in (("force", ties.force), ("arm", ties.arm)):
@@ -249,13 +249,13 @@ def take_ties(state: MovingState, left: Snapshot, before: TiesBefore) -> None:
 
 
 def _ties(left: Snapshot, name: str, total: int) -> np.ndarray:
-    """Records `TIE` of a snapshot of so many ties, ``now`` or ``before``."""
+    """`TIE` records of a snapshot with ``total`` ties; ``name``: "now" or "before"."""
     return left.array(f"ties.{name}", plain(np.zeros(total, TIE))).view(TIE)
 
 
 def tie(state: MovingState, yielded: np.ndarray, length: np.ndarray, before: TiesBefore) -> None:
-    """Let ties of a state go on with what those before kept (m) and the lengths (m) with which they came; others come
-    now, with the length that they have."""
+    """Set the ties of a state that are kept to the permanent elongation ``yielded`` (m) and natural ``length`` (m) of
+    those before; others are added now, at their present length."""
     ties, bodies = state.ties, state.bodies
     if not len(ties.length):
         return
@@ -273,7 +273,7 @@ def tie(state: MovingState, yielded: np.ndarray, length: np.ndarray, before: Tie
 
 
 def ties_taken(left: Snapshot, before: TiesBefore, bodies: Bodies, dt: float) -> float:
-    """Energy (J) that goes with the ties of a snapshot that do not stay: what they hold, and half of their work over
+    """Energy (J) of the ties of a snapshot that are removed: their elastic energy, and half of their work over
     the last step ``dt`` (s), which is that of the forces before and after it."""
     m = before.total
     gone = np.setdiff1d(np.arange(m), before.of)
@@ -285,7 +285,7 @@ def ties_taken(left: Snapshot, before: TiesBefore, bodies: Bodies, dt: float) ->
 
 
 def ties_given(state: MovingState, before: TiesBefore, dt: float) -> float:
-    """Energy (J) that comes with the ties of a state that were not there: what they hold, less half of their work over
+    """Energy (J) of the ties of a state that are added: their elastic energy, less half of their work over
     the last step ``dt`` (s)."""
     ties, new = state.ties, np.array(before.of, np.int64) < 0
     held = 0.5 * ties.now["tension"][new] ** 2 / ties.stiffness[new]
@@ -295,6 +295,6 @@ def ties_given(state: MovingState, before: TiesBefore, dt: float) -> float:
 
 
 def _stretched(bodies: Bodies, block: np.ndarray, arm: np.ndarray, dt: float) -> np.ndarray:
-    """How the lines (t, 3) between the ends of ties have changed in a step ``dt`` (m)."""
+    """Change of the vectors (t, 3) between the ends of ties in a step ``dt`` (m)."""
     end = bodies.velocity[block] + np.cross(bodies.spin[block], arm)
     return dt * (end[:, 1] - end[:, 0])

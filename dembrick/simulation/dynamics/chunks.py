@@ -1,4 +1,4 @@
-"""Chunks of steps of a run in real time: calls of the compiled loop, and between them of what writes rows."""
+"""Chunks of steps of a run in real time: calls of the compiled loop, and of the row writer between them."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ def advance_chunk(
     loads: Loads | None = None,
     room: float = math.inf,
 ):
-    """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done.
+    """Advance by a chunk of steps at ``times``, with polygons cut when due; return the status and the steps done.
 
-    ``supports``: their motion in these steps, and perhaps in more, if that is known; ``loads``: likewise. ``room`` (m):
-    how far any block may move, where there are no contacts (`touching` says it where there are)."""
+    ``supports``: their motion in these steps, and perhaps in more, if known; ``loads``: likewise. ``room`` (m):
+    greatest displacement of any block while there are no contacts (else ``touching`` has it)."""
     motion.no_contacts.room[0] = room
     state, energy = motion.state, motion.energy
     energy.fit(driving.n_load, len(driving.supports))
@@ -77,7 +77,7 @@ def advance_chunk(
 
 
 def _cut(motion: Motion) -> MovingState:
-    """Cut polygons that have gone stale; the state with the new ones."""
+    """Cut polygons that are stale; return the state with the new ones."""
     began = time.perf_counter()
     motion.energy.cut(motion.polygons)
     motion.phases["geometry"] += time.perf_counter() - began
@@ -85,17 +85,17 @@ def _cut(motion: Motion) -> MovingState:
 
 
 def in_one_thread(motion: Motion) -> bool:
-    """Whether the scene is too small for several threads, or has but one."""
+    """Whether the loop runs in one thread, as the scene is small or there is only one."""
     return len(loops_for(motion, motion.state.bodies)) == 1
 
 
 def advance_rows(
     motion: Motion, driving: Driving, every: int, limits: Limits, loads: Loads, gravity: Sequence, write: Callable
 ) -> tuple[int, int]:
-    """Go on from row to row of a run in one thread, each ``every`` steps after the last; the status and the steps done.
+    """Advance a run in one thread from row to row, ``every`` steps apart; return the status and the steps done.
 
-    ``loads``: of all these steps; ``gravity``: (3) at each of the rows. ``write`` of the steps done and of gravity
-    writes a row, or returns zero where somebody must look for contacts first: there this ends.
+    ``loads``: of all these steps; ``gravity``: (3) at each of the rows. ``write(steps, gravity)`` writes a row, or
+    returns zero if contacts must be detected first, which ends the advance.
     """
     motion.energy.fit(driving.n_load, len(driving.supports))
     motion.no_contacts.room[0] = math.inf
@@ -133,8 +133,9 @@ class Form(NamedTuple):
 
 
 def compiled(motion: Motion, loop, own, dt: float, state: MovingState, bodies, loads: Loads, *others) -> Form:
-    """A ``loop``, compiled or loaded if that is still to be done; ``others``, between the loads and ``own``, those for
-    the shares, as in `call_loop`. What new contacts do is compiled by a second process meanwhile.
+    """A ``loop``, compiled or loaded unless that is done already; ``own``: its arguments for the shares of threads;
+    ``others``: those between the loads and ``own``, as in `call_loop`. Meanwhile a second process compiles the kernel
+    of new contacts.
     """
     limits, *_, touching, table = others
     types = (
@@ -156,8 +157,8 @@ def compiled(motion: Motion, loop, own, dt: float, state: MovingState, bodies, l
 
 
 def call_loop(motion: Motion, form: Form, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others):
-    """Call a compiled loop with the blocks in its own order: status and steps; ``others``: its arguments after the
-    loads, without the address, in which those for the shares are one."""
+    """Call a compiled loop with the blocks in its own order; return status and steps. ``others``: its arguments after
+    the loads, without the address; the last are those for the shares of threads."""
     arguments, near = arguments_of(motion, form.touch_at, n_steps, dt, state, bodies, loads, *others)
     found = form.code(*arguments)
     if state.order is not None:
@@ -177,7 +178,7 @@ def arguments_of(motion: Motion, touch_at: int, n_steps: int, dt: float, state: 
 
 
 def loops_for(motion: Motion, bodies) -> list[tuple]:
-    """The compiled loops for a scene of that size, each with its scratch and what shares the work of a large one."""
+    """The loops for the scene, each with its scratch arrays: for one thread, and for several if it is large."""
     state, threads = motion.state, get_num_threads()
     if len(state.links.host) < MANY or joint_families.of_several_parts(state):
         threads = 1

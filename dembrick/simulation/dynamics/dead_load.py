@@ -1,8 +1,8 @@
 """Dead-load equilibrium before a dynamic run, by dynamic relaxation with local damping; and which blocks find none.
 
-Judged by joints and not by how far blocks move: the settlements of a tall tower add up, and one small block must not
-set the bound for all. A joint has come apart when its blocks have moved against each other by more than a part of its
-size and what is elastic in it; a block that no chain of sound joints ties to a support any more does not stand.
+A fall is judged by joints and not by displacements: the settlements of a tall tower add up, and one small block must
+not set the bound for all. A joint has come apart if its blocks have moved relative to each other by more than a
+fraction of its size plus its elastic displacement; a block that no chain of sound joints connects to a support falls.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 from dembrick.simulation.session import Session
 
 LOCAL_DAMPING = 0.8
-STEP = 0.7  # of the time step: against the motion, local damping makes a force 1.8 times as large; of springs alone,
-FIRM_STEP = 1.0 / (1.0 + LOCAL_DAMPING)  # and of dashpots too
+STEP = 0.7  # of the time step: local damping makes forces against the motion 1.8 times as large; for those of springs,
+FIRM_STEP = 1.0 / (1.0 + LOCAL_DAMPING)  # and for those of dashpots too
 BALANCED = 1e-9  # out-of-balance force over joint forces at which the blocks rest
-ROUNDING = 4.0  # of the force that a rounded position makes: no less can be asked for
-APART = 0.02  # of a joint's size: where friction holds, blocks that move further against each other overturn
-SLID = 1.0  # of its size, where joints may slip
-ELASTIC = 4.0  # times what the joint's own force does to it when it is closed: so much comes on top
+ROUNDING = 4.0  # of the force error by rounded positions: least tolerance
+APART = 0.02  # of a joint's size: if joints cannot slip, a joint that has moved further has come apart
+SLID = 1.0  # of its size: the same if joints may slip
+ELASTIC = 4.0  # times the elastic displacement of the closed joint under its force, in addition to that
 MOST_STEPS = 200_000  # of one attempt, at the usual time step
-USUAL = 0.9  # of the critical time step: solver.step_factor, if nobody asks for another
-CHUNK = 256  # steps after which it is seen whether the blocks rest
-REFEREE = 20_000  # steps without rest or fall, after which the geometry of the start is asked whether it can stand
+USUAL = 0.9  # of the critical time step: default of solver.step_factor
+CHUNK = 256  # steps between two checks for equilibrium
+REFEREE = 20_000  # steps without rest or fall, after which statics in the geometry of the start decides
 STICKING = 1e9  # friction of joints that may not slip
 NAMED = 5  # blocks that a message names
 
@@ -48,17 +48,17 @@ def find_equilibrium(
     resume: Callable[[], None] | None = None,
     pause: Callable[[], None] | None = None,
 ) -> float:
-    """Bring the blocks to rest under the dead loads at time zero; displacements count from there.
+    """Bring the blocks to rest under the dead loads at time zero; displacements are measured from there.
 
-    Blocks that no chain of joints ties to a support stay where they are. Returns the out-of-balance force left on the
-    others, over the joint forces. With ``sticking`` no joint slips meanwhile, so that a block that is to slide from the
-    start begins with its weight on the joint. Blocks that overturn even so are held where they were drawn while the
+    Blocks that no chain of joints connects to a support stay where they are. Returns the out-of-balance force left on
+    the others, over the joint forces. With ``sticking`` no joint slips meanwhile, so that a block that slides from the
+    start begins with its weight on the joint. Blocks that overturn even so are fixed where they were drawn while the
     others come to rest, and begin to fall when time starts: ``motion.falling``. Without ``sticking`` such blocks raise
-    NotConvergedError, which names them; blocks that neither rest nor fall, UndecidedError. Bonds hold meanwhile,
-    whatever they bear.
+    NotConvergedError, which names them; blocks that neither rest nor fall, UndecidedError. Bonds do not break
+    meanwhile, whatever their forces.
 
-    ``pause`` is called between two chunks of steps, of which ``motion.dead_load_steps`` are done then; ``resume`` takes
-    state and steps back from there. What a settlement left rests already, but for other loads than those of then.
+    ``pause`` is called between two chunks of steps, ``motion.dead_load_steps`` in all so far; ``resume`` restores
+    state and steps of such a point. A state that a settlement left is at rest already, unless its loads have changed.
     """
     if motion.settled:
         joint_forces(motion, driving)
@@ -95,13 +95,13 @@ def find_equilibrium(
 
 
 def most_steps(motion: Motion) -> int:
-    """Of a relaxation: smaller steps are more of them."""
+    """Most steps of a relaxation: more if the time step is smaller than usual."""
     return round(MOST_STEPS * max(1.0, USUAL * motion.critical_time_step / motion.time_step))
 
 
 class _Attempt:
-    """Relaxation with the blocks held that are known to fall; ``slack`` (j,): how far joints may move (m), and
-    ``slack_of_fall``, if statics in the geometry of the start proves a fall (None: it is not asked)."""
+    """Relaxation with falling blocks fixed; ``slack`` (j,): how far joints may move (m) before they have come apart;
+    ``slack_of_fall``: the same once statics in the geometry of the start proves a fall (None: without that check)."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class _Attempt:
         self._limits = Limits(displacement=NO_LIMIT, longest=LONGEST_MOVE * motion.smallest)
 
     def compile(self) -> None:
-        """Compile the loop; a signal need not wait for that."""
+        """Compile the loop before signals are deferred."""
         self._advance(self.motion.state.bodies, 0)
 
     def _advance(self, bodies, n_steps: int) -> tuple[int, int]:
@@ -126,9 +126,10 @@ class _Attempt:
         )
 
     def relax(self, pause: Callable[[], None] | None) -> np.ndarray:
-        """Steps until the blocks rest; the blocks (n,) that turn out to fall, none if all stand.
+        """Relax until the blocks rest; return the blocks (n,) that fall, none if all stand.
 
-        After the first has been seen to fall it goes on as long again: the slower parts of a mechanism show then.
+        After the first fall is detected the relaxation goes on as long again, so that slower parts of the mechanism
+        show.
         """
         motion, begun = self.motion, self.motion.dead_load_steps
         self.ratio, self.enough = 0.0, BALANCED
@@ -161,7 +162,7 @@ class _Attempt:
         return standing & ~self._tied()
 
     def _tied(self) -> np.ndarray:
-        """Which blocks (n,) a chain of joints that have not come apart ties to a fixed block."""
+        """Which blocks (n,) are connected to a fixed block by joints that have not come apart."""
         compliance = _compliance(self.motion.state)
         force = np.sqrt((self.motion.state.links.wrench[:, :3] ** 2).sum(axis=1))
         sound = self.motion.polygons.moved() <= self.slack + ELASTIC * force * compliance
@@ -171,14 +172,14 @@ class _Attempt:
 def _falls_as_drawn(motion: Motion, driving: Driving) -> bool:
     """Whether statics proves that the blocks fall under constant loads in the geometry of the start."""
     from dembrick.simulation.statics.rest.dead_load import (
-        find_rest,  # and its kernels: for blocks that find no rest only
+        find_rest,  # imported here as its kernels are rarely needed
     )
 
     if any(curve is not None for curve in driving.factor):
         return False
     try:
         return find_rest(motion.assembly, Session()).rest.stands is False
-    except DembrickError:  # it cannot tell: too large, or held by too few contact points
+    except DembrickError:  # undecided: too large, or too few contact points
         return False
 
 
@@ -187,12 +188,12 @@ def _arrays(motion: Motion) -> list[np.ndarray]:
 
 
 def keep(motion: Motion) -> list[np.ndarray]:
-    """Copies of all that a rest changes, for `put_back`."""
+    """Copies of all arrays that a relaxation changes, for `put_back`."""
     return [array.copy() for array in _arrays(motion)]
 
 
 def put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
-    """Everything as it was drawn, but for the friction that holds for now, and the room that cutting has made."""
+    """Restore the state as ``drawn``, but keep the present friction and the room that cutting has made."""
     friction = joint_families.friction(motion.state)
     for array, value in zip(_arrays(motion), drawn, strict=True):
         array[tuple(slice(0, n) for n in value.shape)] = value
@@ -201,7 +202,7 @@ def put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
 
 @contextmanager
 def _stuck(motion: Motion):
-    """That no joint slips meanwhile."""
+    """Context in which no joint slips."""
     own = joint_families.friction(motion.state)
     joint_families.put_friction(motion.state, [STICKING] * len(own))
     try:
@@ -212,7 +213,7 @@ def _stuck(motion: Motion):
 
 @contextmanager
 def swinging(motion: Motion):
-    """That the laws of joints keep nothing meanwhile: blocks swing past where they rest."""
+    """Context in which joint laws do not update their history, as blocks swing past their equilibrium."""
     laws, motion.laws = motion.laws, SWINGING
     try:
         yield
@@ -222,7 +223,7 @@ def swinging(motion: Motion):
 
 @contextmanager
 def _held_bonds(motion: Motion):
-    """That no bond breaks meanwhile: what the dead loads break, breaks when time begins."""
+    """Context in which no bond breaks: those that the dead loads break do so when time begins."""
     joint_families.hold_bonds(motion.state, True)
     try:
         yield
@@ -231,7 +232,7 @@ def _held_bonds(motion: Motion):
 
 
 def _compliance(state: MovingState) -> np.ndarray:
-    """How far (m/N) the corners of every closed joint (j,) move under a force on it, at the most."""
+    """Upper bound of the compliance (m/N) of every closed joint (j,) at its corners."""
     stiffness, reach = joint_families.stiffness(state), state.links.reach.astype(float)
     diagonal = np.einsum("jii->ji", stiffness)
     bending = 0.5 * (diagonal[:, 3] + diagonal[:, 4])
@@ -251,12 +252,12 @@ def _fallen(motion: Motion, falls: np.ndarray) -> NotConvergedError:
 
 
 def unsupported(state: MovingState) -> np.ndarray:
-    """Blocks (n,) that no chain of joints ties to a support."""
+    """Which blocks (n,) no chain of joints connects to a support."""
     return ~_supported(state)
 
 
 def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarray:
-    """Which blocks (n,) a chain of joints, of the ``sound`` ones (j,) if given, ties to a fixed block."""
+    """Which blocks (n,) a chain of joints, only ``sound`` ones (j,) if given, connects to a fixed block."""
     links, n = state.links, len(state.bodies.mass)
     host, other = (links.host, links.other) if sound is None else (links.host[sound], links.other[sound])
     tied = np.ones(n, bool)
@@ -270,9 +271,9 @@ def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarra
 
 
 def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tuple[float, float]:
-    """Greatest out-of-balance force or moment on a ``standing`` free block (n,) over the greatest force of a joint, or
-    of what else acts on such a block, and how small that can be asked to be: very stiff joints feel the rounding of
-    positions. A moment counts as the force that makes it at the block's reach."""
+    """Greatest out-of-balance force or moment on a ``standing`` free block (n,) over the greatest force of a joint or
+    other action on such a block, and the tolerance on that ratio, which very stiff joints limit by the rounding of
+    positions. A moment counts as the force that causes it at the block's reach."""
     gravity, _ = driving.forces(np.zeros(1), 1.0)
     force, torque = out_of_balance(state, gravity[0])
     free = state.bodies.free[standing[state.bodies.free]]
@@ -286,6 +287,6 @@ def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tu
 
 
 def of_rounding(state: MovingState) -> float:
-    """Error (N) of the forces of joints, as positions are rounded."""
+    """Error (N) of joint forces by rounding of positions."""
     farthest = float(np.abs(state.bodies.position).max())
     return ROUNDING * np.finfo(float).eps * farthest * joint_families.greatest_normal_stiffness(state)

@@ -1,8 +1,8 @@
 """Energy balance of a run in real time: opened at the start, read at every row, and audited.
 
-Everything is seen from the supports: what shaking or tilting them does is work of gravity, which they turn about and
-add to. What supports do that move against the others is work of loads. A row's energies are those of the last forces, a
-step before it.
+It is set up in the frame of the supports: the effect of shaking or tilting them is work of gravity, which changes in
+that frame. The work of supports that move relative to the others counts as that of loads. A row's energies are those of
+the last forces, a step before it.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from dembrick.simulation.dynamics.known_types import KnownTypes
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 from dembrick.simulation.energy_audit import Sums
 
-FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, errors are rounding
+FLOOR = 1e-3  # of the elastic energy at the start: least reference energy for errors, which are rounding below it
 
 
 class MotionEnergy:
-    """The energy terms of one run: ``table`` is what the loop writes into, None if nobody asks for them.
+    """The energy terms of one run: ``table`` is updated by the loop, None if energies are not wanted.
 
-    ``start`` (2,) J: kinetic energy, and energy in the springs of the joints, when time began.
+    ``start`` (2,) J: kinetic energy, and elastic energy of the joints, at time zero.
     """
 
     def __init__(self, state: MovingState, loads: int = 0, wanted: bool = True, supports: int = 0):
@@ -39,16 +39,16 @@ class MotionEnergy:
         return self.table is not None
 
     def fit(self, loads: int, supports: int) -> None:
-        """Have room for so many loads, and supports that are moved; while they are held there is room left over."""
+        """Resize the table for so many loads, and enlarge it for so many moving supports if necessary."""
         if self.wanted and len(self.table.load) != loads:
             self.table = self.table._replace(load=np.zeros((loads, 6)))
         if self.wanted and len(self.table.support) < supports:
             self.table = self.table._replace(support=np.zeros((supports, 6)))
 
     def begin(self, state: MovingState, velocity, spin, inertia, gravity, dt: float, share: np.ndarray) -> None:
-        """Note what there is when time begins: blocks with ``velocity`` and ``spin`` (n, 3), inertia (n, 3, 3) in world
-        axes; after the first forces, under ``gravity``; ``share`` (j,): what new contacts leave to the joints. Of the
-        leap-frog energy, as it is at every later row."""
+        """Note the energies at time zero, after the first evaluation of forces: blocks with ``velocity`` and ``spin``
+        (n, 3), ``inertia`` (n, 3, 3) in world axes, under ``gravity``; ``share`` (j,): part of the force that joints
+        still carry beside new contacts. Kinetic energy is that of the leapfrog scheme, as at every later row."""
         if not self.wanted:
             return
         free, half = state.bodies.free, 0.5 * dt
@@ -59,18 +59,18 @@ class MotionEnergy:
         twice = (mass * (v * v - moved * moved)).sum()
         twice += (np.einsum("nij,nj,ni->n", inertia[free], w, w) - half * (torque[free] * turned).sum(axis=1)).sum()
         self.table.share[:] = share
-        # new contacts that press already are in that: what they have more at the first step has worked over half a step
+        # the forces of new contacts are included there: only their change by the first step works over half a step
         self.table.push[:] *= -1.0
         self.start[:] = 0.5 * twice, (share * self._springs(state)[1]).sum() + tie_energy(state.ties)
 
     def open(self, state: MovingState) -> None:
-        """Begin again with the next step; what was counted before time began does not count."""
+        """Restart the balance with the next step, discarding what was summed before time zero."""
         if self.wanted:
             self.table.begun[:] = 0.0
             self._put_springs(state, self._springs(state)[0])
 
     def cut(self, polygons: Polygons) -> None:
-        """Cut the polygons that have moved too far; what their springs hold less of then is let go.
+        """Cut the polygons that have moved too far; the loss of elastic energy counts as released.
 
         The blocks have moved on meanwhile, and over that step half the work is that of the forces before the cut.
         """
@@ -87,8 +87,8 @@ class MotionEnergy:
         table.lost["released"][stale] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
 
     def _put_springs(self, state: MovingState, held: np.ndarray) -> None:
-        """Write N and its moments (a, 3) of the springs of the convex joints, all of them: the loop takes them from
-        there for all joints of a tile or for none."""
+        """Write N and its moments (a, 3) of the springs of all convex joints: the loop reads them for all joints of a
+        tile or for none."""
         if state.faces is not None:
             put_in_lanes(self.table.springs, "pressure", state.faces.place, held)
             self.table.partly[:] = 1
@@ -101,15 +101,15 @@ class MotionEnergy:
         return held, energy
 
     def _work_ahead(self, state: MovingState, held: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Work (k,) in J that the springs of ``joints`` (k,) would take over the step since the last forces, if these
-        stayed; ``held``: see `take_stock`."""
+        """Work (k,) in J of the springs of ``joints`` (k,) over the step since the last evaluation, at constant forces;
+        ``held``: see `take_stock`."""
         worked = np.zeros(len(joints))
         of_state = state.links, *joint_families.springs(state), state.bodies
         self._known.call(state, work_ahead, *of_state, held, self.table.place, joints, worked)
         return worked
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
-        """Sums for the audit; None if nothing was counted. ``rounding`` (J): less is no error of the run."""
+        """Sums for the audit; None without energies. ``rounding`` (J): error that rounding may cause."""
         if not self.wanted:
             return None
         table = self.table
@@ -120,7 +120,7 @@ class MotionEnergy:
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that a run goes on from."""
+        """Arrays for a restart."""
         table = {} if self.table is None else self.table._asdict()
         return {f"energy.{name}": plain(array) for name, array in table.items()} | {"energy.start": self.start}
 
@@ -131,7 +131,7 @@ def _sums_of(lost: np.ndarray) -> dict[str, float]:
 
 
 def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
-    """EnergyTerms in which nothing stands yet."""
+    """`EnergyTerms` that are all zero."""
     n, j = len(state.bodies.mass), len(state.links.host)
     tiles, convex = len(state.links.like), 0 if state.faces is None else len(state.faces.used)
     return EnergyTerms(

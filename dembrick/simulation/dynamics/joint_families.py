@@ -1,6 +1,6 @@
-"""The joint families of a run in real time: which of them a scene has is asked here.
+"""Joint families in real time: functions over all joints of a state, whatever families it has.
 
-A family is a module (`point_joints`, `area_joints`) with one set of functions, and a field of `MovingState`; its
+A family is a module (`point_joints`, `area_joints`) with a common set of functions, and a field of `MovingState`; its
 kernels are the module of the same name in `kernels.dynamics`.
 """
 
@@ -48,8 +48,8 @@ def places(state) -> np.ndarray:
 
 
 def springs(state, with_laws: bool = True) -> tuple[Corners | None, Faces | None]:
-    """Joints of a state without what the energy of their springs does not depend on, or without their laws too: a
-    kernel is compiled for all that it is given."""
+    """Joints of a state without fields that do not affect the energy of their springs, and without their laws unless
+    ``with_laws``: a kernel is compiled for the types of all its arguments."""
     corners, faces = state.corners, state.faces
     if corners is not None:
         corners = corners._replace(force=None)
@@ -72,7 +72,7 @@ def stiffness(state) -> np.ndarray:
 
 
 def greatest_normal_stiffness(state) -> float:
-    """That of any closed joint (N/m)."""
+    """Greatest normal stiffness of any closed joint (N/m)."""
     return max((float(module.normal_stiffness(joints).max()) for module, joints in present(state)), default=0.0)
 
 
@@ -81,12 +81,12 @@ def arrays(state) -> list[np.ndarray]:
 
 
 def memory(state) -> list[np.ndarray]:
-    """All arrays of the joints, but those of forces that are only written down."""
+    """All arrays of the joints but those of forces that are only recorded."""
     return [array for module, joints in present(state) for array in module.memory(joints)]
 
 
 def take_memory(state, left) -> None:
-    """Memory of the joints of a state of the searches, copied from the fields of ``left``."""
+    """Copy the history of the joints from ``left``, a state of statics."""
     sense = state.links.sense
     if state.corners is not None:
         point_joints.take_memory(state.corners, left.points, sense)
@@ -95,7 +95,7 @@ def take_memory(state, left) -> None:
 
 
 def friction(state) -> list[np.ndarray]:
-    """A copy of the friction of every family: a number for each of its laws, or joints."""
+    """Copies of the friction of every family: a number for each of its laws, or joints."""
     return [module.friction(joints) for module, joints in present(state)]
 
 
@@ -113,7 +113,7 @@ def strengths(state) -> list[tuple]:
 
 
 def put_strengths(state, values: Iterable[tuple]) -> None:
-    """Give the joints what `strengths` has read off them."""
+    """Set friction and strengths of the joints to those of `strengths`."""
     for (module, joints), (friction, others) in zip(present(state), values, strict=True):
         if not np.array_equal(module.friction(joints), friction):
             module.put_friction(joints, friction)
@@ -122,25 +122,25 @@ def put_strengths(state, values: Iterable[tuple]) -> None:
 
 
 def has_strengths(state) -> bool:
-    """Whether any joint has more strength than friction gives it, or dilates, or crushes."""
+    """Whether any joint has more strength than friction, or dilates, or crushes."""
     return any(joints.strengths is not None for _, joints in present(state))
 
 
 def of_several_parts(state) -> bool:
-    """Whether the arrays of a family hold tuples of arrays in turn, those of strengths, of pressures that follow the
-    bending, or of a law of the user's own: numba hands threads none of them."""
+    """Whether a family has nested tuples of arrays, as those of strengths, of pressures that follow the bending, or of
+    a user-defined law: numba cannot pass these to threads."""
     return any(isinstance(field, tuple) for _, joints in present(state) for field in joints)
 
 
 def hold_bonds(state, held: bool) -> None:
-    """Let no bond break that would let go of something, or let bonds break again."""
+    """Keep bonds intact if their failure would lose strength (``held``), or let bonds break again."""
     for _, joints in present(state):
         if joints.strengths is not None:
             joints.strengths.held[:] = held
 
 
 def bonded(state) -> np.ndarray:
-    """The part of the area of every joint (j,) whose bond holds."""
+    """The part of the area of every joint (j,) whose bond is intact."""
     found = np.zeros(len(state.links.host))
     for module, joints in present(state):
         found[joints.joint] = module.bonded(joints)
@@ -148,7 +148,7 @@ def bonded(state) -> np.ndarray:
 
 
 def contact_points(state) -> int:
-    """How many contact points the joints have."""
+    """Number of contact points of all joints."""
     return 0 if state.corners is None else int(state.corners.start[-1])
 
 
@@ -158,16 +158,16 @@ def convex_joints(state) -> np.ndarray:
 
 
 def outlines(state) -> int:
-    """For how many polygons of convex joints there is room."""
+    """Number of polygons of convex joints for which there is room."""
     return 0 if state.faces is None else len(state.faces.count)
 
 
 def rooms(state, snapshot) -> int:
-    """For how many polygons of convex joints a state needs room before ``snapshot`` is put into it."""
+    """Number of polygons of convex joints for which a state needs room before ``snapshot`` is restored."""
     return 0 if state.faces is None else area_joints.rooms(state.faces, snapshot)
 
 
 def check_restored(state, path) -> None:
-    """HistoryError if what was restored from the checkpoint ``path`` leads out of its arrays."""
+    """Raise HistoryError if indices restored from the checkpoint ``path`` are out of bounds."""
     for module, joints in present(state):
         module.check_restored(joints, path)

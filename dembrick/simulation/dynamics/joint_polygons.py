@@ -1,15 +1,15 @@
-"""Joint polygons in motion: cut to the face that they lie on.
+"""Joint polygons in motion: cut to the face on which they lie.
 
-A polygon rides on its host. Where the host slides or twists past the edge of the other's face, part of it hangs over,
-and what hangs over carries nothing. The number of contact points never changes, so that nothing jumps: a corner beyond
-the edge moves to the nearest point of the face, and the tributary areas are those of the polygon that this makes; a
-point of a ``distributed`` joint has what its cell shares with the face; a ``convex`` joint, which is an
-integral, is clipped. Springs over what is cut off let go of their shear; the rest keeps its own.
+A polygon is fixed to its host. If the host slides or twists past the edge of the other's face, the overhanging part
+carries nothing. The number of contact points never changes, so that nothing jumps: a corner beyond
+the edge moves to the nearest point of the face, and the tributary areas are those of the polygon that results; a
+point of a ``distributed`` joint has the area that its cell shares with the face; a ``convex`` joint, which is an
+integral, is clipped. Springs over the part that is cut off lose their shear; the rest keep theirs.
 
-Cutting costs as much as many thousand steps of a joint, so it is done only where a polygon has moved along its plane by
-``STALE`` of its short side since the last time; polygons well inside the other's face wait until they reach its edge.
-One that slides along an edge, as a prism in a trough, keeps its overlap: in the direction in which it has moved since
-the last time it may go as far as no distance between its corners and the edges that matter changes by more than that.
+Cutting costs as much as many thousand steps of a joint, so it is done only after a polygon has moved along its plane by
+``STALE`` of its short side since the last cut; polygons well inside the other's face wait until they reach its edge.
+A polygon that slides along an edge, as a prism in a trough, keeps its overlap: in the direction of its motion since
+the last cut it may go on until any distance between its corners and the relevant edges has changed by more than that.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ STALE = 2e-4  # of the polygon's short side
 
 
 class Polygons:
-    """The polygons of all joints as they were at the start, and the faces they lie on.
+    """The polygons of all joints at the start, and the faces on which they lie.
 
-    ``state``: the joints as they are now, with as much room for polygons as cutting has asked for; ``shift`` (j, 2):
-    where O is now, from where it was on the host at the start (m, along e1 and e2); ``whole`` (j,): nothing of the
-    polygon has been cut off; ``size`` (j,): greatest distance of a corner from O at the start (m); ``start`` (j, 9):
-    `Links.seen` then.
+    ``state``: the present joints, with as much room for polygons as cutting has needed; ``shift`` (j, 2):
+    displacement of O on the host since the start (m, along e1 and e2); ``whole`` (j,): whether nothing of the
+    polygon is cut off; ``size`` (j,): greatest distance of a corner from O at the start (m); ``start`` (j, 9):
+    `Links.seen` at the start.
     """
 
     def __init__(self, assembly: Assembly, state: MovingState):
         joints = JointTable.of(assembly.joints)
         self.state, self._joints, self._shapes = state, joints, assembly.shapes
-        self._shared = joint_families.outlines(state)  # polygons that no joint has for itself
+        self._shared = joint_families.outlines(state)  # number of initial polygons, which joints may share
         self._points = PointTable.of(assembly.contact_points)
         self.start = state.links.seen.copy()
         self.bound = np.empty(len(joints))
@@ -87,12 +87,12 @@ class Polygons:
         return len(stale)
 
     def make_room(self, rows: int) -> None:
-        """Have room for that many polygons of convex joints, and as a rule for more."""
+        """Ensure room for ``rows`` polygons of convex joints, and usually for more."""
         if self._room_for(rows) > len(self.state.faces.count):
             self.state = self.state._replace(faces=with_outlines(self.state.faces, self._room_for(rows)))
 
     def take_room(self, rows: int) -> None:
-        """Have the room of a state with that many polygons, be it less than now, to go back to one."""
+        """Set the room to that of a state with ``rows`` polygons, even if that is less, before it is restored."""
         if self.state.faces is not None:
             self.state = self.state._replace(faces=with_outlines(self.state.faces, self._room_for(rows)))
 
@@ -101,24 +101,24 @@ class Polygons:
         return self._shared + max(8, 1 << (own - 1).bit_length()) if own > 0 else self._shared
 
     def _away(self) -> np.ndarray:
-        """How far O of the start and both tangents have moved, in the plane's axes (j, 3, 3)."""
+        """Displacement of the initial O and changes of both tangents, in the plane's axes (j, 3, 3)."""
         now = self.state.links.seen
         away = (now - self.start).reshape(-1, 3, 3)
         away[:, 0] -= np.einsum("ji,jik->jk", self.shift, now[:, 3:].reshape(-1, 2, 3))
         return away
 
     def moved(self) -> np.ndarray:
-        """How far the corners of each polygon have moved against the other block since the start (j,), at most (m)."""
+        """Upper bound of the motion of each polygon's corners relative to the other block since the start (j,), m."""
         length = np.sqrt((self._away() ** 2).sum(axis=2))
         return length[:, 0] + self.size * np.hypot(length[:, 1], length[:, 2])
 
     def slipped(self) -> np.ndarray:
-        """How far they have moved along its plane (j,), at most (m)."""
+        """Upper bound of their motion along its plane (j,), m."""
         length = np.sqrt((self._away()[:, :2, :2] ** 2).sum(axis=2))
         return length[:, 0] + self.size * length[:, 1]
 
     def retire(self, j: int) -> None:
-        """Let joint ``j`` carry nothing any more."""
+        """Disable joint ``j``, so that it carries nothing any more."""
         links, i = self.state.links, self._place[j]
         for module, joints in joint_families.present(self.state):
             if i < len(joints.joint) and joints.joint[i] == j:
@@ -174,7 +174,7 @@ class Polygons:
             self._clip(j, place, drawn)
 
     def _clip(self, j: int, i: int, drawn: Drawn) -> None:
-        """The polygon of an integral is what both faces share."""
+        """Clip the polygon of a convex joint to the intersection of both faces."""
         faces = self.state.faces
         if faces.outline[i] < self._shared:
             self.make_room(int(faces.outline.max()) + 2)
@@ -187,7 +187,7 @@ class Polygons:
 
 
 def clipping(room: int) -> Clipping:
-    """Scratch for polygons of up to so many corners."""
+    """Scratch arrays for polygons of up to ``room`` corners."""
     series = np.zeros((ORDER + 1, ORDER + 1, ORDER + 1))
     for n, matrix in friction_integrals.series_matrices().items():
         series[n, : n + 1, : n + 1] = matrix

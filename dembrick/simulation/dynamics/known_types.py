@@ -1,4 +1,4 @@
-"""Calls of small kernels between the chunks of a run, without a look at the types of their arguments at each."""
+"""Calls of small kernels between the chunks of a run, without checking the types of their arguments each time."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 class KnownTypes:
-    """The machine code of kernels for the arguments of a state, as long as it is the same one: its arrays change, and
-    their types do not. Arguments beside those of the state have the same types at every call."""
+    """Cache of the machine code of kernels for the argument types of a state, valid as long as the state is the same
+    object. Arguments other than those of the state must have the same types at every call."""
 
     def __init__(self) -> None:
         self._state: MovingState | None = None

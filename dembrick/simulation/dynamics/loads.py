@@ -1,11 +1,11 @@
 """Loads of a dynamic run as functions of time: gravity, dead loads, and the motion of the supports.
 
-The run is made in the frame of the supports. A table that tilts turns gravity and the loads the other way (its rate is
-slow: what its turning adds to the acceleration is left out); supports that shake put their acceleration, reversed, on
+The run is computed in the frame of the supports. A tilting table turns gravity and the loads the other way (its rate is
+low, so accelerations from its rotation are neglected); shaking supports apply their reversed acceleration to
 every block. Shaken supports enter by the velocity they gain in each step, so that a history is integrated exactly,
-jumps and all. Supports that settle move in that frame. Pressures follow the faces as they are now, those of fluids by
-the present height of each point: of a table that tilts, its height in the world; a fluid moves with supports that
-shake. `driving_of` opens the CSV files that a scenario names.
+including jumps. Settling supports move in that frame. Pressures follow the present faces, those of fluids by
+the present height of each point: on a tilting table, its height in the world; a fluid moves with supports that
+shake. `driving_of` reads the CSV files of a scenario.
 """
 
 from __future__ import annotations
@@ -34,24 +34,25 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.integrator import Motion
 
 NOTHING_MOVES = AT_REST.between(np.zeros(1), 1.0)
-AHEAD = 512  # steps whose loads are found together
-SLIGHT = 1 << 16  # loads and supports that move, times steps: for so many, loads are found before steps are made
-OF_STEPS = "force", "gravity", "multiplier", "height"  # fields of `Loads` with an entry a step
-OF_SUPPORTS = "place", "orientation", "velocity", "spin", "moved"  # and those of supports that move
-RESOLVED = 10.0  # time steps in the period of a load: with fewer, blocks answer to another one
+AHEAD = 512  # steps whose loads are computed together
+SLIGHT = 1 << 16  # (loads and moving supports) x steps up to which loads are computed ahead
+OF_STEPS = "force", "gravity", "multiplier", "height"  # fields of `Loads` with an entry per step
+OF_SUPPORTS = "place", "orientation", "velocity", "spin", "moved"  # and those of moving supports
+RESOLVED = 10.0  # least number of time steps in the period of a load
 
 
 @dataclass(frozen=True)
 class Driving:
     """Gravity (3,), loads and the motion of the supports.
 
-    ``force`` (k, 3; N, world) of the loads at the points ``at``, ``factor`` a curve for each or None. ``tilt``:
+    ``force`` (k, 3; N, world) of the loads at the points ``at``, ``factor``: a curve for each or None. ``tilt``:
     axis, and a curve of the angle, rad. ``support_velocity``: directions (3,), and curves of the speed along them,
-    m/s; the record shows the acceleration along the first. ``supports``: those that move against the others, and
-    ``share``: how much of their paths they have gone at a time. ``driven``: the load system whose multiplier V, a
-    function of time, a load path increases; the forces of its jacks are the last of the loads, but for those of a
-    table, which tilts to atan(V); ``head``: that by which the loop finds V. ``pressed``: faces that pressures follow;
-    ``middle`` (3,): the world point that positions count from, m. ``constant``: all this is so at any time.
+    m/s; the record shows the acceleration along the first. ``supports``: those that move relative to the others, and
+    ``share``: share of their paths as a function of time. ``driven``: the load system whose ``multiplier`` V, a
+    function of time, a load path increases; the forces of its jacks are the last of the loads, except for a
+    table, which tilts to atan(V); ``head``: actuator head for which the loop finds V. ``pressed``: faces under
+    pressures; ``middle`` (3,): the world point from which positions are measured, m. ``constant``: whether nothing
+    depends on time.
     """
 
     gravity: np.ndarray
@@ -71,21 +72,21 @@ class Driving:
 
     @property
     def start(self) -> np.ndarray:
-        """Where the points of the load system are before V grows (k, 3), m; none without one."""
+        """Positions of the points of the load system before V grows (k, 3), m; empty without one."""
         return self.force[:0] if self.driven is None else self.driven.start
 
     @property
     def n_load(self) -> int:
-        """Forces and pressed polygons: each has its own row in the energy balance."""
+        """Number of forces and pressed polygons: each has its own row in the energy balance."""
         return len(self.at) + len(self.pressed.block)
 
     @property
     def by_time_alone(self) -> bool:
-        """Whether loads and gravity are what curves of the time make of them, and no support moves."""
+        """Whether loads and gravity depend on time alone, and no support moves."""
         return self.tilt is None and self.driven is None and not len(self.supports)
 
     def is_slight(self, steps: int) -> bool:
-        """Whether the loads of so many steps are soon found, and the loop does not find V itself meanwhile."""
+        """Whether the loads of so many ``steps`` are cheap to compute ahead, and the loop does not find V itself."""
         return self.head is None and steps * (1 + len(self.at) + len(self.supports)) <= SLIGHT
 
     @cached_property
@@ -94,7 +95,7 @@ class Driving:
         return PressedFaces(**pressed, wrench=np.zeros((len(self.pressed.block), 6)))
 
     def loads(self, times: np.ndarray, dt: float, supports: PrescribedMotion | None = None) -> Loads:
-        """All of it as the loop takes it, for the steps at ``times`` (s,); ``supports``: their motion, if known."""
+        """Arguments of the loop for the steps at ``times`` (s,); ``supports``: their motion, if known."""
         gravity, force = self.forces(times, dt)
         supports = self.prescribed(times, dt) if supports is None else supports
         return Loads(
@@ -111,8 +112,8 @@ class Driving:
         )
 
     def height(self, times: np.ndarray) -> np.ndarray:
-        """The height of a point x, counted from the middle of the scene, as (h_1, h_2, h_3, h_0) with h x + h_0 (s, 4):
-        a table that tilts turns the vertical, seen from it, the other way."""
+        """Coefficients (h_1, h_2, h_3, h_0) (s, 4) of the height h x + h_0 of a point x, measured from the middle of
+        the scene; a tilting table turns the vertical, in its frame, the other way."""
         up = np.repeat([[0.0, 0.0, 1.0]], len(times), axis=0)
         if self.tilt is not None:
             axis, angle = self.tilt
@@ -139,14 +140,14 @@ class Driving:
         return gravity, np.ascontiguousarray(force)
 
     def prescribed(self, times: np.ndarray, dt: float) -> PrescribedMotion:
-        """The motion of supports in the steps that begin at ``times`` (s,), one after the other."""
+        """The motion of supports in consecutive steps that begin at ``times`` (s,)."""
         if not len(self.supports):
             return NOTHING_MOVES
         return self.supports.between(self.share(np.append(times[:1], times + dt)), dt)
 
     def load(self, time: float, dt: float, gravity: np.ndarray | None = None) -> float:
         """Load in the record: the multiplier of a load system, load factor of a tilt, acceleration of shaken supports
-        (m/s2), else zero. ``gravity`` (3,): of that time, if it is known."""
+        (m/s2), else zero. ``gravity`` (3,): at that time, if known."""
         if self.driven is not None:
             return float(self.multiplier(np.array([time]))[0])
         if self.tilt is not None:
@@ -158,11 +159,11 @@ class Driving:
 
 
 class LoadsAhead:
-    """Loads of few steps at a time, found for many: a run of few blocks takes longer to find them than to step.
+    """Cache of loads computed ahead for many steps: a run of few blocks takes longer to find its loads than to step.
 
-    Where they depend on the time alone they are the same to the last bit however many are found together, and more are
-    found than were asked for. Not so where supports move, a table tilts or a load path grows, nor for a driving that is
-    new, which may be another one at the next call. What is `Driving.constant` is found once.
+    Loads that depend on time alone are the same to the last bit however many are computed together, so more are
+    computed than requested. Not so if supports move, a table tilts or a load path grows, nor for a new driving, which
+    may be another one at the next call. If `Driving.constant`, loads are computed once.
     """
 
     def __init__(self) -> None:
@@ -171,8 +172,8 @@ class LoadsAhead:
         self._first, self._dt = 0, 0.0
 
     def of(self, driving: Driving, first: int, count: int, dt: float) -> Loads:
-        """Those of ``count`` steps from the step ``first`` on, and perhaps of more; of fewer where some of these steps
-        were asked for before, and loads do not depend on the time alone."""
+        """Loads of ``count`` steps from the step ``first`` on, and perhaps of more; of fewer if only some of these
+        steps are cached and loads do not depend on time alone."""
         known, self._driving = self._driving is driving and dt == self._dt, driving
         found, begin = self._found, 0 if driving.constant else first - self._first
         alone = known and driving.by_time_alone
@@ -187,7 +188,7 @@ class LoadsAhead:
         return found._replace(**{name: getattr(found, name)[begin:] for name in fields})
 
     def gravity(self, driving: Driving, step: int, dt: float) -> np.ndarray | None:
-        """Gravity (3,) at the beginning of a step, if it is known."""
+        """Gravity (3,) at the beginning of a step, None if it is not cached."""
         found, at = self._found, 0 if driving.constant else step - self._first
         if found is None or driving is not self._driving or dt != self._dt or not 0 <= at < len(found.gravity):
             return None
@@ -195,7 +196,7 @@ class LoadsAhead:
 
 
 def turned_back(vectors: np.ndarray, axis: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """``vectors`` (..., 3) seen from what has turned about the unit ``axis`` (Rodrigues' formula)."""
+    """``vectors`` (..., 3) in a frame that has turned about the unit ``axis`` (Rodrigues' formula)."""
     along = (vectors @ axis)[..., None] * axis
     x, y, z = axis
     beside = vectors @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # axis x v
@@ -203,10 +204,10 @@ def turned_back(vectors: np.ndarray, axis: np.ndarray, cosine: np.ndarray, sine:
 
 
 def driving_of(scenario: Scenario, moving: Motion) -> Driving:
-    """Gravity, loads and the motion of the supports from where they are; ScenarioError if a history is not fit for
-    the run.
+    """Gravity, loads and the motion of the supports from their present positions; ScenarioError if a history does not
+    suit the run.
 
-    A file is looked for beside the scenario.
+    Paths of files are relative to the scenario.
     """
     assembly, time_step = moving.assembly, moving.time_step
     control = scenario.control

@@ -1,13 +1,13 @@
-"""Memory order of the blocks: in the compiled loop blocks that touch stand near each other, whatever their order.
+"""Memory order of the blocks: in the compiled loop blocks that touch are near each other, whatever their order.
 
-A step reads the places of both blocks of a joint, and a block gathers the wrenches of its joints. If these are near
-each other in memory they are still in the processor's own cache; a wall of 10,000 blocks in random order takes 1.6
-times as long as one that is drawn in courses. Scenes that are drawn so are left as they are. Others run in the order of
-reverse Cuthill-McKee (E. Cuthill, J. McKee, Proc. 24th ACM National Conference (1969) 157): from a block at the rim
+A step reads the positions of both blocks of a joint, and a block gathers the wrenches of its joints. If these are near
+each other in memory they are still in the cache; a wall of 10,000 blocks in random order takes 1.6
+times as long as one that is drawn in courses. Scenes that are drawn so are left as they are. Others run in reverse
+Cuthill-McKee order (E. Cuthill, J. McKee, Proc. 24th ACM National Conference (1969) 157): from a block at the rim
 outwards, neighbours after neighbours. Joints follow in tiles, in the order of their blocks.
 
-Outside the loop everything has the numbers of the scenario: `LoopOrder` is the only place that knows of others.
-`tiled` says which joints share a tile of the kernels.
+Outside the loop everything has the numbers of the scenario; only `LoopOrder` converts to others.
+`tiled` assigns joints to the tiles of the kernels.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from dembrick.kernels.joint.ties import Ties
 
 
-# Blocks between the two of a joint, in the mean. Up to NEAR, with their joints about a megabyte, all are in the cache;
-# beyond, another order must bring them nearer by NEARER to be worth it
+# Mean distance of the two blocks of a joint in the order. Up to NEAR, about a megabyte with their joints, all are in
+# the cache; beyond, another order must reduce it by the factor NEARER to be used
 NEAR, NEARER = 512, 0.5
 ENTER = ("position", "rotation", "orientation", "velocity", "spin", "momentum", "start", "applied")  # of `Bodies`
 LEAVE = ("position", "orientation", "velocity", "spin", "momentum", "applied")
 
 
 def memory_order(joints: JointTable, fixed: np.ndarray) -> np.ndarray | None:
-    """The blocks (n,) in the order in which the loop has them; None if that of the scenario is as good."""
+    """The order of the blocks (n,) in the loop; None if that of the scenario is as good."""
     if not len(joints):
         return None
     a, b = joints.block_a, joints.block_b
@@ -49,7 +49,7 @@ def memory_order(joints: JointTable, fixed: np.ndarray) -> np.ndarray | None:
 
 def neighbours_together(a: np.ndarray, b: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """Blocks (n,) in an order in which the pairs a, b (j,) are near each other: reverse Cuthill-McKee of the free
-    ones; a fixed one, which may be a floor under all of them, stands before the first of its neighbours."""
+    ones; a fixed one, which may be a floor under all of them, comes before the first of its neighbours."""
     n = len(fixed)
     between = ~(fixed[a] | fixed[b])
     end, far = np.concatenate([a[between], b[between]]), np.concatenate([b[between], a[between]])
@@ -71,7 +71,7 @@ def neighbours_together(a: np.ndarray, b: np.ndarray, fixed: np.ndarray) -> np.n
     reached, placed = fixed.tolist(), fixed.tolist()
     for block in np.argsort(count, kind="stable").tolist():
         if not reached[block]:
-            rim = outwards(block, reached)[-1]  # as far away as any
+            rim = outwards(block, reached)[-1]  # a block at the greatest distance
             order += outwards(rim, placed)
     order.reverse()
     key = np.full(n, float(n))
@@ -84,9 +84,9 @@ def neighbours_together(a: np.ndarray, b: np.ndarray, fixed: np.ndarray) -> np.n
 
 @dataclass(frozen=True)
 class LoopOrder:
-    """The blocks as the loop has them: row r is block ``order`` [r], and block i is row ``row`` [i], both (n,).
+    """Order of the blocks in the loop: row r is block ``order`` [r], and block i is row ``row`` [i], both (n,).
 
-    ``bodies`` is the loop's own copy; `enter` fills it and `leave` writes back what steps changed.
+    ``bodies`` is the loop's own copy; `enter` fills it and `leave` writes changes back.
     """
 
     order: np.ndarray
@@ -96,7 +96,7 @@ class LoopOrder:
     def enter(
         self, bodies: Bodies, ties: Ties, loads: Loads, touching: Touching
     ) -> tuple[Bodies, Ties, Loads, Touching]:
-        """All that names blocks, with the loop's rows in place of their numbers."""
+        """The arguments with block numbers replaced by rows of the loop."""
         for name in ENTER:
             np.take(getattr(bodies, name), self.order, axis=0, out=getattr(self.bodies, name), mode="clip")
         lists = {name: self.row[getattr(bodies, name)].astype(np.uint32) for name in ("free", "guided")}
@@ -112,27 +112,26 @@ class LoopOrder:
         return own, ties, loads, touching
 
     def leave(self, bodies: Bodies, touching: Touching | None, used: Touching) -> None:
-        """Write into ``bodies`` and ``touching`` what steps made of the loop's rows, and of the contacts ``used``."""
+        """Copy the rows of the loop back to ``bodies``, and the loads of the contacts ``used`` to ``touching``."""
         for name in LEAVE:
             getattr(bodies, name)[self.order] = getattr(self.bodies, name)
         if touching is not None:
             touching.load[self.order] = used.load
 
 
-FEW = 8  # directions of normals: more are of no use, and joints near each other should stay so
+FEW = 8  # directions of normals: with more, sorting is useless and would only separate near joints
 ROUNDING = 1e-12
-ALIKE = 8 * W  # joints that are like each other: so many get tiles of their own
+ALIKE = 8 * W  # identical joints: so many get tiles of their own
 STRETCH = 512  # joints that are sorted by their direction at a time
 
 
 def tiled(kind: np.ndarray, way: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which of p joints each lane of t tiles has, (t, W), and how many of its lanes a tile uses, (t,).
+    """The joint in each lane of t tiles, out of p joints (t, W), and the number of used lanes of each tile (t,).
 
-    ``turn`` (p,): the joints in an order in which neighbours are near each other. Those of one ``kind`` (p,) stand side
-    by side, of those the ones that go the same ``way`` (p,): head joints of a wall slide all the time and beds hardly
-    ever, and a tile where nothing slides is done sooner; and tiles of joints alike have rows in common. But only within
-    stretches of joints, so that what a tile wants of its blocks is still in the cache. The last joint stands again in
-    lanes that are left over.
+    ``turn`` (p,): the joints in an order in which neighbours are near each other. Joints are grouped by ``kind`` (p,),
+    and within it by direction, ``way`` (p,): head joints of a wall slide all the time and bed joints hardly ever, and a
+    tile without sliding joints is faster; tiles of identical joints share rows. Grouping by direction is done within
+    stretches of joints only, so that the blocks of a tile are still in the cache. Unused lanes repeat the last joint.
     """
     lanes, used = [np.zeros((0, W), np.uint32)], [np.zeros(0, np.int64)]
     for one in np.unique(kind):
@@ -147,9 +146,9 @@ def tiled(kind: np.ndarray, way: np.ndarray, turn: np.ndarray) -> tuple[np.ndarr
 
 
 def without_rounding(values: np.ndarray, lengths: bool = False) -> np.ndarray:
-    """Numbers (k, ...), the same where they differ by rounding alone: then tiles of a regular wall are the same.
+    """Numbers (k, ...), made equal if they differ by rounding alone, so that tiles of a regular wall are identical.
 
-    Rounding is as large as `ROUNDING` of the numbers themselves, or of the greatest of them if they are ``lengths``:
+    The tolerance is `ROUNDING` times the numbers themselves, or times the greatest of them if they are ``lengths``,
     differences of coordinates.
     """
     flat = values.reshape(-1)
@@ -163,14 +162,14 @@ def without_rounding(values: np.ndarray, lengths: bool = False) -> np.ndarray:
 
 
 def in_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The joints (j,) in the order of their blocks, which stand in rows a and b (j,) of the loop."""
+    """The joints (j,) in the order of their blocks, which are rows a and b (j,) of the loop."""
     return np.lexsort((np.maximum(a, b), np.minimum(a, b)))
 
 
 def ways(normals: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """A number (p,) for the direction of each normal (p, 3) and, among those of one direction, for joints whose
-    ``numbers`` (p, k) are the same but for rounding. Zero for all where there are more directions than a few, and for
-    joints that are like too few others."""
+    """A number (p,) for the direction of each normal (p, 3) and, within a direction, for joints whose ``numbers``
+    (p, k) are equal but for rounding. Zero for all if there are more than a few directions; joints with too few equals
+    are numbered by direction alone."""
     _, way, count = np.unique(np.round(np.abs(normals), 6), axis=0, return_inverse=True, return_counts=True)
     if len(count) > FEW:
         return np.zeros(len(normals), np.int64)

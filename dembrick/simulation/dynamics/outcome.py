@@ -1,4 +1,4 @@
-"""Outcome of a run in real time: how far each block has moved at the most, which have fallen, the collapse."""
+"""Outcome of a run in real time: greatest displacements, fallen blocks, and the record of a collapse."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from dembrick.scenario.stages import TiesBefore
 
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
-DROPPED = 0.5  # of a block's least dimension: what has come down by more has fallen
-TURNED_OVER = math.cos(math.radians(45.0))  # of the angle between a block's vertical of the start and that of now
-STILL = 1e-12  # of a turn: rounding
-PEAK_TENSIONS = "extremes.tension"  # name in checkpoints of the greatest tensions of ties, which may come and go
-CARRIED = 20.0  # times that where supports move under them, which speeds blocks up that stand
-MOVES = 0.01  # of sqrt(g d), d a block's least dimension: a speed that could lift it by d / 20000, no more than rest
-OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it have begun to come down
+DROPPED = 0.5  # of a block's least dimension: a block that has dropped by more has fallen
+TURNED_OVER = math.cos(math.radians(45.0))  # cosine of the angle between a block's initial vertical and its present one
+STILL = 1e-12  # of a rotation: rounding
+PEAK_TENSIONS = "extremes.tension"  # name in checkpoints of the greatest tensions of ties, whose number may change
+CARRIED = 20.0  # factor on `OFF_BALANCE` if supports move, as they accelerate standing blocks
+MOVES = 0.01  # of sqrt(g d), d a block's least dimension: a lower speed, which lifts it by d / 20000, counts as rest
+OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it have begun to fall
 
 
 @dataclass
 class Extremes:
-    """The greatest values of a run so far, which every row notes into the arrays of ``noted`` (`write_row`).
+    """The greatest values of a run so far, which every row updates in the arrays of ``noted`` (`write_row`).
 
-    ``calm`` (n,): when the mean acceleration of each block was last below half of the threshold (s), where supports
-    move (`look`); ``apart`` (1,): the time between rows (s).
+    ``calm`` (n,): last time (s) at which the mean acceleration of each block was below half of the threshold, if
+    supports move (`look`); ``apart`` (1,): the time between rows (s).
     """
 
     noted: Noted
@@ -58,7 +58,7 @@ class Extremes:
         ), np.zeros(n), np.zeros(1))  # fmt: skip
 
     def look(self, moving: Motion, take: Callable[[], None]) -> None:
-        """Have a row taken, and see which blocks were calm until then; those that have fallen and lie still are not."""
+        """Record a row by ``take``, and update ``calm``; blocks that have fallen do not count as calm any more."""
         bodies, last, time = moving.state.bodies, self.noted.last, moving.time
         passed = time - float(last[-1, 0])
         if passed > 0.0:
@@ -70,28 +70,28 @@ class Extremes:
 
     @property
     def turn(self) -> np.ndarray:
-        """The greatest turn of each block so far (n,), rad."""
+        """The greatest rotation of each block so far (n,), rad."""
         return 2.0 * np.arccos(np.minimum(self.noted.turned, 1.0))
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that a run goes on from."""
+        """Arrays for a restart."""
         kept = {name: getattr(self.noted, name) for name in ("furthest", "quiet", "last", "turned", "upright")}
         kept |= {"calm": self.calm, "apart": self.apart}
         return {PEAK_TENSIONS: self.noted.tension} | {f"extremes.{name}": array for name, array in kept.items()}
 
     def go_on_with(self, peaks: np.ndarray, before: TiesBefore) -> None:
-        """Take the greatest tensions (N) of the ties that were there before, of those that stay."""
+        """Copy the greatest tensions (N) of ties that are kept from the ``peaks`` of the run before."""
         old = np.array(before.of, np.int64)
         self.noted.tension[old >= 0] = peaks[old[old >= 0]]
 
 
 def fallen(moving: Motion) -> np.ndarray:
-    """Which blocks (n,) have fallen: their centroid has come down along gravity by more than half of the least
-    dimension of the block, or they have turned over, a vertical line in them by more than 45 deg.
+    """Which blocks (n,) have fallen: their centroid has dropped along gravity by more than half of the least
+    dimension of the block, or their initial vertical has tilted by more than 45 deg.
 
-    Where supports have moved, that is seen from each of them, as if it had carried all blocks along: a block that has
-    come down or turned with any support has not fallen.
+    If supports have moved, motion is measured relative to each of them, as if it had carried all blocks along: a block
+    that has dropped or turned with any support has not fallen.
     """
     assembly, bodies = moving.assembly, moving.state.bodies
     weight, free = float(np.linalg.norm(assembly.gravity)), ~np.asarray(assembly.fixed)
@@ -109,7 +109,7 @@ def fallen(moving: Motion) -> np.ndarray:
 
 
 def speed_at_the_end(moving: Motion) -> float:
-    """The greatest speed (m/s) of any point of a free block, seen from the supports; zero if all are at rest."""
+    """The greatest speed (m/s) of any point of a free block, relative to the supports; zero if all are at rest."""
     assembly, bodies = moving.assembly, moving.state.bodies
     least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
     speed = np.linalg.norm(bodies.velocity, axis=1) + np.linalg.norm(bodies.spin, axis=1) * bodies.reach
@@ -118,7 +118,8 @@ def speed_at_the_end(moving: Motion) -> float:
 
 
 def places(bodies: Bodies) -> np.ndarray:
-    """Centroid of every block and its axes, as long as its reach (n, 4, 3), m: turning moves these as slip moves it."""
+    """Centroid of every block and its axes scaled by its reach (n, 4, 3), m, so that rotations count as displacements
+    too."""
     axes = bodies.reach[:, None, None] * np.swapaxes(bodies.rotation, 1, 2)
     return np.concatenate([bodies.position[:, None], axes], axis=1)
 
@@ -129,14 +130,14 @@ def moved(now: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 
 def standing(bodies: Bodies, kept: Mapping[str, np.ndarray] | None = None) -> Bodies:
-    """The blocks where they stand now, or stood when they were ``kept``."""
+    """The blocks at their present positions, or at those ``kept`` earlier."""
     kept = kept or {"bodies.position": bodies.position.copy(), "bodies.rotation": bodies.rotation.copy()}
     return bodies._replace(position=kept["bodies.position"], rotation=kept["bodies.rotation"])
 
 
 def _carried(moving: Motion) -> list[tuple[np.ndarray, np.ndarray]]:
-    """How far all blocks (n, 3) would be, and how turned (3, 3), if they had moved with each support as one body; once
-    for all supports that stand still."""
+    """Displacements (n, 3) and rotation (3, 3) of all blocks if they had moved with each support as a rigid body; one
+    entry for all supports that have not moved."""
     assembly, bodies, away = moving.assembly, moving.state.bodies, moving.displacement
     turn = bodies.rotation @ np.swapaxes(rotation_matrix(moving.upright), 1, 2)
     still = (away == 0.0).all(axis=1) & (np.abs(turn - np.eye(3)).max(axis=(1, 2)) < STILL)
@@ -153,8 +154,8 @@ def collapse_of(
 ) -> dict:
     """Record of a collapse, the object ``collapse`` of the JSON output.
 
-    ``angle`` (deg) is that at which a block has moved by ``displacement`` (m), and ``onset`` that at which the first of
-    the ``blocks`` that came down left its balance for good; both None for a push, whose load factor is its peak.
+    ``angle`` (deg): that at which a block has moved by ``displacement`` (m); ``onset``: that at which the first of
+    the ``blocks`` that fell lost its balance for good; both None for a push, whose load factor is its peak.
     """
     away = np.linalg.norm(moving.displacement, axis=1)
     time, worst = float(moving.time), float(away.max())
@@ -173,12 +174,12 @@ def collapse_of(
 
 
 def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray, extremes: Extremes) -> dict:
-    """Record of a collapse while supports moved in real time: the same, with ``settlement`` (m) of the supports at the
-    time ``onset`` (s), when the first of the blocks that fell left its balance for good.
+    """Record of a collapse while supports moved in real time, with the ``settlement`` (m) of the supports at the time
+    ``onset`` (s), when the first of the blocks that fell lost its balance for good.
 
-    It speeds up little by little. The settlement is read off by a straight line through those at half of the threshold
-    and at the whole; how far it goes back from there, and how far the supports go from row to row, is how far it may be
-    off (``settlement_range``). Of blocks that never were calm nothing is known but that they fell.
+    The block accelerates gradually. The settlement is extrapolated linearly from those at half of the threshold and at
+    the whole; its error (``settlement_range``) is the extrapolation plus the motion of the supports between rows. For
+    blocks that never were calm only the fall itself is known.
     """
     away = np.linalg.norm(moving.displacement, axis=1)
     blocks = np.flatnonzero(fallen(moving))
@@ -187,7 +188,7 @@ def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray
     times = np.array([onset, min(onset, extremes.calm[first])]) if onset > 0.0 else np.array([moving.time, 0.0])
     whole, half, later = driving.share(np.append(times, times[0] + extremes.apart[0])) * driving.supports.length
     back = min(float(whole - half), 0.5 * float(whole))
-    settlement = max(float(whole) - 2.0 * back, back)  # half of it, known by as much, where blocks never were calm
+    settlement = max(float(whole) - 2.0 * back, back)  # half of the whole, +- as much, if blocks never were calm
     off = back + float(later - whole)
     return settlement_collapse(moving, at_rest, blocks) | {
         "onset": onset,
@@ -199,9 +200,9 @@ def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray
 
 
 def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) -> dict:
-    """How ``blocks`` (k,) come down since the joints looked like ``before`` (j, 9, of `seen`).
+    """Record of the collapse of ``blocks`` (k,) from the joint positions ``before`` (j, 9, of `seen`).
 
-    ``hinges``: the joints that turn by more than a tenth of what the one that turns most does; none where joints slide
+    ``hinges``: the joints that turn by more than a tenth of the greatest rotation; none if joints slide
     and their rims move less than a tenth of that by turning.
     """
     links, names = moving.state.links, moving.assembly.names
@@ -221,15 +222,15 @@ def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) 
 
 
 def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
-    """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking, torsion, uplift;
-    crushing where the rim of a joint that crushes has sunk further than it has tilted.
+    """Mechanism of the joint that moved most since ``at_rest`` (j, 9, of `seen`): sliding, rocking, torsion, uplift;
+    crushing if the rim of a joint that crushes has sunk further than it has tilted.
 
-    Blocks are lifted off each other by what the joint opens that opens least of theirs: one made of parts has several,
-    and opens all but one when it rocks.
+    Uplift of a pair of blocks is the least opening of their joints: a block made of parts has several, and opens all
+    but one when it rocks.
     """
     moves, laws, links = _moves(moving, at_rest), moving.assembly.joints.law, moving.state.links
     if not len(moves):
-        return "uplift"  # nothing held the blocks
+        return "uplift"  # there are no joints
     sunk = moves[:, 1] - moves[:, 3]  # a joint that rocks on its rim sinks nowhere
     crushed = max((sunk[j] for j, law in enumerate(laws) if law.compressive_strength is not None), default=0.0)
     pairs = np.sort(np.column_stack([links.host, links.other]), axis=1)
@@ -242,15 +243,16 @@ def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
 
 
 def moved_most(moving: Motion, at_rest: np.ndarray) -> int:
-    """The number of that joint, zero if there are none."""
+    """The number of the joint that moved most since ``at_rest``, zero if there are none."""
     moves = np.abs(_moves(moving, at_rest)).max(axis=1)
     return int(np.argmax(moves)) if len(moves) else 0
 
 
 def _moves(moving: Motion, at_rest: np.ndarray) -> np.ndarray:
-    """How far every joint has slid since then, its rim tilted and turned about its normal, and it opened at O (j, 4) m.
+    """How far every joint has slid since ``at_rest``, its rim has tilted and turned about its normal, and it has opened
+    at O (j, 4) m.
 
-    It slides where it is pressed last: a block that overturns about an edge takes O along, and the edge stays.
+    Slip is measured at the last corner in contact: if a block overturns about an edge, O moves and the edge stays.
     """
     links = moving.state.links
     now = seen(moving.state.bodies, links)

@@ -1,19 +1,19 @@
-"""Choice between one thread and several for the loop of a run in real time, by how fast they have shown to be."""
+"""Choice between one thread and several for the loop of a run in real time, by measured speed."""
 
 from __future__ import annotations
 
 import math
 
 LONGEST_CHUNK = 2048  # steps
-TRIAL = 64  # steps in which one thread and several show how fast they are
-FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
+TRIAL = 64  # steps of a measurement
+FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until the next measurements
 
 
 class Pace:
-    """Which of two loops is the faster: both give the same bits, and threads only help where cores are free.
+    """Selects the faster of two loops: both give the same bits, and threads only help if cores are free.
 
-    Both show it twice in turns, and the better time counts. Threads need a while to wake up, and cores become busy or
-    free: so they show it again, after ever longer pauses.
+    Both are measured twice in turns, and the better time counts. As threads need a while to wake up, and cores become
+    busy or free, measurements are repeated after ever longer pauses.
     """
 
     TURNS = 1, 0, 1, 0
@@ -32,7 +32,7 @@ class Pace:
         return (0 if self._seconds[0] <= self._seconds[1] else 1), LONGEST_CHUNK
 
     def note(self, which: int, steps: int, seconds: float) -> None:
-        """Take the ``seconds`` that so many steps of a loop took."""
+        """Record the ``seconds`` of so many ``steps`` of a loop."""
         if self._turn < len(self.TURNS):
             self._shown, self._took = self._shown + steps, self._took + seconds
             if self._shown >= TRIAL:

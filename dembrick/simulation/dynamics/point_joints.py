@@ -1,4 +1,4 @@
-"""Joints that act at contact points, in real time: the point family, seen from Python.
+"""Joints that act at contact points, in real time: the Python side of the point family.
 
 The functions are those of `area_joints`, under the same names; `joint_families` calls them.
 """
@@ -87,7 +87,7 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | 
 
 
 def _custom(corners: Corners, law: CustomLaw, laws: list[JointLaw]) -> Corners:
-    """The same joints with a ``law`` of the user's own; ``laws`` (p,) are those of the scenario."""
+    """The same joints with a user-defined ``law``; ``laws`` (p,) are those of the scenario."""
     area = np.zeros(corners.points.size * W)
     given = np.zeros(area.size, np.int64)
     where = corners.where()
@@ -97,7 +97,7 @@ def _custom(corners: Corners, law: CustomLaw, laws: list[JointLaw]) -> Corners:
 
 
 def bonded(corners: Corners) -> np.ndarray:
-    """The part of each joint's area whose bond holds (p,)."""
+    """The part of each joint's area whose bond is intact (p,)."""
     if corners.bonds is None:
         return np.zeros(len(corners.joint))
     area, starts = corners.area, corners.start[:-1]
@@ -117,7 +117,7 @@ def stiffness(corners: Corners) -> np.ndarray:
 
 
 def normal_stiffness(corners: Corners) -> np.ndarray:
-    """The entry of `stiffness` along the normal (p,), N/m, by itself."""
+    """The normal entry of `stiffness` (p,), N/m."""
     return corners.k_n[corners.law] * np.add.reduceat(corners.area, corners.start[:-1])
 
 
@@ -131,7 +131,7 @@ def friction(corners: Corners) -> np.ndarray:
 
 
 def put_friction(corners: Corners, values) -> None:
-    """Give the laws that friction, a number or one for each; a law of the user's own finds it in its record."""
+    """Set the friction of the laws to a number, or one for each; also in the records of a user-defined law."""
     corners.friction[:] = values
     if corners.custom is not None:
         of_points = np.repeat(corners.tile_law, np.diff(corners.tile_start))
@@ -139,13 +139,13 @@ def put_friction(corners: Corners, values) -> None:
 
 
 def retire(corners: Corners, p: int) -> None:
-    """Let joint ``p`` carry nothing any more, and hold no shear."""
+    """Set the area and elastic shear of joint ``p`` to zero, so that it carries nothing any more."""
     corners.put("area", 0.0, p)
     corners.put("elastic", 0.0, p)
 
 
 def take_memory(corners: Corners, left: Points, sense: np.ndarray) -> None:
-    """Elastic shear forces and slip of the same points in the searches; ``sense`` (j,) of the joints."""
+    """Copy elastic shear forces, slip and bonds of the same points of statics; ``sense`` (j,) of the joints."""
     own = np.repeat(sense[corners.joint], np.diff(corners.start))
     corners.put("elastic", np.column_stack([own * left.elastic_1, own * left.elastic_2]))
     corners.put("length", left.slip)
@@ -156,16 +156,16 @@ def take_memory(corners: Corners, left: Points, sense: np.ndarray) -> None:
 
 
 def arrays(corners: Corners) -> list[np.ndarray]:
-    """All arrays but the strengths, which nothing changes."""
+    """All arrays but the strengths, which are constant."""
     own = () if corners.custom is None else corners.custom
     return [array for array in (*corners, *own) if isinstance(array, np.ndarray)]
 
 
 def memory(corners: Corners) -> list[np.ndarray]:
-    """All arrays, but the forces that are only written down."""
+    """All arrays but the forces that are only recorded."""
     return [array for array in arrays(corners) if array is not corners.force]
 
 
 def check_restored(corners: Corners, path) -> None:
-    """See which tiles are alike in what was restored from the checkpoint ``path``."""
+    """Find identical tiles again after a restore from the checkpoint ``path``."""
     corners.share()

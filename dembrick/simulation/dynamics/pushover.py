@@ -1,13 +1,13 @@
 """Displacement control of a pushover in real time: every block is pushed by the same share of its weight.
 
-The load acts on all free blocks at their centroids: the load factor V times their weight, along a direction. What is
-work-conjugate to V is their mean displacement u along it, weighted by mass. The head of the controller moves at a
-constant rate, a spring joins it to the blocks, and a dashpot holds the mean motion back, so that V rises to the peak
-and falls again behind it, as far as the blocks carry less and less.
+The load acts on all free blocks at their centroids: the load factor V times their weight, along a direction.
+Work-conjugate to V is their mean displacement u along it, weighted by mass. The head of the controller moves at a
+constant rate, a spring connects it to the blocks, and a dashpot damps their mean motion, so that V rises to the peak
+and falls beyond it as the resistance of the blocks decreases.
 
-The spring is soft: a load factor of 1 stretches it by the displacement D that is asked for. Its frequency sqrt(g / D)
-lies far below that of the joints, so V can be held for many steps at a time; a stiffer one would only add what inertia
-carries (rate times frequency over g) to the peak.
+The spring is soft: a load factor of 1 stretches it by the displacement D of the control. Its frequency sqrt(g / D)
+is far below that of the joints, so V can be constant for many steps at a time; a stiffer spring would only add an
+inertia effect (rate times frequency over g) to the peak.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.controls import Control
 
-HELD = 0.05  # rad of the controller's own swing for which V is held
-STRONGEST = 10.0  # load factor: blocks that do not give way before are not pushed over
+HELD = 0.05  # rad of the controller's own oscillation during which V is constant
+STRONGEST = 10.0  # greatest load factor: beyond it a pushover gives up
 
 
 @dataclass
 class PushController:
     """Drives the mean displacement (m) along ``direction`` (3,) at ``rate`` (m/s); ``stretch``: m for V = 1.
 
-    ``share`` (n,): of each block in the mean. ``steps``: for how many of ``time_step`` (s) V is held. ``present`` holds
-    V; ``peak`` its greatest value so far and u (m) then.
+    ``share`` (n,): weight of each block in the mean. ``steps``: number of steps of ``time_step`` (s) during which V is
+    constant. ``present``: V; ``peak``: its greatest value so far and u (m) then.
     """
 
     direction: np.ndarray
@@ -49,15 +49,15 @@ class PushController:
 
     @property
     def longest(self) -> int:
-        """Steps after which even blocks that had not moved would be pushed by ``STRONGEST``."""
+        """Steps after which V would be ``STRONGEST`` even for blocks that had not moved."""
         return math.ceil((1.0 + STRONGEST) * self.stretch / self.rate / self.time_step)
 
     def mean(self, vectors: np.ndarray) -> float:
-        """Of displacements or velocities (n, 3) of the blocks, along the direction."""
+        """Mean of displacements or velocities (n, 3) of the blocks, along the direction."""
         return float(self.share @ (vectors @ self.direction))
 
     def press(self, step: int, displacement: np.ndarray, velocity: np.ndarray) -> None:
-        """Set V from how far the blocks (n, 3) have come, and how fast, at the beginning of ``step``."""
+        """Set V from the ``displacement`` and ``velocity`` (n, 3) of the blocks at the beginning of ``step``."""
         swing = math.sqrt(self.weight / self.stretch)  # rad/s
         u = self.mean(displacement)
         behind = self.rate * step * self.time_step - u - 2.0 / swing * self.mean(velocity)
@@ -66,7 +66,7 @@ class PushController:
             self.peak[:] = self.present[0], u
 
     def pushing(self, driving: Driving) -> Driving:
-        """Loads and supports of the run while V is constant: gravity leans."""
+        """Loads and supports of the run at the present V, as an inclined gravity."""
         return replace(driving, gravity=driving.gravity + self.present[0] * self.weight * self.direction)
 
 

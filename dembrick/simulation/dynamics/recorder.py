@@ -1,8 +1,8 @@
-"""Rows and frames of a run in real time, for the observer of a session, who gets some of them together.
+"""Rows and frames of a run in real time, passed to the observer of a session in batches.
 
-One kernel writes all rows (`kernels.dynamics.record`). Most follow each other with nothing but the steps of the loop
-between them (`pass_rows`), which takes a thirtieth of the time that Python takes for a row. It takes those where there
-is more to do: look for contacts, keep a checkpoint, tell how far the run is, take a frame of velocities.
+One kernel writes all rows (`kernels.dynamics.record`). Most rows need nothing but steps of the loop between them
+(`pass_rows`), in a thirtieth of the time of a row written from Python. Python writes a row if there is more to do:
+contact detection, a checkpoint, a progress report, a frame with velocities.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-TOGETHER = 64  # rows, at the most
-MOST_WAITING = 1 << 20  # bytes of them
-HELD = 0.05  # s, for which rows wait at the most while others come
+TOGETHER = 64  # most rows of a batch
+MOST_WAITING = 1 << 20  # most bytes of a batch
+HELD = 0.05  # s, longest time for which rows wait to be passed on
 
 
 def _in_frames(pressed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """New contacts of a frame; ``count`` says how many."""
+    """New contacts of a frame, with their ``count``."""
     return {"count": np.array([len(pressed["area"])]), **pressed}
 
 
 class Recorder:
-    """Hands rows and frames of a run to the observer of a session, and has every row noted by the ``extremes``.
+    """Passes rows and frames of a run to the observer of a session, and updates the ``extremes`` at every row.
 
     ``rows_every``: steps between rows, ``frames_every``: rows between frames. With ``equilibria`` rows are those of a
     path, which has no energy balance.
@@ -70,7 +70,7 @@ class Recorder:
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
         self._any_fixed = bool(np.any(moving.assembly.fixed))
-        # frames that Python takes, which steps on or asks for more than where blocks are
+        # frames that must be taken from Python: with velocities, contact forces or bonds
         self._slow_frames = bool({"velocity", "contacts"} & set(channels)) or joint_families.has_strengths(moving.state)
         quick_frames = self.takes_frames and not self._slow_frames and not equilibria
         wanted = channels if session.observe is not None else ()
@@ -88,19 +88,19 @@ class Recorder:
         self._seconds_a_row = HELD
 
     def compile(self) -> None:
-        """Compile what rows take, or load it; after the loop, beside which a second process compiles (`_ahead`)."""
+        """Compile or load the row writer; after the loop, which a second process compiles beside (`_ahead`)."""
         began = time.perf_counter()
         self._known.of(self._moving.state, write_row, *self._arguments(self._gravity()))
         self._moving.compile_seconds += time.perf_counter() - began
 
     def _arguments(self, gravity: np.ndarray) -> tuple:
-        """Of `write_row`, for a row of now."""
+        """Arguments of `write_row` for a row of the present state."""
         moving = self._moving
         moment = moving.steps, moving.time_step, *gravity.tolist()
         return self._record, scene_of(moving), self._extremes, moment
 
     def take(self, last: bool = False, equilibrium: int | None = None) -> None:
-        """A row of the present state, and a frame where one is due; of an ``equilibrium`` with that number."""
+        """Record a row of the present state, and a frame if one is due; ``equilibrium``: its number on a path."""
         began, moving, record = time.perf_counter(), self._moving, self._record
         compiled, row, gravity = moving.compile_seconds, int(record.count[0]), self._gravity()
         following = record.next[0]
@@ -120,15 +120,15 @@ class Recorder:
 
     @property
     def is_at_row(self) -> bool:
-        """Whether the present state must have a row that it does not have: the loop, too, may stop behind one."""
+        """Whether a row of the present state is due and not yet written, as the loop may stop just after one."""
         return self._moving.steps % self._rows_every == 0 and self._moving.steps != self._last
 
     def rows_ahead(self, stride: int, total: int) -> int:
-        """How many rows to pass from now on, a row: none where Python has to do with every step, or is asked for soon.
-        ``stride``: steps in a row, of ``total`` of the run.
+        """Number of rows that `pass_rows` may write next: none if Python must act at every step or soon.
+        ``stride``: greatest number of consecutive steps, ``total``: steps of the run.
 
-        Where the loop has blocks in an order of its own they must be put back first, and the number of threads is
-        chosen at every call.
+        None either if the loop has its own order of blocks, which must be restored first, or several threads, whose
+        number is chosen at every call.
         """
         moving, every = self._moving, self._rows_every
         own_order = moving.state.order is not None
@@ -144,8 +144,8 @@ class Recorder:
         return max(0, min(rows, int(soon / self._seconds_a_row)))
 
     def pass_rows(self, rows: int, limits: Limits) -> int:
-        """Go on through so many rows, which are written on the way; less far where contacts must be looked for.
-        Returns RUNNING, or REACHED, and raises what `advance` does."""
+        """Advance and write so many ``rows``, or fewer if contacts must be detected. Returns RUNNING or REACHED, and
+        raises the errors of `advance`."""
         moving, record, every = self._moving, self._record, self._rows_every
         began, before = time.perf_counter(), int(record.count[0])
         with driving_time(moving):
@@ -165,7 +165,7 @@ class Recorder:
 
             def write(done: int, g: Sequence[float]) -> int:
                 nonlocal state, scene
-                if moving.state is not state:  # polygons that were cut may have asked for other arrays
+                if moving.state is not state:  # cutting polygons may have replaced arrays
                     state, scene = moving.state, scene_of(moving)
                 return code(record, scene, extremes, (first + done, dt, *g))
 
@@ -182,7 +182,7 @@ class Recorder:
         return status
 
     def _take_over(self, before: int) -> None:
-        """Give the rows that the loop has written, after those ``before``, what it does not know."""
+        """Complete the rows that the loop has written after the first ``before`` ones, and collect their frames."""
         began, moving, record = time.perf_counter(), self._moving, self._record
         rows = slice(before, int(record.count[0]))
         self._last = int(record.step[rows][-1]) if rows.stop > before else self._last
@@ -202,19 +202,19 @@ class Recorder:
         moving.phases["record"] += time.perf_counter() - began
 
     def _is_due(self) -> bool:
-        """Whether it is time to pass on what waits."""
+        """Whether it is time to pass on the waiting rows."""
         return int(self._record.count[0]) == self._room or time.monotonic() - self._passed_on >= HELD
 
     @contextmanager
     def gathering(self) -> Iterator[None]:
-        """Whatever ends the run, its observer gets the rows and frames that wait."""
+        """Context at whose end the observer gets all waiting rows and frames, even after an error."""
         try:
             yield
         finally:
             self.pass_on()
 
     def pass_on(self, equilibrium: int | None = None) -> None:
-        """Let the observer have the rows and frames that wait for others; a row may be of an ``equilibrium``."""
+        """Pass the waiting rows and frames to the observer; ``equilibrium``: number of the only row, on a path."""
         if int(self._record.count[0]) and self._session.observe is not None:
             rows, frames = self._rows(equilibrium), joined(self._frames)
             self._record.count[0], self._curve, self._frames = 0, [], []
@@ -222,8 +222,7 @@ class Recorder:
             self._passed_on = time.monotonic()
 
     def _rows(self, equilibrium: int | None) -> dict[str, Any]:
-        """The rows that wait, each channel an array with one entry a row; ``equilibrium``: the number of the only
-        one."""
+        """The waiting rows, each channel an array with one entry per row; ``equilibrium``: number of the only one."""
         moving, record = self._moving, self._record
         n, curve = int(record.count[0]), np.array(self._curve).reshape(-1, 2)
         rows = {
@@ -252,8 +251,8 @@ class Recorder:
         return rows
 
     def _of_actuators(self, load: np.ndarray) -> dict:
-        """Displacement and force of every actuator of a load path, a row an equilibrium with its ``load``, and the
-        bounds of its limit: the load itself, and none."""
+        """Displacement and force of every actuator on a load path, one row per equilibrium with its ``load``, and the
+        bounds of the limit: the load itself as the lower one, and no upper one."""
         driven = self.driving.driven
         if driven is None:
             return {}
@@ -265,7 +264,7 @@ class Recorder:
         }
 
     def frame(self, time: float) -> dict:
-        """A frame of the present state at ``time``, as the observer gets it."""
+        """A frame of the present state at ``time``, in the form for the observer."""
         moving, channels = self._moving, self._session.output.channels
         bodies, shift = moving.state.bodies, moving.polygons.shift
         frames = {
@@ -289,7 +288,7 @@ class Recorder:
         return frames
 
     def follow_up(self, frames: list[dict]) -> None:
-        """Frames after the last equilibrium, of what is none and has no row."""
+        """Pass on ``frames`` after the last equilibrium, which have no rows."""
         if self._session.observe is not None:
             for frame in frames:
                 self._session.observe(self._rows(0), frame)
@@ -299,11 +298,11 @@ class Recorder:
         return self._session.observe is not None and "frames" in self._session.output.channels
 
     def curve(self, reaction: np.ndarray, gravity: np.ndarray | None = None) -> tuple[float, float]:
-        """Displacement and load of now, given the reactions (s, 6) of the supports, and ``gravity`` (3,) if known.
+        """Present displacement and load, given the reactions (s, 6) of the supports, and ``gravity`` (3,) if known.
 
-        Of a push the driven displacement and the load factor, of loads that grow the driven displacement and their
-        multiplier; of supports that move their displacement, and the reaction along their motion; else the displacement
-        of the block that has moved furthest, and what the driving says.
+        For a push the driven displacement and the load factor; for growing loads the driven displacement and their
+        multiplier; for moving supports their displacement and the reaction along their motion; else the greatest
+        displacement of a block, and the load of the driving.
         """
         moving, driving = self._moving, self.driving
         away = moving.displacement
@@ -319,11 +318,11 @@ class Recorder:
         return furthest, driving.load(moving.time, moving.time_step, gravity)
 
     def _present(self) -> Driving:
-        """Loads and supports of the run at present."""
+        """Present loads and supports of the run."""
         return self.driving if self._controller is None else self._controller.pushing(self.driving)
 
     def _gravity(self) -> np.ndarray:
-        """Gravity (3,) of now, as the loads of the run have it."""
+        """Present gravity (3,) in the loads of the run."""
         moving, driving = self._moving, self._present()
         known = moving.ahead.gravity(driving, moving.steps, moving.time_step)
         return driving.forces(np.array([moving.time]), moving.time_step)[0][0] if known is None else known

@@ -1,4 +1,4 @@
-"""Arrays that rows of a run in real time are written into, and what they are written of."""
+"""Arrays for the rows of a run in real time, and the scene from which they are written."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 def record_of(moving: Motion, room: int, channels: Container[str] = (), balanced: bool = False, frames: bool = False):
-    """A `Record` with room for so many rows with the ``channels`` of an output, energies if they are ``balanced``, and
-    ``frames``."""
+    """A `Record` with ``room`` for so many rows of the ``channels`` of an output, with energies if ``balanced``, and
+    with ``frames``."""
     state, assembly, watched = moving.state, moving.assembly, moving.assembly.control_points
     n, j, w, t = len(assembly.names), len(state.links.host), len(watched.names), len(state.ties.stiffness)
     supporting = assembly.supporting
@@ -61,7 +61,7 @@ def bytes_of_row(record: Record) -> int:
 
 
 def scene_of(moving: Motion) -> Scene:
-    """Scene that a row is written of: the present state."""
+    """The present state in the form from which a row is written."""
     state, touching = moving.state, moving.contact_detection.touching
     new = moving.no_contacts if touching is None else touching
     forces = new.parts.owner, new.first, new.second, new.normal, new.point, new.force, new.torque
@@ -70,7 +70,7 @@ def scene_of(moving: Motion) -> Scene:
 
 
 def reactions(moving: Motion) -> np.ndarray:
-    """Of the supports (s, 6), see `write_reactions`: those of a row of now, by the kernel that writes all rows."""
+    """Present reactions of the supports (s, 6), see `write_reactions`, by the kernel that writes all rows."""
     record, none = record_of(moving, 1), Extremes(*(np.zeros(shape) for shape in (0, 0, (1, 3), 0, 0, 1, (0, 4))))
     write_row(record, scene_of(moving), none, (moving.steps, moving.time_step, 0.0, 0.0, 0.0))
     return record.reaction[0]

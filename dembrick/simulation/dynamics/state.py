@@ -1,6 +1,6 @@
-"""From the immutable geometry to the arrays of the dynamic loop, and back to what joints carry.
+"""State of dynamics: the arrays of the loop, made from the immutable geometry, and the forces of joints.
 
-Positions count from the middle of the scene, so that a wall far from the origin keeps its digits.
+Positions are measured from the middle of the scene, so that a wall far from the origin loses no digits.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class MovingState(NamedTuple):
     corners: Corners | None
     faces: Faces | None
     ties: Ties
-    middle: np.ndarray  # (3,) m, what positions count from
-    order: LoopOrder | None = None  # of the blocks in the loop; None if it has them as they are
+    middle: np.ndarray  # (3,) m, origin of positions
+    order: LoopOrder | None = None  # of the blocks in the loop; None if it is that of the scenario
 
     @property
     def arrays(self) -> list[np.ndarray]:
@@ -106,7 +106,7 @@ def _sides(n: int, host: np.ndarray, other: np.ndarray, place: np.ndarray) -> tu
 
 
 class _Fixings(NamedTuple):
-    """How the polygons and planes of the joints are fixed to their blocks: fields as in `Links`, rows of its
+    """Attachment of the polygons and planes of the joints to their blocks: fields as in `Links`, rows of its
     tiles."""
 
     host: np.ndarray
@@ -136,8 +136,7 @@ class _Fixings(NamedTuple):
         return cls(host, other, row[0].copy(), row[1].copy(), axes, lever, sense, offset)
 
     def numbers(self, area: np.ndarray) -> np.ndarray:
-        """Numbers (j, k) of the geometry of joints in a tile, with their areas (j,): equal for joints that are
-        alike."""
+        """Numbers (j, k) that describe the geometry of joints, with their areas (j,): equal for identical joints."""
         return np.column_stack([self.tangents, self.plane, self.sense, self.offset, self.lever, area])
 
 
@@ -185,7 +184,7 @@ def _links(
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b for (j, 3) arrays: every row of a record takes it, and ``numpy.cross`` is slow for few vectors."""
+    """a x b for (j, 3) arrays: needed for every row of a record, and ``numpy.cross`` is slow for few vectors."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, k, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[..., i] = a[..., k] * b[..., m] - a[..., m] * b[..., k]
@@ -193,14 +192,14 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def arms(bodies: Bodies, links: Links) -> tuple[np.ndarray, np.ndarray]:
-    """Arms of O from the centroids of the hosts (j, 3) and tangents e1, e2 (j, 2, 3), world, where the blocks are."""
+    """Present arms of O from the centroids of the hosts (j, 3) and tangents e1, e2 (j, 2, 3), in world axes."""
     tangents = np.einsum("jik,jlk->jli", bodies.rotation[links.host], links.axes[links.tangents])
     frame = np.concatenate([tangents, cross(tangents[:, 0], tangents[:, 1])[:, None]], axis=1)
     return np.einsum("ji,jik->jk", links.lever, frame), tangents
 
 
 def seen(bodies: Bodies, links: Links) -> np.ndarray:
-    """`Links.seen` (j, 9) of where the blocks are now."""
+    """`Links.seen` (j, 9) at the positions of ``bodies``."""
     u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
     axes = np.concatenate([u, cross(u[:, 0], u[:, 1])[:, None]], axis=1)
     arm, tangents = arms(bodies, links)
@@ -217,7 +216,7 @@ def joint_resultants(state: MovingState) -> np.ndarray:
 
 
 def with_contact_forces(state: MovingState) -> MovingState:
-    """The same state, the forces at its contact points written down at every step."""
+    """The same state, with the forces at its contact points recorded at every step."""
     if state.corners is None:
         return state
     return state._replace(corners=state.corners._replace(force=np.zeros((int(state.corners.start[-1]), 3))))
@@ -226,7 +225,7 @@ def with_contact_forces(state: MovingState) -> MovingState:
 def contact_forces(state: MovingState, share: np.ndarray) -> np.ndarray:
     """Force (c, 3) on block b at every contact point of `with_contact_forces`, world axes (N), of the last forces.
 
-    ``share`` (j,): what of it the joints still carry, see `ContactDetection.left_to_joints`.
+    ``share`` (j,): part that the joints still carry, see `ContactDetection.left_to_joints`.
     """
     if state.corners is None:
         return np.zeros((0, 3))
@@ -237,9 +236,9 @@ def contact_forces(state: MovingState, share: np.ndarray) -> np.ndarray:
 
 
 def contact_arms(state: MovingState, shift: np.ndarray) -> np.ndarray:
-    """Where every contact point is on its host (c, 2), along the joint's tangents from O of the start (m).
+    """Position of every contact point on its host (c, 2), along the joint's tangents from the initial O (m).
 
-    ``shift`` (j, 2): where O is now, from there, see `Polygons`.
+    ``shift`` (j, 2): displacement of O since then, see `Polygons`.
     """
     if state.corners is None:
         return np.zeros((0, 2))
@@ -249,7 +248,7 @@ def contact_arms(state: MovingState, shift: np.ndarray) -> np.ndarray:
 
 
 def contact_areas(state: MovingState) -> np.ndarray:
-    """Tributary area (c,) of every contact point now (m2)."""
+    """Present tributary area (c,) of every contact point (m2)."""
     return np.zeros(0) if state.corners is None else np.asarray(state.corners.area)
 
 

@@ -1,7 +1,7 @@
-"""Supports that move by themselves, each on its own path: where they are, and what the structure does to them there.
+"""Supports with prescribed motion, each on its own path: their positions, and the reaction along the motion.
 
-All paths are run through together: a share of 0 to 1 of each displacement and turn. What is work-conjugate to the
-displacement of the point that moves furthest is the reaction along the motion.
+All paths are run through together: a share of 0 to 1 of each displacement and rotation. The reaction along the motion
+is work-conjugate to the displacement of the point that moves furthest.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from dembrick.kernels.dynamics.rigid_bodies import Bodies
     from dembrick.scenario.model import Scenario
 
-PIECES = 256  # of a path, by which its length is measured
+PIECES = 256  # of a path, for measuring its length
 
 
 class PrescribedMotion(NamedTuple):
-    """The last fields of `kernels.dynamics.loop.Loads`, described there."""
+    """Fields of `kernels.dynamics.loop.Loads` for moving supports, described there."""
 
     support: np.ndarray
     place: np.ndarray
@@ -36,7 +36,7 @@ class PrescribedMotion(NamedTuple):
 class SupportMotion:
     """The paths of k supports: ``block`` (k,), ``start`` (k, 3) m and ``orientation`` (k, 4) at the start, ``reach``
     (k,) m; at the end ``displacement`` (k, 3) m of the ``point`` (k, 3) about which it has turned by ``turn`` (k, 3)
-    rad. Positions count as those of the run. ``length`` (m): of the path of the corner that moves furthest.
+    rad. Positions have the same origin as in the run. ``length`` (m): of the path of the corner that moves furthest.
     """
 
     block: np.ndarray
@@ -62,7 +62,7 @@ class SupportMotion:
         return len(self.block)
 
     def between(self, share: np.ndarray, dt: float) -> PrescribedMotion:
-        """The motion of s steps of ``dt`` (s) through shares (s + 1,), for the loop."""
+        """The motion in s steps of ``dt`` (s) through shares (s + 1,), for the loop."""
         if (share == share[0]).all():
             return self._held(share[:1], len(share) - 1)
         position, orientation = self.pose(share)
@@ -75,16 +75,16 @@ class SupportMotion:
         )
 
     def _held(self, share: np.ndarray, steps: int) -> PrescribedMotion:
-        """`between` where the supports stay at one share (1,)."""
+        """`between` for supports at rest at one share (1,)."""
         position, orientation = (np.repeat(part, steps, axis=0) for part in self.pose(share))
         return PrescribedMotion(
             self.block, position, orientation, np.zeros_like(position), np.zeros_like(position), np.zeros(steps)
         )
 
     def resisting(self, share: float, reaction: np.ndarray) -> float:
-        """The reaction along the motion (N) at a share: what the structure does to the supports, along their motion,
-        positive if it drives them on. ``reaction`` (k, 6): of these supports on it, about their centroids at the
-        start."""
+        """The reaction along the motion (N) at a share: force of the structure on the supports along their motion,
+        positive if it drives them on. ``reaction`` (k, 6): of these supports on the structure, about their centroids at
+        the start."""
         centre = self.pose(np.array([share]))[0][0]
         carried = self.point + share * self.displacement
         along = self.displacement + np.cross(self.turn, centre - carried)
@@ -99,7 +99,7 @@ AT_REST = SupportMotion(
 
 
 def support_motion(scenario: Scenario, assembly: Assembly, bodies: Bodies) -> SupportMotion:
-    """The paths of a control's supports from where ``bodies`` has them; `AT_REST` where none moves."""
+    """The paths of a control's supports from their positions in ``bodies``; `AT_REST` if none moves."""
     paths: dict[int, tuple] = {}
     for path in scenario.control.support_paths:
         for name in path.supports:

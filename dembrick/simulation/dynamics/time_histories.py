@@ -1,4 +1,4 @@
-"""Histories in time: sines, pulses and CSV files, and the velocity of supports that follow them."""
+"""Time histories: sines, pulses and CSV files, and the velocity of supports that follow them."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from dembrick.scenario.csv_tables import read_columns
 
 Curve = Callable[[np.ndarray], np.ndarray]  # times (s,) -> values (s,)
 
-AT_REST = 0.01  # of the greatest velocity: supports that move slower at the end of a record rest
+AT_REST = 0.01  # of the greatest velocity: a lower one at the end of a record counts as rest
 GAP = 1.5  # of the usual step: a longer one means that samples are missing
 
 
 @dataclass(frozen=True)
 class Samples:
-    """A history as it was read: ``time`` (s) and ``value`` (m,), ``path`` for messages."""
+    """A sampled history: ``time`` (s) and ``value`` (m,), ``path`` for messages."""
 
     time: np.ndarray
     value: np.ndarray
@@ -36,11 +36,11 @@ class Samples:
 def read_samples(
     path: str | Path, duration: float, quantity: str, columns: Sequence[str] | None = None, may_end: bool = False
 ) -> Samples:
-    """Time (s) and ``quantity`` (SI; see `scenario.units`) out of a CSV file or a PEER record.
+    """Time (s) and ``quantity`` (SI; see `scenario.units`) from a CSV file or a PEER record.
 
-    ``columns`` names the two columns where the units do not tell them. ScenarioError if a line has no numbers, if
-    time does not grow, or where the history ends before ``duration`` (s), unless it ``may_end``; also where samples of
-    a motion seem to be missing. A factor may be described by its corners alone, as it is straight between samples.
+    ``columns`` names the two columns if the units do not identify them. ScenarioError if a line has no numbers, if
+    time does not increase, or if the history ends before ``duration`` (s), unless it ``may_end``; also if samples of
+    a motion seem to be missing. A factor may be given at its corners alone, as it is linear between samples.
     """
     found, numbers = read_columns(path, "a history in time", ("time", quantity), columns)
     time, value = found["time"], found[quantity]
@@ -60,7 +60,7 @@ def read_samples(
 
 
 def _fault(step: float, usual: float, quantity: str) -> str:
-    """The end of a message on a wrong step of time (s): what is wrong, and its remedy."""
+    """End of a message on a wrong time step (s): the fault and its remedy."""
     if step < 0.0:
         return "goes back; give samples in order"
     if step == 0.0:
@@ -72,13 +72,13 @@ def _fault(step: float, usual: float, quantity: str) -> str:
 
 
 def sine(shape: Sine) -> Curve:
-    """Its values in time."""
+    """The sine as a function of time."""
     omega = 2.0 * math.pi * shape.frequency
     return lambda t: shape.amplitude * np.sin(omega * t + shape.phase)
 
 
 def linear(samples: Samples) -> Curve:
-    """Straight between the samples."""
+    """Linear interpolation of the samples."""
     return lambda t: np.interp(t, samples.time, samples.value)
 
 
@@ -106,9 +106,9 @@ def pulse_velocity(shape: Pulse, quantity: str) -> Curve:
 
 
 def sampled_velocity(samples: Samples, quantity: str) -> Curve:
-    """Velocity (m/s) of supports with a sampled motion: straight between samples of acceleration or velocity, the
-    natural cubic spline through samples of displacement. What is sampled has no value after its end: the acceleration
-    is zero then, and supports whose velocity or displacement is given rest."""
+    """Velocity (m/s) of supports with a sampled motion: linear between samples of acceleration or velocity, the
+    natural cubic spline through samples of displacement. After the end of the samples the acceleration is zero, and
+    supports whose velocity or displacement is given are at rest."""
     t, y = samples.time, samples.value
     if quantity == "velocity":
         return _from_rest(_until(linear(samples), t[-1]))
@@ -127,7 +127,8 @@ def sampled_velocity(samples: Samples, quantity: str) -> Curve:
 
 
 def must_end_at_rest(samples: Samples, quantity: str) -> None:
-    """ScenarioError if supports that follow samples of velocity or displacement would stop all at once at their end."""
+    """Raise ScenarioError if supports that follow samples of velocity or displacement would stop suddenly at their
+    end."""
     if quantity == "acceleration":
         return
     speed = np.abs(sampled_velocity(samples, quantity)(samples.time))
@@ -139,10 +140,10 @@ def must_end_at_rest(samples: Samples, quantity: str) -> None:
 
 
 def with_baseline(samples: Samples) -> Samples:
-    """Accelerations without the straight line that would leave the supports moving, or moved, at their end.
+    """Accelerations with a linear baseline correction, so that the supports end at rest and without displacement.
 
-    Of the motion from time zero on, straight between the samples: with its last velocity V and displacement D after L
-    seconds, a line c0 + c1 t with c0 L + c1 L^2 / 2 = V and c0 L^2 / 2 + c1 L^3 / 6 = D takes both.
+    For the motion from time zero on, linear between the samples, with final velocity V and displacement D after L
+    seconds, the line c0 + c1 t with c0 L + c1 L^2 / 2 = V and c0 L^2 / 2 + c1 L^3 / 6 = D removes both.
     """
     kept = samples.time > 0.0
     t = np.concatenate([[0.0], samples.time[kept]])
@@ -161,7 +162,7 @@ def _until(curve: Curve, end: float) -> Curve:
 
 
 def _from_rest(curve: Curve) -> Curve:
-    """Supports and blocks are at rest before time zero: a velocity that begins above zero is a jump, as a pulse is."""
+    """A velocity that is zero before time zero, so that one that begins above zero is a jump, like a pulse."""
     return lambda t: np.where(t < 0.0, 0.0, curve(np.maximum(t, 0.0)))
 
 
@@ -190,8 +191,8 @@ def _spline_slope(t: np.ndarray, y: np.ndarray) -> Curve:
 
 
 def eased(x: np.ndarray) -> np.ndarray:
-    """Shares of a way (t,) at shares ``x`` of its time. They begin at rest and end ever more slowly, as (1 - x)^5: the
-    force that stops blocks which slide along fades before they stop, and so nothing springs back that would leave
-    their friction unspent."""
+    """Smooth growth from 0 to 1 (t,) at shares ``x`` of its time. It starts with zero rate and ends as 1 - (1 - x)^5:
+    the force that decelerates sliding blocks fades before they stop, so that they do not spring back and leave their
+    friction partly unused."""
     left = 1.0 - x
     return 1.0 - left**5 * (1.0 + 5.0 * x)

@@ -1,9 +1,9 @@
 """The critical time step of an assembly in free motion, from its greatest natural frequencies.
 
 With velocities half a step behind, a dashpot acts on the increment of the last step, and a linear system
-M u'' + C u' + K u = 0 is stable while the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) stays below 4. With all joints
-closed and none slipping K is at its greatest. Each eigenvalue comes from a Lanczos iteration on the joints' own
-matrices, to which its residual is added; nothing dense is ever formed.
+M u'' + C u' + K u = 0 is stable while the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) stays below 4. K is greatest
+with all joints closed and none slipping. Each eigenvalue comes from a Lanczos iteration on the matrices of the joints,
+plus its residual; no dense matrix is formed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 LANCZOS = 60  # iterations at most
 CLOSE = 2e-3  # relative residual that ends them
 NEWTON = 8  # steps, for an equation that is nearly linear
-COARSE = 1.2  # rad in a step: contacts that swing faster damp as such
+COARSE = 1.2  # rad per step: contacts that oscillate faster are damped as if at this phase
 
 
 class JointOperator:
@@ -65,7 +65,8 @@ class JointOperator:
         return matrix
 
     def _of_ties(self, state: MovingState) -> tuple[np.ndarray, ...]:
-        """The ties as elastic bars, all tight: k along the line, and across it what their pre-stress turns with it."""
+        """The ties as elastic bars, all taut: k along the line, and the geometric stiffness of their prestress across
+        it."""
         ties, bodies = state.ties, state.bodies
         block, arm = ties.block, ties.arm
         line = bodies.position[block[:, 1]] + arm[:, 1] - bodies.position[block[:, 0]] - arm[:, 0]
@@ -79,7 +80,7 @@ class JointOperator:
         return self._element(axes, block, (arm[:, 0], arm[:, 1]), k)
 
     def add(self, bodies, contacts: Touching) -> np.ndarray:
-        """Take in the new contacts that touch now; returns which of them (c,)."""
+        """Add the new contacts that touch now; returns their numbers (c,)."""
         on = np.flatnonzero(contacts.area > 0.0)
         springs = contacts.springs[on]
         blocks = contacts.parts.owner[np.stack([contacts.second[on], contacts.first[on]], axis=1)]
@@ -115,7 +116,7 @@ class JointOperator:
 
 
 def _lanczos(apply, size: int) -> float:
-    """Greatest eigenvalue of a symmetric operator without negative ones, plus the residual of its vector."""
+    """Greatest eigenvalue of a positive semidefinite operator, plus the residual of its vector."""
     vector = np.random.default_rng(0).standard_normal(size)
     basis = [vector / np.linalg.norm(vector)]
     diagonal, beside = [], []
@@ -139,8 +140,8 @@ def _lanczos(apply, size: int) -> float:
 
 
 def pair_frequencies(state: MovingState) -> np.ndarray:
-    """rad/s of every joint (j, 2), normal and shear: of the pair of blocks that it joins, moving straight against each
-    other."""
+    """Frequencies (rad/s) of every joint (j, 2), normal and shear: those of the relative translation of its two blocks
+    alone."""
     links, bodies = state.links, state.bodies
     inverse = np.zeros(len(bodies.mass))
     inverse[bodies.free] = 1.0 / bodies.mass[bodies.free]
@@ -155,15 +156,15 @@ def time_constants(frequency: np.ndarray, ratio: float) -> np.ndarray:
 
 
 def stepped_dashpots(swing: np.ndarray, ratio: float) -> np.ndarray:
-    """Dashpot over spring force for the same increment, where a pair swings by ``swing`` (rad) in a step.
+    """Dashpot over spring force for the same increment, for a pair with the phase per step ``swing`` = w dt (rad).
 
-    With its velocity half a step late a dashpot c damps by more than c says. Steps of an oscillator with k dt^2/m = K
-    and c dt/m = C have the eigenvalues exp(-ratio s +- i sqrt(1 - ratio^2) s) for
+    As its velocity is half a step late, a dashpot c damps more than in continuous time. Steps of an oscillator with
+    k dt^2/m = K and c dt/m = C have the eigenvalues exp(-ratio s +- i sqrt(1 - ratio^2) s) for
 
         C = 1 - E^2,  K = 1 + E^2 - 2 E cos(sqrt(1 - ratio^2) s),  E = exp(-ratio s);
 
-    K = swing^2 gives s, by Newton's method, and so C / K: less than the 2 ratio / swing of continuous time. Swings
-    beyond ``COARSE``, close to the critical step, damp as that one.
+    K = swing^2 gives s, by Newton's method, and so C / K: less than the 2 ratio / swing of continuous time. Phases
+    beyond ``COARSE``, close to the critical step, are damped as if at it.
     """
     swing = np.minimum(swing, COARSE)
     damped, s = math.sqrt(1.0 - ratio * ratio), swing.copy()
@@ -189,8 +190,8 @@ def critical_time_step(state: MovingState, constants: np.ndarray) -> float:
 
 
 def load_of_contacts(state: MovingState, contacts: Touching, left_to_joints: np.ndarray, dt: float) -> float:
-    """Greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) with the joints that are closed now, each by its share (j,) of the
-    force, and the new contacts of the last step: steps are stable up to 4."""
+    """Greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) with the joints that are closed now, each weighted by its share
+    (j,) of the force, and the new contacts of the last step: steps are stable up to 4."""
     operator, links = JointOperator(state), state.links
     on = operator.add(state.bodies, contacts)
     closed = np.where(links.wrench[:, :3].any(axis=1), left_to_joints, 0.0)[:, None] * (1.0 + 2.0 * links.viscous)
@@ -202,7 +203,7 @@ def load_of_contacts(state: MovingState, contacts: Touching, left_to_joints: np.
 def contact_time_step(assembly: Assembly, damping: float) -> float:
     """Greatest stable time step (s) for a block that lies on any one of its faces with the stiffest law of the scene.
 
-    Two free blocks of one size that lie on each other swing with twice the square of that frequency.
+    For two free blocks of equal size on each other the square of the frequency is twice as large.
     """
     laws = assembly.laws.all
     k_n, k_s = max(law.normal_stiffness for law in laws), max(law.shear_stiffness for law in laws)
@@ -222,7 +223,7 @@ def contact_time_step(assembly: Assembly, damping: float) -> float:
 
 
 def _fastest(part: Polyhedron, number: int, place, k_n: float, k_s: float, mass: float, inertia) -> float:
-    """Square of the greatest frequency (1/s2) of a block that lies with a face of a part on something fixed."""
+    """Square of the greatest frequency (1/s2) of a block that lies with a face of a part on a fixed body."""
     normal = part.face_normals[number]
     first = part.edge_axes[int(np.argmin(np.abs(part.edge_axes @ normal)))]
     axes = np.stack([first, np.cross(normal, first), normal])
@@ -242,8 +243,8 @@ def _fastest(part: Polyhedron, number: int, place, k_n: float, k_s: float, mass:
 
 
 def damping_of_restitution(restitution: float) -> float:
-    """The damping ratio of a spring and dashpot that never pull, from which a mass bounces at ``restitution`` times
-    its speed (the contact ends when the force does; Schwager and Poeschel, Granular Matter 9 (2007) 465)."""
+    """The damping ratio of a spring and dashpot without tension for which a mass rebounds at ``restitution`` times
+    its speed (the contact ends when the force vanishes; Schwager and Poeschel, Granular Matter 9 (2007) 465)."""
     low, high = 0.0, 1.0 - 1e-12
     for _ in range(200):
         middle = 0.5 * (low + high)
@@ -252,10 +253,10 @@ def damping_of_restitution(restitution: float) -> float:
 
 
 def restitution_of_damping(ratio: float) -> float:
-    """Bounce speed over impact speed for a damping ratio below 1."""
+    """Rebound speed over impact speed for a damping ratio below 1."""
     if ratio <= 0.0:
         return 1.0
     root = math.sqrt(1.0 - ratio * ratio)
-    # the force ends at the phase where spring and dashpot cancel, in the second half of the swing
+    # the force vanishes at the phase where spring and dashpot cancel, during the rebound
     phase = math.pi - math.atan2(2.0 * ratio * root, 1.0 - 2.0 * ratio * ratio)
     return math.exp(-ratio / root * phase)
