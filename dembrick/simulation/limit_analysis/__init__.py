@@ -1,7 +1,7 @@
 """Rigid-block limit analysis: bounds of the load factor by conic programming, static theorem, associative flow.
 
-An ``Assembly`` goes in; out come the limit of its load with a lower and an upper bound that are proven, the joint
-forces of the one and the mechanism of the other, and likewise the least and the greatest reaction of a support.
-Stiffness, time and the engines' kernels play no part: the joints are their strengths. ``analysis`` is the entrance;
-``solver`` is the only module that knows the optional packages clarabel and scipy.
+Input is an ``Assembly``; output are the limit of its load with certified lower and upper bounds, the joint
+forces of the former and the mechanism of the latter, and likewise the least and the greatest reaction of a support.
+Stiffness, time and the engines' kernels play no part: only the strengths of the joints count. ``analysis`` is the entry
+point; ``solver`` is the only module that uses the optional packages clarabel and scipy.
 """

@@ -1,4 +1,4 @@
-"""Limit analysis of an assembly: the greatest load, whether it stands without it, and the reactions it can have."""
+"""Limit analysis of an assembly: the limit of its load, and whether it stands under its dead loads."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ from dembrick.simulation.limit_analysis.strength import (
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-FINE = 3e-7  # of the friction of area joints: how far inside their surface the forces of the lower bound are looked for
-CRUSHED = 1e-8  # of N: by how much the surface of crushing may be exceeded, which the lower bound pays for
+FINE = 3e-7  # of the friction of area joints: reduction of their surface within which the lower bound seeks forces
+CRUSHED = 1e-8  # of N: accepted excess over the surface of crushing, which lowers the lower bound
 MOST_ROUNDS = 80  # of cutting planes
-GAP = 1e-4  # of the load factor: a wider gap between the bounds is no answer
-LITTLE = 1e-3  # of the dead loads: a load so small need not be known better than one as great as that
-_STANDS = 1e-7  # of the dead loads: an out-of-balance force that is none
-RAY = 1e-6  # of the forces of a load without a limit: by how much they may miss balance and strengths
+GAP = 1e-4  # of the load factor: a wider gap between the bounds is an error
+LITTLE = 1e-3  # of the dead loads: least reference load for the accuracy
+_STANDS = 1e-7  # of the dead loads: out-of-balance force that counts as zero
+RAY = 1e-6  # of the forces of a load without a limit: accepted violation of equilibrium and strengths
 _FAR_OUT = 1e6  # of the strengths, and of the unit of forces
-_NOTHING = 1e-12  # of the forces of a load that adds up to nothing on each block
+_NOTHING = 1e-12  # of its forces: a smaller resultant of a load on each block counts as zero
 _TILT_ROUNDS, _TILT_SETTLED = 40, 1e-10
 _STEEPEST = 1e6  # tangent of an angle that is 90 deg
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """The least cost of a programme: ``status``; ``reached`` by forces within their strengths that balance the loads,
-    and ``bound``, which no such forces fall below; the unknowns ``x``, the duals ``y`` of equilibrium, and the ``cuts``
-    that bounded the area joints."""
+    """The least cost of a programme: ``status``; ``reached``: cost of feasible forces that balance the loads; and
+    ``bound``: lower bound of the cost of all such forces; the unknowns ``x``, the duals ``y`` of equilibrium, and the
+    ``cuts`` that bounded the area joints."""
 
     status: str
     reached: float
@@ -70,7 +70,7 @@ class Limit:
     """The limit of a load: its multiplier with bounds, or ``unlimited`` (then all three are infinite).
 
     ``lower``: balanced by ``resultants`` (j, 6) N, V_1, V_2, M_T, M_1, M_2 on the second blocks, in N and N m about O.
-    ``upper``: the mechanism's. ``bounded_by``: why the joints that were analysed are not the scenario's own, or None.
+    ``upper``: that of the ``mechanism``.
     """
 
     load_factor: float
@@ -91,8 +91,8 @@ class Limit:
 
 @dataclass(frozen=True)
 class Standing:
-    """Whether an assembly stands under its dead loads: ``unbalanced``, the least sum of forces that blocks lack, over
-    that of the dead loads; the unknowns ``x`` of a state well inside the strengths; else the mechanism of the fall."""
+    """Whether an assembly stands under its dead loads: ``unbalanced``: the least sum of out-of-balance forces over that
+    of the dead loads; the unknowns ``x`` of a state well inside the strengths; else the mechanism of the fall."""
 
     stands: bool
     unbalanced: float
@@ -108,7 +108,7 @@ def dead_wrench(assembly: Assembly) -> np.ndarray:
 def live_wrench(assembly: Assembly) -> np.ndarray:
     """Force and moment (n, 6) of the actuators on every block at V = 1.
 
-    ScenarioError if there are none, or if they add up to nothing on every block, along what its guide leaves free.
+    ScenarioError if there are none, or if they cancel on every block in the directions that its guide leaves free.
     """
     actuators = assembly.actuators
     if not len(actuators.at):
@@ -140,9 +140,9 @@ def prepared(
 ) -> Structure:
     """An assembly as a `Structure` under its dead loads and ``live`` wrenches.
 
-    ``material``: the strengths, by default the friction of the joints' laws. With ``corners`` every joint acts at
-    points at its true corners; without, only those do whose own set is not convex. ``along``: directions (3,) that a
-    plane of symmetry must hold too.
+    ``material``: the strengths, by default those of the joints' laws. With ``corners`` every joint acts at
+    points at its true corners; without, only those whose own set of forces is not convex. ``along``: directions (3,)
+    that a plane of symmetry must contain too.
     """
     if not (~assembly.fixed).any():
         raise ScenarioError("nothing can move: all blocks are fixed, so there is no limit to look for")
@@ -159,8 +159,8 @@ def limit_load(
 ) -> Limit:
     """The limit of the actuators' load V of an assembly, by the static theorem; flow is associative.
 
-    ``tilt``: V is the tangent of the angle of a table, so that strengths other than friction grow with 1 / cos. Raises
-    ScenarioError without a load, NotConvergedError if the dead loads alone are too much or the solver fails.
+    ``tilt``: V is the tangent of the angle of a table, so strengths other than friction are scaled by 1 / cos. Raises
+    ScenarioError without a load, NotConvergedError if the dead loads alone cannot be carried or the solver fails.
     """
     began = time.perf_counter()
     live = live_wrench(assembly)
@@ -173,11 +173,11 @@ def limit_load(
 
 
 def _tilted(assembly: Assembly, live: np.ndarray, material: Material, corners: bool) -> Limit:
-    """The tangent V of the angle of a table at which V = F(V), the limit under strengths that have grown with 1 / cos.
+    """The tangent V of the angle of a table at which V = F(V), F being the limit with strengths scaled by 1 / cos.
 
-    F grows with V. So where F(V) >= V all stands up to F(V) at least, and where F(V) <= V it falls at F(V) at the
-    latest. False position brings two such tangents together, each round from the side that is further from the root.
-    Raises NotConvergedError if they stay apart.
+    F grows with V. So if F(V) >= V the structure stands up to F(V) at least, and if F(V) <= V it falls at F(V) at the
+    latest. False position narrows this bracket, each round from the side that is further from the root.
+    Raises NotConvergedError if it does not become narrow enough.
     """
 
     def at(V: float) -> Limit:
@@ -278,7 +278,7 @@ def greatest(structure: Structure, live: np.ndarray, inner: Standing) -> Limit:
 
 
 def refuse_gap(lower: float, upper: float, heavy: float, what: str) -> None:
-    """NotConvergedError if two bounds are too far apart to be an answer; ``heavy``: what the dead loads weigh."""
+    """Raise NotConvergedError if two bounds are too far apart; ``heavy``: the value that equals the dead loads."""
     if not upper - lower <= GAP * max(abs(lower), abs(upper), LITTLE * heavy):
         raise NotConvergedError(
             f"limit analysis: the bounds {lower:.6g} and {upper:.6g} of {what} are further apart than {GAP:g} of it, "
@@ -296,13 +296,13 @@ def standing(structure: Structure) -> Standing:
     unbalanced = missing / max(float(np.abs(structure.dead).sum()), 1e-300)
     if unbalanced <= _STANDS:
         return Standing(True, unbalanced, found.x if found.status == SOLVED else np.zeros(layout.n), None)
-    forces = np.ones((len(structure.assembly.joints), 6))  # nothing balances: every joint counts as closed
+    forces = np.ones((len(structure.assembly.joints), 6))  # without equilibrium every joint counts as closed
     return Standing(False, unbalanced, None, mechanism_of(structure, y, forces))
 
 
 def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]:
-    """The least sum of forces that free blocks lack for equilibrium, and the velocities that it is dual to: those of
-    the fall, each block's of length one at most. ``cuts`` bound the area joints."""
+    """The least sum of out-of-balance forces on free blocks, and the dual velocities: those of the fall, of length one
+    at most for each block. ``cuts`` bound the area joints."""
     n, rows, per = structure.layout.n, structure.frame.rows, structure.frame.per_block
     blocks = rows // per
     plain = programme_of(structure, Loads(structure.dead, None), np.zeros(n), cuts)
@@ -332,11 +332,11 @@ def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]
 
 
 def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndarray | None = None) -> Optimum:
-    """The least cost . x of joint forces that balance ``loads`` within the strengths, from both sides.
+    """The least cost . x of joint forces that balance ``loads`` within the strengths, bounded from both sides.
 
-    ``inner``: unknowns that balance them well inside. Area joints are bounded by cutting planes: each round adds the
-    plane that cuts off the forces of every joint beyond its surface of friction or of crushing, until, with a little
-    less strength, no joint is beyond the surface of its own strength.
+    ``inner``: unknowns that balance them well inside. Area joints are bounded by cutting planes: each round adds, for
+    every joint beyond its surface of friction or of crushing, the plane that cuts off its forces, until, with slightly
+    reduced strengths, no joint is beyond its exact surface.
     """
     crushes = structure.areas.crushes
     surfaces = len(structure.areas) > 0 and not (structure.layout.flat and not len(crushes))
@@ -355,7 +355,7 @@ def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndar
             break
         if rounds == MOST_ROUNDS:
             if found.status == SOLVED:
-                break  # what it is worth, the bounds tell
+                break  # the bounds show how accurate it is
             raise NotConvergedError(
                 f"limit analysis: after {MOST_ROUNDS} rounds no limit was found, and forces are still beyond the "
                 "surfaces of convex joints, so there is no answer; let joints act at points"
@@ -374,9 +374,9 @@ def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndar
 
 
 def _far(programme: Programme, ray: Solution) -> np.ndarray:
-    """Forces far along the ray of an unbounded programme, where strengths other than friction do not count.
+    """Forces far along the ray of an unbounded programme, where strengths other than friction are negligible.
 
-    NotConvergedError if it is none: if its forces leave the strengths or the balance, or cost no less far out.
+    NotConvergedError if it is no ray: if its forces violate strengths or equilibrium, or the cost does not fall.
     """
     if programme.cost @ ray.x >= 0.0 or bounds.ray_excess(programme, ray.x) > RAY:
         raise NotConvergedError(
@@ -388,7 +388,8 @@ def _far(programme: Programme, ray: Solution) -> np.ndarray:
 
 
 def _cuts_off(structure: Structure, x: np.ndarray) -> Cuts | None:
-    """The planes that cut the forces of a solution off, of all area joints beyond a surface; None if none is."""
+    """The planes that cut off the forces of a solution, for all area joints beyond a surface; None if there are
+    none."""
     most = float(np.abs(x).max(initial=0.0))
     over, twist = bounds.surface_excess(structure, x)
     crushed, closing = bounds.crushing_excess(structure, x)

@@ -1,9 +1,9 @@
-"""Bounds from a solution of interior points: joint forces made to balance exactly, and the value of a mechanism.
+"""Bounds from a solution of interior points: joint forces corrected to balance exactly, and the value of a mechanism.
 
 An interior-point method leaves a residual, so neither of its two values is a bound. The forces get the least correction
-that restores equilibrium, measured by how near each joint is to its limit; what then still lies outside a strength is
-mixed with a state that balances the dead loads well inside. The mechanism pays for what it is off compatibility: its
-residual velocity times forces ``CAP`` times the largest joint force found.
+that restores equilibrium, weighted by the distance of each joint from its limit; a state that is then still outside a
+strength is mixed with one that balances the dead loads well inside. The bound of the mechanism is corrected for its
+incompatibility: its residual velocity times forces ``CAP`` times the largest joint force found.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from dembrick.simulation.limit_analysis.programme import Structure, area_normals
 from dembrick.simulation.limit_analysis.solver import Entries, Programme, Solution, SparseMatrix
 from dembrick.simulation.limit_analysis.support_function import gauges
 
-CAP = 10.0  # of the largest joint force found: forces beyond it are not looked at by the upper bound
-ROUNDING = 1e-11  # of the largest joint force: a strength exceeded by so little is not exceeded
+CAP = 10.0  # of the largest joint force found: greatest forces that the upper bound covers
+ROUNDING = 1e-11  # of the largest joint force: accepted excess over a strength
 ROUNDS = 5  # in which the mechanism is made compatible
-PAID = 1e-9  # of the bound: a payment so small that no further round is worth its time
-_LEAST = 1e-14  # of the largest slack: how near a limit a joint counts for the correction
+PAID = 1e-9  # of the bound: correction below which no further round is needed
+_LEAST = 1e-14  # of the largest slack: least distance from a limit in the correction
 
 
 def least_cost(structure: Structure, programme: Programme, solution: Solution) -> float:
     """Lower bound of cost . x, from the duals of a solution, for any x in the programme whose entries are at most `CAP`
     times the largest found.
 
-    The duals are first made compatible, by least squares measured by how near those of the strengths are to the edge of
-    their cone: velocities y, then the duals z of the strengths, in a few rounds. What then is still missing is paid
-    for; usually that is rounding, and the cap plays no part.
+    The duals are first made compatible, by least squares weighted by the distance of those of the strengths from the
+    edge of their cone: velocities y, then the duals z of the strengths, in a few rounds. The remaining residual is
+    charged to the bound; usually it is rounding, and the cap plays no part.
     """
     free = structure.layout.n
     equations, rows = _matrices(programme)
@@ -48,7 +48,7 @@ def least_cost(structure: Structure, programme: Programme, solution: Solution) -
             _inverse_blocks(own.sandwiched(spread.entries).entries, *_blocks(structure)), (free, free)
         )
         y = y - balance.least_squares(inverse, residual()[:free])
-        worked = -equations.transposed_times(y)[free:]  # of the load, where it has a multiplier
+        worked = -equations.transposed_times(y)[free:]  # work of the load, if it has a multiplier
         if len(worked) and worked[0] * programme.cost[free] > 0.0:
             y, z = (dual * programme.cost[free] / worked[0] for dual in (y, z))
         for _ in range(3):
@@ -86,14 +86,14 @@ def _matrices(programme: Programme, columns: int | None = None) -> tuple[SparseM
 
 
 def excess(structure: Structure, programme: Programme, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """By how much joint forces exceed their strengths, row by row and cone by cone, in the unit of forces (negative:
-    what is left); then the same of the area joints, by their exact surfaces of friction and of crushing."""
+    """Excess of joint forces over their strengths, row by row and cone by cone, in the unit of forces (negative: the
+    reserve); then the same of the area joints, by their exact surfaces of friction and of crushing."""
     slack = programme.limits - _matrices(programme)[1].times(x)
     return cone_excess(programme, slack), surface_excess(structure, x)[0], crushing_excess(structure, x)[0]
 
 
 def ray_excess(programme: Programme, x: np.ndarray) -> float:
-    """By how much forces that grow along ``x`` (n,) lose balance and leave the strengths, over the greatest of them."""
+    """Violation of equilibrium and strengths by forces that grow along ``x`` (n,), over the greatest of them."""
     equations, rows = _matrices(programme)
     missing = np.abs(equations.times(x)).max(initial=0.0)
     outside = cone_excess(programme, -rows.times(x)).max(initial=0.0)
@@ -101,7 +101,7 @@ def ray_excess(programme: Programme, x: np.ndarray) -> float:
 
 
 def cone_excess(programme: Programme, slack: np.ndarray) -> np.ndarray:
-    """By how much a vector (k,) lies outside the programme's cone, linear row by row, then cone by cone."""
+    """Distance by which a vector (k,) lies outside the programme's cone, linear row by row, then cone by cone."""
     over, at = [-slack[: programme.linear]], programme.linear
     for size, count in _runs(programme.quadratic):
         own = slack[at : at + size * count].reshape(count, size)
@@ -134,8 +134,8 @@ def crushing_excess(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np
 
 
 def share_of_inner(over: np.ndarray, inner: np.ndarray, allowed: float) -> float:
-    """The least share of an inner state that brings a mixture inside: ``over`` and ``inner`` (k,) are the excesses of
-    the two states; 1 if no mixture will do."""
+    """The least share of an inner state in a mixture that is feasible: ``over`` and ``inner`` (k,) are the excesses of
+    the two states; 1 if no mixture is."""
     outside = over > allowed
     if not outside.any():
         return 0.0
@@ -146,7 +146,7 @@ def share_of_inner(over: np.ndarray, inner: np.ndarray, allowed: float) -> float
 
 
 def _runs(sizes: np.ndarray) -> list[tuple[int, int]]:
-    """Cones of equal size that follow one another: size and count."""
+    """Runs of consecutive cones of equal size: size and count of each."""
     if not len(sizes):
         return []
     ends = np.flatnonzero(np.diff(sizes)) + 1
@@ -178,8 +178,8 @@ def _inverse_barrier(programme: Programme, slack: np.ndarray) -> Entries:
 
 
 def _by_cones(programme: Programme, slack: np.ndarray, linear: np.ndarray, of_cones) -> Entries:
-    """A matrix with ``linear`` on the diagonal, then a block for each second-order cone: ``of_cones`` makes them of the
-    slacks (c, s) of c cones, the lengths (c,) of all but their first components, and the diagonal (s,) of J."""
+    """A matrix with ``linear`` on the diagonal, then a block for each second-order cone: ``of_cones`` makes them from
+    the slacks (c, s) of c cones, the lengths (c,) of all but their first components, and the diagonal (s,) of J."""
     number = np.arange(programme.linear)
     parts, at = [Entries(number, number, linear)], programme.linear
     for size, count in _runs(programme.quadratic):
@@ -200,7 +200,7 @@ def _square_entries(first: np.ndarray, values: np.ndarray) -> Entries:
 
 
 def _blocks(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """Which unknowns share a strength: a number each (n,), and the place within (n,)."""
+    """Groups of unknowns that share a strength: number of the group of each (n,), and its place within (n,)."""
     layout = structure.layout
     points = np.repeat(np.arange(layout.n_point), layout.width)
     place = [np.tile(np.arange(layout.width), layout.n_point)]
@@ -217,7 +217,7 @@ def _blocks(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _inverse_blocks(entries: Entries, block: np.ndarray, place: np.ndarray) -> Entries:
-    """The inverse of a symmetric matrix that is made of blocks."""
+    """The inverse of a symmetric block-diagonal matrix."""
     sizes = np.bincount(block)
     own = np.argsort(block, kind="stable")
     start = np.concatenate([[0], np.cumsum(sizes)])

@@ -1,8 +1,8 @@
 """Equilibrium of the free blocks as a sparse matrix: rows are forces and moments on blocks, columns are joint forces.
 
-A structure that is its own mirror image in a plane, with loads in that plane, has a limit state that is so too: the
-mean of any limit state and its mirror image. Then blocks keep three equations of six, points that lie behind one
-another act as one, and Coulomb's cone becomes two half-planes (`plane_of_symmetry`, `Layout`).
+A structure that is symmetric in a plane, with loads in that plane, has a symmetric limit state: the
+mean of any limit state and its mirror image. Then blocks have three equations instead of six, points that lie behind
+one another act as one, and Coulomb's cone becomes two half-planes (`plane_of_symmetry`, `Layout`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SAME = 1e-9  # of the length scale: places that differ by less are the same
 
 @dataclass(frozen=True)
 class Frame:
-    """The equations of the free blocks: which, in which directions, in which units.
+    """The equations of the free blocks: their blocks, directions and units.
 
     ``free`` (f,) block numbers, ``number`` (n,) their place there, -1 if fixed; ``position`` (n, 3) of the
     centroids; ``forces`` (d, 3) and ``moments`` (m, 3): directions in the world of a block's force and moment
@@ -44,7 +44,7 @@ class Frame:
 
     @property
     def per_block(self) -> int:
-        """Equations a block."""
+        """Equations per block."""
         return len(self.forces) + len(self.moments)
 
     @property
@@ -59,7 +59,7 @@ class Frame:
         return (values * self.moves).ravel()
 
     def velocities(self, y: np.ndarray) -> np.ndarray:
-        """Velocities (n, 6) of all blocks, translation and rotation, that do the work of the equations' duals ``y``."""
+        """Velocities (n, 6) of all blocks, translation and rotation, from the duals ``y`` of the equations."""
         own, d = y.reshape(len(self.free), -1) * self.moves, len(self.forces)
         moved = np.zeros((len(self.number), 6))
         moved[self.free, :3] = own[:, :d] @ self.forces
@@ -115,19 +115,19 @@ def frame_of(assembly: Assembly, loads: list[np.ndarray], plane: np.ndarray | No
 
 
 def _held_along(held: np.ndarray, forces: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Whether each of f blocks is ``held`` (f, 6) in the directions ``forces`` (d, 3) and ``moments`` (m, 3), which are
-    those of the world, either way, if any block is held (`plane_of_symmetry`): (f, d + m)."""
+    """Whether each of f blocks is ``held`` (f, 6) in the directions ``forces`` (d, 3) and ``moments`` (m, 3):
+    (f, d + m). If any block is held, these directions are world axes, up to their sense (`plane_of_symmetry`)."""
     return np.concatenate([held[:, :3] @ (np.abs(forces) > 0.5).T, held[:, 3:] @ (np.abs(moments) > 0.5).T], axis=1)
 
 
 def plane_of_symmetry(
     assembly: Assembly, points: Points, areas: Areas, loads: list[np.ndarray], along=()
 ) -> np.ndarray | None:
-    """The normal (3,) of a plane in which the structure and its ``loads`` (n, 6) are symmetric, and that holds the
-    directions ``along`` (3,) as well; None without.
+    """The normal (3,) of a plane in which the structure and its ``loads`` (n, 6) are symmetric, and that contains the
+    directions ``along`` (3,) as well; None if there is none.
 
-    Looked for among planes through all centroids of the free blocks that hold all forces: what a wall or an arch under
-    a load along it has. A structure that is symmetric otherwise is left as it is.
+    Only planes through all centroids of the free blocks that contain all forces are tried, as of a wall or an arch
+    under a load along it. Other symmetries are not used.
     """
     free = ~assembly.fixed
     place = assembly.position[free] - assembly.position[free].mean(axis=0)
@@ -147,7 +147,7 @@ def plane_of_symmetry(
     if float(np.abs(directions @ plane).max()) > _SAME:
         return None
     if len(assembly.guided) and float(np.abs(plane).max()) < 1.0 - _SAME:
-        return None  # guides hold directions of the world, which are then not those of the plane
+        return None  # guides hold along world axes, which are then not those of the plane
     for wrench in loads:
         moment = wrench[free, 3:]
         across = moment - np.outer(moment @ plane, plane)
@@ -162,9 +162,9 @@ def plane_of_symmetry(
 
 @dataclass(frozen=True)
 class Merged:
-    """Groups of members behind one another across a plane, each as one: ``group`` (p,) of each member, ``share`` (p,)
-    of the group's force that it takes, ``first`` (g,) a member of every group; ``aside`` (g,) distance (m) of the
-    shares' centre from the plane, which must be zero."""
+    """Groups of members behind one another across a plane, which act as one: ``group`` (p,) of each member, ``share``
+    (p,) of the group's force that it takes, ``first`` (g,): a member of every group; ``aside`` (g,): distance (m) of
+    the centre of the shares from the plane, which must be zero."""
 
     group: np.ndarray
     share: np.ndarray
@@ -214,12 +214,12 @@ def _merged_corners(assembly: Assembly, areas: Areas, plane: np.ndarray, middle:
 
 
 class Layout:
-    """The unknown joint forces of a structure, in units of ``frame.unit``: where they stand in the vector of unknowns.
+    """The unknown joint forces of a structure, in units of ``frame.unit``, and their places in the vector of unknowns.
 
-    Points: N and the tangential forces, one after another, ``width`` 3 (or 2 in a plane) a point. Then the area joints:
-    first the normal forces at all corners, then V_1, V_2 and M_T / gyration (or V in a plane) a joint. Then the tension
-    of every tie. Tangential forces without cohesion are in units of the friction coefficient, so that their cone is the
-    same for all, and exact for no friction.
+    Points: N and the tangential forces, one after another, ``width`` 3 (or 2 in a plane) per point. Then area joints:
+    first the normal forces at all corners, then V_1, V_2 and M_T / gyration (or V in a plane) per joint. Then the
+    tension of every tie. Tangential forces without cohesion are in units of the friction coefficient, so that their
+    cone is the same for all, and exact for zero friction.
     """
 
     def __init__(self, assembly: Assembly, frame: Frame, points: Points, areas: Areas):
@@ -256,7 +256,7 @@ class Layout:
         return np.cross(self.frame.plane, axes[:, 2])[:, None]
 
     def _place(self, joint: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """Places (k, 3) of arms (k, 2) in the world, in the plane where there is one."""
+        """Places (k, 3) of arms (k, 2) in the world, projected to the plane of symmetry if there is one."""
         joints = self._assembly.joints
         place = joints.origin[joint] + np.einsum("pi,pik->pk", arm, joints.axes[joint, :2])
         if self.flat:
@@ -296,7 +296,7 @@ class Layout:
         return Entries.joined(*parts)
 
     def bond(self, frame: Frame | None = None) -> np.ndarray:
-        """Wrenches (rows,) of the tension f_t A at O that the corner forces of area joints are counted from."""
+        """Wrenches (rows,) of the tension f_t A at O from which the corner forces of area joints are measured."""
         frame = frame or self.frame
         areas, joints, vector = self.areas, self._assembly.joints, np.zeros(frame.rows)
         if not areas.tension.any():
@@ -340,7 +340,7 @@ def _each(n: int) -> Merged:
 @dataclass(frozen=True)
 class JointForces:
     """Forces on the second block: at points ``normal`` (p,), ``tangential`` (p, 2); of area joints ``corner`` (v,)
-    normal forces, counted from -f_t A at O, and ``shear`` (a, 3) V_1, V_2, M_T about O; ``tension`` (t,) of the ties.
+    normal forces, measured from -f_t A at O, and ``shear`` (a, 3) V_1, V_2, M_T about O; ``tension`` (t,) of the ties.
     N, N m."""
 
     normal: np.ndarray
@@ -350,8 +350,8 @@ class JointForces:
     tension: np.ndarray
 
     def resultants(self, points: Points, areas: Areas, n_joint: int) -> np.ndarray:
-        """N, V_1, V_2, M_T, M_1, M_2 about O of every joint (j, 6): the action on block b that the joint holds, as in a
-        history; its force on b is N along n less V_1 and V_2."""
+        """N, V_1, V_2, M_T, M_1, M_2 about O of every joint (j, 6): the action on block b that the joint balances, as
+        in a history; the force of the joint on b is N along n less V_1 and V_2."""
         found = np.zeros((n_joint, 6))
         x, y = points.normal_arm.T
         u, v = points.shear_arm.T

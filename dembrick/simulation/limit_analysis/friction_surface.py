@@ -3,21 +3,20 @@
 For a slip twist q = (v1, v2, w) about O the friction of uniform pressure dissipates V_0 D_1(q), where D_1 is the mean
 of |v + w x r| over the polygon: the support function of the forces (V_1, V_2, M_T / gyration) / V_0 that it can carry.
 
-D_1 in closed form: seen from the torsion centre C each edge spans a signed triangle; h is its distance from C, s runs
-along it, rho = hypot(h, s). Far from the joint these sums cancel, and the series about pure translation takes their
-place (`friction_integrals.far_moments`): without it, cuts near pure translation are wrong by more than what they cut
-off.
+D_1 in closed form: each edge spans a signed triangle with the torsion centre C; h is its distance from C, s runs
+along it, rho = hypot(h, s). If C is far from the joint these sums cancel, and the series about pure translation is used
+instead (`friction_integrals.far_moments`): without it, cuts near pure translation are wrong by more than they cut off.
 
-The normal forces of an area joint that crushes, by their support function: N, M_1, M_2 of pressures up to f_c.
+The normal forces of an area joint that crushes have a support function, too: N, M_1, M_2 of pressures up to f_c.
 
 A pressure between 0 and f_c on a polygon of area A has the resultant f = (N, integral of p r). If the joint closes at
-the speed l(r) = q . (1, r), it does at most the work f_c A <l>, the mean of the positive part of l times f_c A, and f
-can be carried if q . f <= f_c A <l> for every q. The set is its own mirror image in f_c A (1, O) / 2, the uniform
-pressure of half the strength; seen from there the support function of g = 2 f / (f_c A) - (1, O) is the mean of |l|, a
-norm. Where nothing crushes it is the cone of the corners, which stays in the programme.
+the speed l(r) = q . (1, r), its work is at most f_c A <l>, with <l> the mean of the positive part of l, and f
+can be carried if q . f <= f_c A <l> for every q. The set is point-symmetric about f_c A (1, O) / 2, the uniform
+pressure of half the strength; relative to it the support function of g = 2 f / (f_c A) - (1, O) is the mean of |l|, a
+norm. Without crushing the set is the cone of the corners, which stays in the programme.
 
-Means in closed form, edge by edge: the line l = 0 cuts the polygon, and triangles between a point of that line and what
-the edges have above it make up the pressed part. O is the centroid.
+Means in closed form, edge by edge: the line l = 0 cuts the polygon, and the pressed part consists of triangles between
+a point of that line and the parts of the edges above it. O is the centroid.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ import numpy as np
 from dembrick.simulation.limit_analysis.strength import Areas
 from dembrick.simulation.limit_analysis.support_function import SupportFunction, by_corners, corners_of
 
-FAR = 50.0  # gyrations that the torsion centre is away: the series is exact to 1e-14 there, the sums to 1e-12
+FAR = 50.0  # distance of the torsion centre in gyrations: the series is exact to 1e-14 there, the sums to 1e-12
 _TINY = 1e-150
 
 
@@ -49,8 +48,8 @@ class FrictionSurfaces(SupportFunction):
         return FrictionSurfaces(self._corner[at], self._far[at], self._second[at])
 
     def speed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """D_1 (k,), its gradient (k, 3) and its Hessian (k, 3, 3) at twists (k, 3); far off the Hessian's first
-        term."""
+        """D_1 (k,), its gradient (k, 3) and its Hessian (k, 3, 3) at twists (k, 3); for far centres only the first term
+        of the Hessian."""
         far = np.hypot(q[:, 0], q[:, 1]) > FAR * np.abs(q[:, 2])
         value, gradient, hessian = np.empty(len(q)), np.empty((len(q), 3)), np.empty((len(q), 3, 3))
         for some, evaluate in ((far, self._series), (~far, self._edges)):
@@ -73,7 +72,7 @@ class FrictionSurfaces(SupportFunction):
             total = total + e**n * form
             in_e = in_e + n * e ** (n - 1) * form
             in_d = in_d + (e**n)[:, None] * np.stack([first, second], axis=1)
-        # D_1 = |v| F(d, e), e = w / |v|: the change of d is across d
+        # D_1 = |v| F(d, e), e = w / |v|: d changes only across itself
         d = np.stack([d1, d2], axis=1)
         gradient = np.empty((len(q), 3))
         gradient[:, :2] = (total - e * in_e)[:, None] * d + in_d - (in_d * d).sum(axis=1)[:, None] * d
@@ -192,7 +191,7 @@ class PressedPolygons(SupportFunction):
 
 
 def first_planes(areas: Areas, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Planes to begin with: places in ``chosen`` (c,), and q (c, 3), scaled to a mean |l| of 1: the whole joint, and
+    """Initial planes: places in ``chosen`` (c,), and q (c, 3), scaled to a mean |l| of 1: the whole joint, and
     parts of it on one side of a line."""
     angle = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     q = [(1.0, 0.0, 0.0)]

@@ -1,4 +1,4 @@
-"""The mechanism of a limit state: velocities of the blocks, and what the joints do."""
+"""The mechanism of a limit state: velocities of the blocks, and motions of the joints."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _CLOSED = 1e-6  # of the greatest normal force: joints that carry less are open
 @dataclass(frozen=True)
 class Mechanism:
     """``velocity`` (n, 6) of the blocks, translation of the centroid and rotation, at the rate 1 of the load's
-    displacement; ``relative`` (j, 6) d1, d2, dn, r1, r2, rn of block b against a at O in the joint's axes; ``blocks``
-    that take part; ``joint`` that moves most among those that press; ``kind``: rocking, sliding, torsion, uplift,
-    crushing, and torsion-shear of a joint by itself."""
+    displacement; ``relative`` (j, 6) d1, d2, dn, r1, r2, rn of block b relative to a at O in the joint's axes;
+    ``blocks`` that take part; ``joint``: the one that moves most among those under pressure; ``kind``: rocking,
+    sliding, torsion, uplift, crushing, and torsion-shear of a single joint."""
 
     velocity: np.ndarray
     relative: np.ndarray
@@ -31,8 +31,8 @@ class Mechanism:
 
 
 def mechanism_of(structure: Structure, y: np.ndarray, resultants: np.ndarray, supports=None) -> Mechanism:
-    """The mechanism of duals ``y`` of equilibrium, beside joint forces (j, 6); ``supports``: the velocities (n, 3), or
-    with rotations (n, 6), that fixed blocks are given."""
+    """The mechanism from duals ``y`` of equilibrium and joint forces ``resultants`` (j, 6); ``supports``: prescribed
+    velocities (n, 3), or with rotations (n, 6), of fixed blocks."""
     assembly, joints = structure.assembly, structure.assembly.joints
     velocity = structure.frame.velocities(y)
     if supports is not None:
@@ -64,7 +64,7 @@ def mechanism_of(structure: Structure, y: np.ndarray, resultants: np.ndarray, su
 
 
 def joint_motions(assembly: Assembly, velocity: np.ndarray) -> np.ndarray:
-    """Motion (j, 6) of block b against a at O in the joint's axes, of blocks with ``velocity`` (n, 6)."""
+    """Motion (j, 6) of block b relative to a at O in the joint's axes, of blocks with ``velocity`` (n, 6)."""
     joints = assembly.joints
     relative = np.zeros((len(joints), 6))
     for block, sign in ((joints.block_a, -1.0), (joints.block_b, 1.0)):

@@ -1,7 +1,7 @@
 """A second opinion without dilatancy: a sequence of programmes with cohesion from the last normal forces.
 
-In Coulomb's cone normality makes sliding joints open, and the associative limit is an upper bound of what friction
-without dilatancy carries. Gilbert, Casapulla and Ahmed (Limit analysis of masonry block structures with non-associative
+With Coulomb's cone normality makes sliding joints open, and the associative limit is an upper bound of the limit
+without dilatancy. Gilbert, Casapulla and Ahmed (Limit analysis of masonry block structures with non-associative
 frictional joints using linear programming, Computers and Structures 84, 2006) replace the cone of each point, programme
 by programme, by a line through its last normal force N_i, nearly level: |t_i| <= mu N_i + m (N - N_i) with m much less
 than mu. Normality to it lets blocks slide almost level. If N settles, the last state balances the loads, keeps
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 MOST_PROGRAMMES = 60
-DILATANCY = (0.3, 0.1, 0.03, 0.01)  # m over mu: less and less, each until the load factor settles
-KEPT = 0.5  # of the last N that goes into the next: what keeps the sequence from jumping to and fro
-SETTLED = 1e-4  # of the load factor, between two programmes
-LONG = 6  # programmes over which a load factor that has settled stays, whatever idle joints do
-KEPT_TO = 1e-3  # of the greatest strength of a point: Coulomb's law, by the last state
-_LEAST = 1e-7  # of the greatest N: the cohesion of a point that carries nothing
+DILATANCY = (0.3, 0.1, 0.03, 0.01)  # m over mu: decreasing, each until the load factor settles
+KEPT = 0.5  # share of the last N in the next: under-relaxation against oscillation of the sequence
+SETTLED = 1e-4  # of the load factor: change between two programmes
+LONG = 6  # programmes over which the load factor must be constant if Coulomb's law is not yet met in idle joints
+KEPT_TO = 1e-3  # of the greatest strength of a point: accuracy to which the last state meets Coulomb's law
+_LEAST = 1e-7  # of the greatest N: least N for the cohesion of a point
 
 
 @dataclass(frozen=True)
 class SecondOpinion:
-    """Where the sequence came to. ``load_factor`` of the last programme, ``low`` and ``high`` of the last ten;
-    ``settled``; ``programmes`` solved; ``excess``: by how much the last state is outside Coulomb's law, over mu times
-    the greatest N of a point; ``ended`` says in a sentence how it ended."""
+    """Result of the sequence. ``load_factor`` of the last programme, ``low`` and ``high`` of the last ten;
+    ``settled``; ``programmes``: number solved; ``excess``: of the last state over Coulomb's law, relative to the
+    greatest strength of a point or area joint; ``ended``: a sentence on how it ended."""
 
     load_factor: float
     low: float
@@ -52,8 +52,7 @@ class SecondOpinion:
 
 
 def second_opinion(assembly: Assembly) -> SecondOpinion:
-    """The limit without dilatancy as the sequence finds it; NotConvergedError if not even its first programme has an
-    answer."""
+    """The limit without dilatancy by the sequence; NotConvergedError if its first programme has no solution."""
     live = live_wrench(assembly)
     structure = prepared(assembly, [live])
     vector = structure.frame.vector(live)
@@ -117,7 +116,7 @@ def _normals(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _levelled(structure: Structure, normal: np.ndarray, area_normal: np.ndarray, share: float) -> Structure:
-    """The structure with the cones turned level, but for ``share`` of their slope, about the last normal forces."""
+    """The structure with cones whose slope is reduced to its ``share``, turned about the last normal forces."""
 
     def turned(strengths, carried):
         least = _LEAST * max(float(normal.max(initial=0.0)), float(area_normal.max(initial=0.0)))
@@ -128,7 +127,7 @@ def _levelled(structure: Structure, normal: np.ndarray, area_normal: np.ndarray,
 
 
 def _excess(structure: Structure, slope: Structure, x: np.ndarray) -> float:
-    """By how much points and area joints are outside Coulomb's law, over the greatest strength of one."""
+    """Excess of points and area joints over Coulomb's law, relative to the greatest strength of one."""
     forces, worst, most = slope.layout.forces(x), 0.0, 1e-300
     points, areas = structure.points, structure.areas
     if len(points.joint):

@@ -1,4 +1,4 @@
-"""The programme of the static theorem: the greatest load that joint forces within their strengths can balance."""
+"""The conic programme of the static theorem: the greatest load that joint forces within their strengths can balance."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 class Cuts(NamedTuple):
-    """Planes that bound the strengths of area joints: their friction, ``area`` (k,) which, ``twist`` (k, 3) of D_1 = 1;
-    their crushing, ``crushed`` (c,) which, ``closing`` (c, 3) of a mean |l| of 1."""
+    """Planes that bound the strengths of area joints: for friction the joints ``area`` (k,) and a ``twist`` (k, 3) with
+    D_1 = 1; for crushing the joints ``crushed`` (c,) and ``closing`` (c, 3) with a mean |l| of 1."""
 
     area: np.ndarray = np.zeros(0, np.int64)
     twist: np.ndarray = np.zeros((0, 3))
@@ -25,7 +25,7 @@ class Cuts(NamedTuple):
     closing: np.ndarray = np.zeros((0, 3))
 
     def more(self, area: np.ndarray, twist: np.ndarray, crushed: np.ndarray, closing: np.ndarray) -> Cuts:
-        """These and others."""
+        """These cuts and others."""
         return Cuts(*(np.concatenate(both) for both in zip(self, (area, twist, crushed, closing), strict=True)))
 
 
@@ -34,7 +34,7 @@ NO_CUTS = Cuts()
 
 @dataclass(frozen=True)
 class Structure:
-    """An assembly as limit analysis sees it: strengths, equations and unknowns. ``dead`` (rows,) in ``frame.unit``."""
+    """Input of limit analysis from an assembly: strengths, equations, unknowns. ``dead`` (rows,) in ``frame.unit``."""
 
     assembly: Assembly
     points: Points
@@ -58,8 +58,8 @@ class Structure:
 def structure_of(
     assembly: Assembly, points: Points, areas: Areas, dead: np.ndarray, live: list[np.ndarray], along=()
 ) -> Structure:
-    """The structure of an assembly under ``dead`` and ``live`` wrenches (n, 6), in a plane where there is one that
-    also holds the directions ``along`` (3,)."""
+    """The structure of an assembly under ``dead`` and ``live`` wrenches (n, 6), in a plane of symmetry if there is one
+    that also contains the directions ``along`` (3,)."""
     loads = [dead, *live]
     frame = frame_of(assembly, loads, plane_of_symmetry(assembly, points, areas, loads, along))
     layout = Layout(assembly, frame, points, areas)
@@ -75,7 +75,7 @@ class Loads(NamedTuple):
 
 
 def programme_of(structure: Structure, loads: Loads, cost: np.ndarray, cuts: Cuts, reduced: float = 1.0) -> Programme:
-    """min cost . x: the joint forces of the layout and, last, the multiplier of ``loads.live`` where there is one.
+    """min cost . x: the joint forces of the layout and, last, the multiplier of ``loads.live`` if there is one.
 
     ``reduced`` multiplies the shear strength and the compressive strength of area joints.
     """
@@ -148,7 +148,7 @@ def _linear_rows(layout: Layout, cuts: Cuts, reduced: float) -> tuple[Entries, n
     first = np.searchsorted(layout.corner_owner[corners_of], np.arange(len(areas) + 1))
 
     def bounded(area: np.ndarray, factor, shear: np.ndarray) -> None:
-        """factor * cap - shear . (V_1, V_2, M) >= 0 of some areas (k,), ``shear`` (k, s)."""
+        """Add factor * cap - shear . (V_1, V_2, M) >= 0 for areas (k,), ``shear`` (k, s)."""
         counts = np.diff(first)[area]
         row = np.repeat(np.arange(len(area)), counts)
         offset = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -175,7 +175,7 @@ def _linear_rows(layout: Layout, cuts: Cuts, reduced: float) -> tuple[Entries, n
 
 
 def _add_crushing(stack: _Stack, layout: Layout, cuts: Cuts, reduced: float) -> None:
-    """f_c A <l> - sum of corner forces times l >= 0, l = closing . (1, r / gyration), of the planes of ``cuts``."""
+    """Add f_c A <l> - sum of corner forces times l >= 0, l = closing . (1, r / gyration), for planes of ``cuts``."""
     areas, area = layout.areas, cuts.crushed
     if not len(area):
         return
@@ -187,12 +187,12 @@ def _add_crushing(stack: _Stack, layout: Layout, cuts: Cuts, reduced: float) -> 
     value = cuts.closing[row, 0] + (cuts.closing[row, 1:] * arm).sum(axis=1)
     groups = layout.corner_groups
     column = layout.corner_start + groups.group[corner]
-    # of a mean |l| of 1 and a mean l of closing[0] the positive part is half their sum
+    # for a mean |l| of 1 and a mean l of closing[0] the mean positive part is half their sum
     stack.add(reduced * strongest * 0.5 * (1.0 + cuts.closing[:, 0]), (row, column, groups.share[corner] * value))
 
 
 def _add_ties(stack: _Stack, layout: Layout) -> None:
-    """Ties yield at their strength, and those that take tension only do not push."""
+    """Add the limits of ties: they yield at their strength, and tension-only ties carry no compression."""
     ties, column = layout.ties, layout.tie_start + np.arange(len(layout.ties))
     yields = np.isfinite(ties.strength)
     least = np.where(ties.tension_only, 0.0, np.where(yields, ties.strength, np.inf)) / layout.frame.unit
@@ -225,14 +225,14 @@ def _cone_rows(layout: Layout, reduced: float) -> tuple[Entries, np.ndarray, np.
 
 
 def _cap_of_points(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
-    """The tangential force that points carry, in its unit, is slope * N + level: slope and level (p,)."""
+    """Slope and level (p,) of the tangential strength of points, slope * N + level, in its unit."""
     points, total, unit = layout.points, layout.point_groups.total, layout.frame.unit
     slope = np.where(layout.adhesive, layout.friction, 1.0)
     return slope, np.where(layout.adhesive, total(points.adhesion), total(points.tension)) / unit
 
 
 def _cap_of_areas(layout: Layout, reduced: float) -> tuple[np.ndarray, np.ndarray]:
-    """V_0 of area joints, in its unit, is slope * sum of the corner forces + level: slope and level (a,)."""
+    """Slope and level (a,) of V_0 of area joints, slope * sum of the corner forces + level, in its unit."""
     areas, unit = layout.areas, layout.frame.unit
     slope = np.where(layout.adhesive_area, areas.friction, 1.0)
     level = np.where(layout.adhesive_area, areas.adhesion - areas.friction * areas.tension, 0.0)
@@ -248,7 +248,7 @@ def area_shears(layout: Layout, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def area_normals(layout: Layout, x: np.ndarray) -> np.ndarray:
-    """N, counted from -f_t A, and the integral of p r / gyration (a, 3) of the area joints of a solution."""
+    """N, measured from -f_t A, and the integral of p r / gyration (a, 3) of the area joints of a solution."""
     areas, groups = layout.areas, layout.corner_groups
     force = groups.share * x[layout.corner_start : layout.shear_start][groups.group]
     arm = areas.corner / areas.gyration[areas.owner, None]

@@ -1,8 +1,8 @@
-"""The least and the greatest reaction that a support can have: what a small motion of it brings it to.
+"""The least and the greatest reaction of a support, to which a small motion of the support leads.
 
-A structure that is statically indeterminate can bear its dead loads in many ways. If a support gives way along a
+A statically indeterminate structure can carry its dead loads in many ways. If a support yields along a
 direction, the reaction along it falls at once to the least value that equilibrium allows within the strengths; if it is
-pushed against the structure, it grows to the greatest.
+pushed against the structure, the reaction grows to the greatest.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Extreme:
-    """One end of the range of a reaction (N): the truth lies between ``reached``, by forces that balance, and
-    ``bound``; both infinite if nothing limits it. ``resultants`` (j, 6) at it; ``mechanism`` of the blocks when the
+    """One end of the range of a reaction (N): it lies between ``reached``, the value of forces in equilibrium, and
+    ``bound``; both are infinite if nothing limits it. ``resultants`` (j, 6) there; ``mechanism`` of the blocks when the
     support begins to move along the direction (least) or against it (greatest)."""
 
     reached: float
@@ -67,9 +67,9 @@ def reaction_range(assembly: Assembly, support: np.ndarray, direction: np.ndarra
 
 
 def first_motion(structure: Structure, stands: Standing, support: int, motion: np.ndarray) -> Mechanism | None:
-    """Mechanism in which a structure that ``stands`` follows the small ``motion`` (6,) of a fixed block, velocity of
-    its centroid and rotation. The reaction along the motion falls to its least, to which the mechanism is dual. None if
-    the blocks are locked between their supports and cannot follow.
+    """Mechanism by which a structure that ``stands`` follows the small ``motion`` (6,) of a fixed block, velocity of
+    its centroid and rotation. The reaction along the motion falls to its least value, whose dual is the mechanism. None
+    if the blocks are locked between their supports and cannot follow.
     """
     row, _ = _reaction(structure, np.array([support]), -motion[:3], -motion[3:])
     found = optimum(structure, Loads(structure.dead, None), row, stands.x)

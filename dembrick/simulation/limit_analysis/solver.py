@@ -21,15 +21,15 @@ from dembrick.errors import MissingDependency, NotConvergedError
 
 TOLERANCE = 1e-9  # of residuals and gap, relative, as Clarabel defines them
 MOST_ITERATIONS = 300
-LARGE = 60_000  # unknowns from which on supernodal factors are the faster
-REGULAR = 1e-12  # of the diagonal: what is added to it before a symmetric matrix is factorized; refinement takes it out
+LARGE = 60_000  # unknowns from which supernodal factors are faster
+REGULAR = 1e-12  # of the diagonal: added to it before a symmetric matrix is factorized; refinement removes its effect
 NEEDED = "limit analysis needs the package {name}: install it with pip install 'dembrick[limit]'"
 
 SOLVED, INFEASIBLE, UNBOUNDED = "solved", "infeasible", "unbounded"
-TO_TOLERANCE = "Solved"  # Clarabel's word
+TO_TOLERANCE = "Solved"  # status of Clarabel
 _STATUS = {
     TO_TOLERANCE: SOLVED,
-    "AlmostSolved": SOLVED,  # what it is worth, the bounds tell
+    "AlmostSolved": SOLVED,  # the bounds show how accurate it is
     "InsufficientProgress": SOLVED,
     "PrimalInfeasible": INFEASIBLE,
     "AlmostPrimalInfeasible": INFEASIBLE,
@@ -78,8 +78,8 @@ class Programme:
 class Solution:
     """``x`` (n,); ``equation_dual`` (m,), ``cone_dual`` (k,) in the dual cone, ``slack`` (k,) in the cone's interior.
 
-    ``status``: solved, infeasible (the duals are a certificate) or unbounded (``x`` is one); ``said`` is the solver's
-    own word for it. For a solved one: cost + equations^T equation_dual + rows^T cone_dual = 0, to the solver's
+    ``status``: solved, infeasible (the duals are a certificate) or unbounded (``x`` is one); ``said``: the status in
+    the solver's own words. For a solved one: cost + equations^T equation_dual + rows^T cone_dual = 0, to the solver's
     tolerance.
     """
 
@@ -94,17 +94,17 @@ class Solution:
 
 
 def require() -> None:
-    """MissingDependency if a package of the extra ``limit`` is not installed."""
+    """Raise MissingDependency if a package of the extra ``limit`` is not installed."""
     _clarabel(), _scipy()
 
 
 def installed() -> bool:
-    """Whether the packages of the extra ``limit`` are there, without importing them."""
+    """Whether the packages of the extra ``limit`` are installed, without importing them."""
     return find_spec("clarabel") is not None and find_spec("scipy") is not None
 
 
 def solve(programme: Programme) -> Solution:
-    """Solve a programme; NotConvergedError with the solver's own status where it gives no answer."""
+    """Solve a programme; NotConvergedError with the solver's own status if it fails."""
     clarabel, sparse = _clarabel(), _scipy()
     n, m, k = len(programme.cost), len(programme.right_hand), len(programme.limits)
     began = time.perf_counter()
@@ -147,7 +147,7 @@ class SparseMatrix:
 
     @property
     def entries(self) -> Entries:
-        """Its entries, one a place."""
+        """Its entries, with duplicates summed."""
         found = self._matrix.tocoo()
         return Entries(found.row, found.col, found.data)
 
@@ -160,8 +160,8 @@ class SparseMatrix:
         return found
 
     def least_weighted(self, blocks: SparseMatrix, residual: np.ndarray) -> np.ndarray:
-        """The x with matrix @ x = residual that is least in the norm of the inverse of the symmetric matrix ``blocks``:
-        x = B M^T (M B M^T)^-1 residual, with two steps of iterative refinement."""
+        """The x with matrix @ x = residual of the least norm, weighted by the inverse of the symmetric matrix
+        ``blocks``: x = B M^T (M B M^T)^-1 residual, with two steps of iterative refinement."""
         weighted = blocks._matrix @ self._matrix.T
         solve = _factorized(self._matrix @ weighted)
         x = np.zeros(self._matrix.shape[1])
@@ -170,7 +170,7 @@ class SparseMatrix:
         return x
 
     def least_squares(self, blocks: SparseMatrix, right: np.ndarray) -> np.ndarray:
-        """The y for which right - matrix^T @ y is least in the norm of the symmetric matrix ``blocks``."""
+        """The y that minimises right - matrix^T @ y in the norm of the symmetric matrix ``blocks``."""
         weighted = self._matrix @ blocks._matrix
         solve = _factorized(weighted @ self._matrix.T)
         y = np.zeros(self._matrix.shape[0])

@@ -3,11 +3,11 @@
 A contact point (area A_i) carries -f_t A_i <= N_i <= f_c A_i and |t_i| <= c A_i + mu N_i. An area joint, ``convex``
 with ``full`` pressure, carries a no-tension pressure for N, M_1 and M_2, of at most f_c if it crushes, and
 (V_1, V_2, M_T) inside the limit surface of its polygon, scaled by c A + mu N. These sets are convex, which is all that
-the theorems of limit analysis ask for. Joints of ``effective`` and ``linear`` pressure are not: their friction goes
-with the pressed part, and between two states of pressure the sum of both frictions can be out of reach. The smallest
+the theorems of limit analysis require. Those of ``effective`` and ``linear`` pressure are not: their friction depends
+on the pressed part, and a mixture of two states of pressure may not attain the mixture of their frictions. The smallest
 convex set around them is that of points at the corners of the polygon: a linear pressure may shrink to any corner, and
-a point inside carries nothing that points at the corners do not carry together (mu |v + w x r| is convex along the
-joint, so that it is greatest at a corner). They are bounded by ``concave`` points, which ``distributed`` points tend to
+points at the corners together carry all that a point inside can (mu |v + w x r| is convex along the
+joint, so it is greatest at a corner). They are bounded by ``concave`` points, to which ``distributed`` points tend
 as they fill the polygon up to its rim.
 """
 
@@ -21,7 +21,7 @@ from dembrick.assembly.contact_points import PointTable, place_points
 from dembrick.assembly.joints import JointTable
 from dembrick.geometry import friction_integrals, polygons
 
-_ANY = 1e-3  # tolerance of a quadrature that is not asked for
+_ANY = 1e-3  # tolerance of a quadrature that is not used
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Material:
 
     @staticmethod
     def of(joints: JointTable) -> Material:
-        """Strengths of the joints' laws, as they are before anything slips or opens."""
+        """Initial strengths of the joints' laws, before any slip or opening."""
         laws = joints.law
         return Material(
             friction=np.array([law.friction for law in laws], float),
@@ -46,7 +46,7 @@ class Material:
         )
 
     def scaled(self, factor: float) -> Material:
-        """The same friction, all other strengths times a factor."""
+        """The same friction, and all other strengths times ``factor``."""
         return replace(
             self,
             cohesion=factor * self.cohesion,
@@ -56,7 +56,7 @@ class Material:
 
     @property
     def dry(self) -> bool:
-        """Whether there is nothing but friction, so that the joints know no scale of force."""
+        """Whether there is only friction, so that strengths are proportional to forces."""
         return not (self.cohesion.any() or self.tension.any() or np.isfinite(self.crushing).any())
 
 
@@ -109,12 +109,12 @@ class Areas:
 
 
 def bounded_by_corners(joints: JointTable) -> np.ndarray:
-    """Whether a joint's own set is not convex, so that points at its corners stand for it (j,)."""
+    """Which joints (j,) have a set of forces that is not convex, and are replaced by points at their corners."""
     return np.array([law.formulation == "convex" and law.pressure != "full" for law in joints.law], bool)
 
 
 def corner_points(joints: JointTable, chosen: np.ndarray, other: PointTable) -> tuple[JointTable, PointTable]:
-    """The joints with the law ``concave`` where ``chosen`` (j,), and the contact points of all; ``other`` holds those
+    """The joints, with the law ``concave`` for those ``chosen`` (j,), and the contact points of all; ``other``: those
     of the rest."""
     if not chosen.any():
         return joints, other

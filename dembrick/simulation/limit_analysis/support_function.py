@@ -1,7 +1,7 @@
 """Convex sets of joint forces by their support functions: gauges of forces, and the planes that cut them off.
 
-A force f can be carried if q . f <= D(q) for every motion q, with D convex and of degree one. The gauge of f is 1 / min
-of D(q) over q . f = 1, and the q that attains the minimum is the normal of the plane that cuts f off. All functions
+A force f is within the set if q . f <= D(q) for every motion q, with D convex and homogeneous of degree one. The gauge
+of f is 1 / min of D(q) over q . f = 1, and the minimiser q is the normal of the plane that cuts f off. All functions
 take stacks: k polygons with equally many corners (k, m, 2), motions q (k, 3); lengths are in gyrations.
 """
 
@@ -13,28 +13,28 @@ import numpy as np
 
 from dembrick.simulation.limit_analysis.strength import Areas
 
-CONVERGED = 1e-14  # of D: what the next step still promises
+CONVERGED = 1e-14  # of D: predicted decrease by the next step
 _ITERATIONS = 100
-_FIRST, _LESS, _MORE = 1e-2, 0.1, 10.0  # weight of the ellipsoid's Hessian beside the own one, and how it changes
-_LIGHTEST, _HEAVIEST = 1e-12, 1e12  # of that weight; beyond the latter nothing is left to gain but rounding
+_FIRST, _LESS, _MORE = 1e-2, 0.1, 10.0  # weight of the ellipsoid's Hessian added to the own one, and its changes
+_LIGHTEST, _HEAVIEST = 1e-12, 1e12  # bounds of that weight; beyond the latter only rounding is left to gain
 
 
 class SupportFunction(ABC):
-    """D of some area joints; ``ellipsoid`` (k, 3, 3): the matrix of a quadratic form whose root is near it."""
+    """D of some area joints; ``ellipsoid`` (k, 3, 3): matrix of a quadratic form whose square root approximates it."""
 
     ellipsoid: np.ndarray
 
     @abstractmethod
     def of(self, at: np.ndarray) -> SupportFunction:
-        """Some of them."""
+        """The function of the joints at these places alone."""
 
     @abstractmethod
     def speed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """D (k,), its gradient (k, 3) and its Hessian (k, 3, 3)."""
 
     def cut(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The gauges (k,) of forces g (k, 3), and the motions q (k, 3), scaled to D = 1, that attain them: Newton steps
-        on q . g = 1, damped by the ellipsoid (Levenberg and Marquardt)."""
+        """The gauges (k,) of forces g (k, 3), and the motions q (k, 3), scaled to D = 1, that attain them, by Newton
+        steps on q . g = 1, damped by the ellipsoid (Levenberg and Marquardt)."""
         size = np.linalg.norm(g, axis=1)
         f = g / size[:, None]
         start = np.linalg.solve(self.ellipsoid, f[..., None])[..., 0]
@@ -69,7 +69,7 @@ class SupportFunction(ABC):
     @classmethod
     @abstractmethod
     def of_joints(cls, areas: Areas, chosen: np.ndarray) -> SupportFunction:
-        """That of the ``chosen`` area joints (k,), which have equally many corners."""
+        """The function of the ``chosen`` area joints (k,), which have equally many corners."""
 
 
 def by_corners(kind: type[SupportFunction], areas: Areas, chosen: np.ndarray):
@@ -89,7 +89,7 @@ def corners_of(areas: Areas, chosen: np.ndarray) -> np.ndarray:
 def gauges(
     kind: type[SupportFunction], areas: Areas, chosen: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`SupportFunction.cut` of forces (k, 3) in the ``chosen`` joints (k,). No force has the gauge 0."""
+    """`SupportFunction.cut` of forces (k, 3) in the ``chosen`` joints (k,). A zero force has the gauge 0."""
     gauge, motion = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
     acting = np.flatnonzero(np.linalg.norm(force, axis=1) > 0.0)
     for places, function in by_corners(kind, areas, chosen[acting]):
