@@ -1,8 +1,8 @@
 """Ahead-of-time compilation: while a first run compiles one kernel, a second process compiles those needed later.
 
-The command line enables this (`second_process`), and a run states what it will need (`meanwhile`). The second process
-starts when the first kernel is not found in the cache, so that a run that finds its kernels there pays nothing. It
-stores what it compiles in the cache (`_kernel_cache`). A run that reaches a kernel before it is ready waits for it
+The command line enables this (`second_process`), and a run states what it will need (`compile_ahead`). The second
+process starts when the first kernel is not found in the cache, so that a run that finds its kernels there pays nothing.
+It stores what it compiles in the cache (`_kernel_cache`). A run that reaches a kernel before it is ready waits for it
 there, and compiles it itself if the second process died. The second process ends with the first, however that ends.
 """
 
@@ -105,7 +105,7 @@ def cores() -> int:
 
 
 @contextmanager
-def meanwhile(wanted: Wanted) -> Iterator[None]:
+def compile_ahead(wanted: Wanted) -> Iterator[None]:
     """Context in which a second process executes the tasks returned by ``wanted`` if a kernel has to be compiled."""
     helper = _Known.helper
     if helper is None or helper.wanted is not None:

@@ -25,7 +25,7 @@ def distinct(numbers: np.ndarray) -> np.ndarray:
     return ordered[np.diff(ordered, prepend=ordered[:1] - 1) > 0]
 
 
-class Stack:
+class ShapeBatch:
     """Shapes of one kind as arrays; the leading axis is that of the distinct shapes."""
 
     def __init__(self, shapes: list[Polyhedron]):
@@ -51,12 +51,12 @@ class ShapeTable:
             members = kinds.setdefault(kind, [])
             where[key] = (numbers.setdefault(kind, len(numbers)), len(members))
             members.append(shape)
-        self.stacks = [Stack(members) for members in kinds.values()]
+        self.stacks = [ShapeBatch(members) for members in kinds.values()]
         places = np.array([where[id(shape)] for shape in shapes], dtype=np.int64).reshape(-1, 2)
         self.kind, self.row = places[:, 0], places[:, 1]
         self.diameter = np.array([shape.diameter for shape in shapes])
 
-    def groups(self, pairs: np.ndarray) -> Iterator[tuple[np.ndarray, Stack, np.ndarray, Stack, np.ndarray]]:
+    def groups(self, pairs: np.ndarray) -> Iterator[tuple[np.ndarray, ShapeBatch, np.ndarray, ShapeBatch, np.ndarray]]:
         """Groups of pairs (p, 2) by kind: (indices of pairs, stack and rows of the first, of the second)."""
         code = self.kind[pairs[:, 0]] * len(self.stacks) + self.kind[pairs[:, 1]]
         for value in distinct(code).tolist():
@@ -172,7 +172,7 @@ def overlap_depths(bodies: Bodies, pairs: np.ndarray, enough: np.ndarray | None 
     return depths
 
 
-def way_out(bodies: Bodies, pair: np.ndarray) -> np.ndarray:
+def separating_translation(bodies: Bodies, pair: np.ndarray) -> np.ndarray:
     """Shortest translation (3,) of the second of two overlapping bodies (2,) that separates them (m).
 
     Among several of equal length, the one that points up most is chosen, then along x, then along y.
@@ -190,7 +190,7 @@ def way_out(bodies: Bodies, pair: np.ndarray) -> np.ndarray:
     return max(short, key=lambda way: tuple(np.round(way[[2, 0, 1]] / lengths.min(), 6)))
 
 
-def _reaches(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b, axes_of) -> tuple:
+def _reaches(bodies: Bodies, pairs, stack_a: ShapeBatch, row_a, stack_b: ShapeBatch, row_b, axes_of) -> tuple:
     """Some axes of pairs of bodies (p, n, 3), which of them are valid, and the projected overlaps (p, n): the second
     body must move by ``most`` along an axis, or by -``least`` against it, until the two touch (m)."""
     a, b = pairs.T
@@ -203,19 +203,21 @@ def _reaches(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b
     return axes, useful, least_a - most_b - between, most_a - least_b - between
 
 
-def _depths(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b, axes_of) -> np.ndarray:
+def _depths(bodies: Bodies, pairs, stack_a: ShapeBatch, row_a, stack_b: ShapeBatch, row_b, axes_of) -> np.ndarray:
     """Penetration of pairs of bodies (p,), the least over some axes (m)."""
     _, useful, least, most = _reaches(bodies, pairs, stack_a, row_a, stack_b, row_b, axes_of)
     depth = np.minimum(most, -least)
     return _ends(np.where(useful, depth, np.inf), 1)[0]
 
 
-def _face_axes(stack_a: Stack, row_a, turn_a, stack_b: Stack, row_b, turn_b) -> tuple[np.ndarray, bool]:
+def _face_axes(stack_a: ShapeBatch, row_a, turn_a, stack_b: ShapeBatch, row_b, turn_b) -> tuple[np.ndarray, bool]:
     """Face normals (p, f, 3) of both bodies; all are valid."""
     return np.concatenate([stack_a.face_axes[row_a] @ turn_a, stack_b.face_axes[row_b] @ turn_b], axis=1), True
 
 
-def _edge_products(stack_a: Stack, row_a, turn_a, stack_b: Stack, row_b, turn_b) -> tuple[np.ndarray, np.ndarray]:
+def _edge_products(
+    stack_a: ShapeBatch, row_a, turn_a, stack_b: ShapeBatch, row_b, turn_b
+) -> tuple[np.ndarray, np.ndarray]:
     """Cross products of edges of both bodies (p, e, 3), unit length, and whether the edges are not parallel (p, e)."""
     edges_a, edges_b = stack_a.edge_axes[row_a] @ turn_a, stack_b.edge_axes[row_b] @ turn_b
     crossed = np.cross(edges_a[:, :, None], edges_b[:, None])

@@ -24,7 +24,7 @@ from dembrick.assembly.contact_points import DISCRETISATION, PointTable, place_p
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
 from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
-from dembrick.assembly.surface_pressures import NO_POLYGONS, PressedPolygons, pressed_polygons
+from dembrick.assembly.surface_pressures import NO_POLYGONS, PressurePolygons, pressure_polygons
 from dembrick.assembly.ties import NO_TIES, TieTable, given_ties
 from dembrick.assembly.validation import (
     check_control,
@@ -91,7 +91,7 @@ class Assembly:
     control_points: ControlPoints = NO_CONTROL_POINTS
     warnings: tuple[str, ...] = ()
     point_loads: PointLoads = NO_LOADS
-    pressed: PressedPolygons = NO_POLYGONS
+    pressed: PressurePolygons = NO_POLYGONS
     ties: TieTable = NO_TIES
     held: np.ndarray = field(default_factory=lambda: np.zeros((0, 6), bool))
     custom_law: CustomLaw | None = None
@@ -114,11 +114,11 @@ def assemble(scenario: Scenario) -> Assembly:
     """Geometry, joints and dead loads of a scenario (of its last stage if it has stages); raise a ScenarioError if it
     does not describe a valid test."""
     last = at_stage(scenario, len(scenario.stages) + 1)
-    made = loaded(last, at_rest(last))
+    made = with_loads(last, unloaded_assembly(last))
     return replace(made, warnings=made.warnings + check_stages(scenario)) if scenario.stages else made
 
 
-def at_rest(scenario: Scenario) -> Assembly:
+def unloaded_assembly(scenario: Scenario) -> Assembly:
     """The blocks of a scenario and their joints, without any load."""
     blocks = scenario.all_blocks
     names = tuple(block.name for block in blocks)
@@ -178,7 +178,7 @@ def at_rest(scenario: Scenario) -> Assembly:
     )
 
 
-def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
+def with_loads(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     """Add loads, actuators and joint laws of a scenario to ``bare``, an assembly of the same blocks, materials,
     supports and [[joints]]; without ``points`` the joints get no contact points."""
     control, number = scenario.control, {name: i for i, name in enumerate(bare.names)}
@@ -197,7 +197,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
             actuators = actuators_on_all_blocks(scenario, loads, bare)
         else:
             actuators = given_actuators(scenario, number, bare)
-        pressed = pressed_polygons(scenario, number, bare) if moving else NO_POLYGONS
+        pressed = pressure_polygons(scenario, number, bare) if moving else NO_POLYGONS
         watched = control_points(scenario, number, bare)
         ties = given_ties(scenario, number, bare)
     except ScenarioError as error:

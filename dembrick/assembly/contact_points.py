@@ -86,7 +86,7 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
     return PointTable(normal_arm, shear_arm, area, start, formulation == "convex", tolerance)
 
 
-def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.ndarray:
+def edge_shortfall(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.ndarray:
     """Distance of the outermost contact points of some joints inside an edge of the polygon, over the distance of that
     edge from O; the greatest ratio over the edges (k,). A block that rocks about the edge topples too early by that
     fraction. Edges of a piece on whose line or outer side O lies are not edges of the whole joint and are skipped."""
@@ -102,11 +102,11 @@ def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.n
     return gaps
 
 
-def widest_rim(
+def largest_edge_shortfall(
     joints: JointTable, points: PointTable, chosen: bool = False, formulation: str = "distributed"
 ) -> tuple[float, int]:
-    """The greatest `rim_gap` of the joints of a ``formulation``, and the index of that joint; (0, -1) if there are
-    none. With ``chosen`` only joints whose points the program chose are considered."""
+    """The greatest `edge_shortfall` of the joints of a ``formulation``, and the index of that joint; (0, -1) if there
+    are none. With ``chosen`` only joints whose points the program chose are considered."""
     numbers = [
         j
         for j, law in enumerate(joints.law)
@@ -114,5 +114,5 @@ def widest_rim(
     ]
     if not numbers:
         return 0.0, -1
-    gaps = rim_gap(joints, points, np.array(numbers))
+    gaps = edge_shortfall(joints, points, np.array(numbers))
     return float(gaps.max()), numbers[int(np.argmax(gaps))]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dembrick.assembly.broad_phase import Bodies, Stack
+from dembrick.assembly.broad_phase import Bodies, ShapeBatch
 from dembrick.geometry import clipping, polygons
 
 TOLERANCE = 1e-6  # of the smaller block's diameter for distances, and in radians for angles
@@ -123,7 +123,7 @@ class _Facing:
         return point + np.where(self.a_hosts, to_a, to_b)[:, None] * normal, gap
 
 
-def _face_corners(stack: Stack, rows: np.ndarray, faces: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+def _face_corners(stack: ShapeBatch, rows: np.ndarray, faces: np.ndarray, rotations: np.ndarray) -> np.ndarray:
     """Corners (k, m, 3) of one face each, in world axes from the body's centroid."""
     table = stack.face_table[rows, faces]
     return np.take_along_axis(stack.vertices[rows], table[:, :, None], axis=1) @ rotations.transpose(0, 2, 1)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.actuators import NO_VECTORS, NOWHERE, Attached, check_inside
-from dembrick.assembly.surface_pressures import FACING, FaceForce, face_forces, faces_that_look, resultant
+from dembrick.assembly.surface_pressures import FACING, FaceForce, bare_faces, face_forces, resultant
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
 
@@ -89,7 +89,7 @@ def fill_forces(fill: Fill, members, bare: Assembly) -> list[FaceForce]:
     Raises ScenarioError if none of them is free and has an upward bare face below the surface.
     """
     share, found = np.array([fill.ratio, fill.ratio, 1.0]), []
-    for face in faces_that_look(lambda normal: bool(normal[2] > FACING), members, bare):
+    for face in bare_faces(lambda normal: bool(normal[2] > FACING), members, bare):
         force, arm = resultant(face, fill.at_height, bare)
         if force > 0.0:
             found.append(FaceForce(face.block, arm, -share * face.normal * force))

@@ -181,12 +181,12 @@ def _layout(polygon: tuple, tolerance: float) -> tuple[float, int]:
     chosen = int(np.argmax(costs < costs.min() * (1.0 + 1e-6)))
     while True:
         arms, areas = _fill(corners, directions[chosen], *_counts(spacing))
-        if len(areas) > _MOST_POINTS or worst_gap(corners, arms, areas) <= bound:
+        if len(areas) > _MOST_POINTS or worst_error(corners, arms, areas) <= bound:
             return spacing, chosen
         spacing *= 0.9
 
 
-def worst_gap(polygon, arms, areas) -> float:
+def worst_error(polygon, arms, areas) -> float:
     """Largest relative error of the friction moment of points against the continuum, over some 200 torsion centres.
 
     The centres are O, the points around O, points and midpoints between points all over the joint, and rows along its

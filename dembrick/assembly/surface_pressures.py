@@ -50,7 +50,7 @@ class LoadedFace:
 
 
 @dataclass(frozen=True, eq=False)
-class PressedPolygons:
+class PressurePolygons:
     """The polygons of all loaded faces, which move with their blocks: q polygons with c corners in total.
 
     ``block`` (q,); ``first`` (q + 1,): index of the first corner of each; ``corner`` (c, 3): m, from the centroid in
@@ -68,7 +68,7 @@ class PressedPolygons:
     driven: np.ndarray
 
 
-NO_POLYGONS = PressedPolygons(
+NO_POLYGONS = PressurePolygons(
     np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros((0, 3)), *(np.zeros(0),) * 3, np.zeros(0, bool)
 )
 
@@ -79,10 +79,10 @@ def loaded_faces(pressure, members, bare: Assembly) -> list[LoadedFace]:
     def along(normal: np.ndarray) -> bool:
         return bool(np.linalg.norm(np.cross(normal, pressure.direction)) <= FACING and normal @ pressure.direction >= 0)
 
-    return faces_that_look(along, members, bare)
+    return bare_faces(along, members, bare)
 
 
-def faces_that_look(wanted: Callable[[np.ndarray], bool], members, bare: Assembly) -> list[LoadedFace]:
+def bare_faces(wanted: Callable[[np.ndarray], bool], members, bare: Assembly) -> list[LoadedFace]:
     """The faces of the free blocks among ``members`` whose outward normal (3,) satisfies ``wanted``."""
     found = []
     for block in members:
@@ -131,7 +131,7 @@ def resultant(face: LoadedFace, at_height: tuple[float, float], bare: Assembly) 
     return float(total[0]), total[1:] / total[0] - bare.position[face.block]
 
 
-def pressed_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly) -> PressedPolygons:
+def pressure_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly) -> PressurePolygons:
     """The polygons of all pressures of a scenario; ``number``: index of every block by name."""
     rows: list[tuple] = []
     for pressure in scenario.pressures:
@@ -143,7 +143,7 @@ def pressed_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly)
     if not rows:
         return NO_POLYGONS
     block, corner, senses, level, slope, driven = zip(*rows, strict=True)
-    return PressedPolygons(
+    return PressurePolygons(
         block=np.array(block, np.int64),
         first=np.cumsum([0, *map(len, corner)]),
         corner=np.concatenate(corner),

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from dembrick.assembly.broad_phase import Bodies, close_pairs, overlap_depths, way_out
-from dembrick.assembly.contact_points import DISCRETISATION, PointTable, widest_rim
+from dembrick.assembly.broad_phase import Bodies, close_pairs, overlap_depths, separating_translation
+from dembrick.assembly.contact_points import DISCRETISATION, PointTable, largest_edge_shortfall
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints, united
 from dembrick.assembly.laws import Laws
 from dembrick.errors import DivergedError, OverlapError, ScenarioError
@@ -72,7 +72,7 @@ def check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
         )
     more = f" ({len(over) - 1} more pairs overlap less)" if len(over) > 1 else ""
     overlap = f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}"
-    way = way_out(bodies, pairs[worst])
+    way = separating_translation(bodies, pairs[worst])
     if scenario.all_blocks[blocks[1]].fixed and not scenario.all_blocks[blocks[0]].fixed:
         first, second, way = second, first, -way
     other = f", or {first} as far the other way" if not any(scenario.all_blocks[i].fixed for i in blocks) else ""
@@ -184,7 +184,7 @@ def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tup
     """Warn where rocking blocks would topple early because no contact point reaches the edge of their joint."""
     warnings = []
     for formulation, remedy in (("distributed", ", or more joint.points"), ("corrected", "")):
-        gap, j = widest_rim(joints, points, formulation=formulation)
+        gap, j = largest_edge_shortfall(joints, points, formulation=formulation)
         if gap > DISCRETISATION:
             first, second = (show(scenario.all_blocks[i].name) for i in (joints.block_a[j], joints.block_b[j]))
             warnings.append(

@@ -26,7 +26,7 @@ from dembrick.errors import HistoryError
 _READABLE = ("v108", "v108")  # format that every HDF5 in use reads, without marks of files open for writing
 
 
-class Patient:
+class FailSafeFile:
     """A file through which HDF5 writes: after a failed write, further data stays in memory for HDF5 to read again."""
 
     def __init__(self, path: str | os.PathLike, mode: str):
@@ -108,7 +108,7 @@ def rewritten(path: str | os.PathLike, mode: str = "w") -> Iterator[tuple[h5py.F
 
     A failure (OSError) is raised at the end in any case; long writers check in between, so that little stays in memory.
     """
-    patient = Patient(path, mode)
+    patient = FailSafeFile(path, mode)
     try:
         with h5py.File(patient, mode, libver=_READABLE) as file:
             yield file, patient.check

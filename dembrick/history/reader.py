@@ -16,7 +16,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.history import guard
 from dembrick.history.inputs import Input, read_inputs, unpacked
 from dembrick.history.layout import FORMAT, WRITTEN
-from dembrick.history.rest_geometry import RestGeometry
+from dembrick.history.rest_geometry import InitialGeometry
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest
 from dembrick.scenario.regimes import COLLAPSE, LIMIT_LOAD, OF_ACTUATORS, PATH_FOLLOWING, REGIMES, YIELD, Curve
@@ -65,7 +65,7 @@ def _status(file) -> str:
     return status
 
 
-class History(RestGeometry):
+class History(InitialGeometry):
     """A history file, open for reading.
 
     ``status``: ``running`` while the run goes on (or after it was killed), then its final status. ``begun`` is False if

@@ -17,7 +17,7 @@ STRENGTHS = ("cohesion", "tensile_strength", "residual_cohesion", "residual_fric
 CRUSHING = "compressive_strength"  # recorded if any joint crushes, zero for others; not in files of earlier versions
 
 
-class RestGeometry:
+class InitialGeometry:
     """Initial geometry of a recorded run; read on access, and checked against its counts.
 
     A subclass opens the file and sets ``path`` and ``_file``, ``begun`` and the counts ``n_block``, ``n_joint``,

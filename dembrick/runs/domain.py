@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dembrick import theory
-from dembrick._ahead import meanwhile
+from dembrick._ahead import compile_ahead
 from dembrick.assembly import quadrature
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
@@ -266,7 +266,7 @@ def by_simulation(
             if progress:
                 progress(f * of + done, len(formulations) * of, name)
 
-        with meanwhile(lambda: [(_simulated, joint, one, 2, request) for one in other]):
+        with compile_ahead(lambda: [(_simulated, joint, one, 2, request) for one in other]):
             domain = _simulated(joint, name, count, request, progress=report)
         limits = domain.limits
         expected = _limits(joint, _formulation(joint, name, request, continuum=False), domain.load, request.height)

@@ -26,7 +26,7 @@ from dembrick.scenario.checks import show
 from dembrick.scenario.regimes import CONSTANT_RATE, DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT
 from dembrick.scenario.stages import TiesBefore, at_stage
 from dembrick.simulation.floating_point import faults_raised
-from dembrick.simulation.session import GoesOn, Kept, Session
+from dembrick.simulation.session import Kept, RestartChanges, Session
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -82,7 +82,7 @@ def check_kind(scenario: Scenario, file: str) -> None:
         )
 
 
-def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly, file: str) -> GoesOn:
+def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly, file: str) -> RestartChanges:
     """Differences of the scenario that goes on; ScenarioError for those that cannot be made on the way."""
     for key in (field.name for field in fields(old) if field.init and field.name not in _SHOWN):
         if getattr(old, key) != getattr(new, key) and key not in _CHANGING:
@@ -110,13 +110,13 @@ def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly
             f"{file}: nothing can change on the way of a driven displacement, whose actuators would let blocks jump; "
             "put what changes into [[stages]]"
         )
-    return GoesOn(ties, loads, gone, anything)
+    return RestartChanges(ties, loads, gone, anything)
 
 
 def _loads(
     one: Assembly, other: Assembly, old: Scenario, new: Scenario
 ) -> tuple[tuple[int, ...] | None, tuple[tuple[int, int], ...]]:
-    """Which rows of the work of loads and pressures stay, as `GoesOn` has them, and those that go."""
+    """Which rows of the work of loads and pressures stay, as `RestartChanges` has them, and those that go."""
     before, now = _rows_of_loads(one, old), _rows_of_loads(other, new)
     if [key for key, _ in before] == [key for key, _ in now]:
         return None, ()
@@ -153,7 +153,13 @@ def _ties(old: Scenario, new: Scenario) -> TiesBefore | None:
 
 
 def repeat(
-    scenario: Scenario, assembly: Assembly, history: History, at: float, store: RecordStore, goes_on: GoesOn, session
+    scenario: Scenario,
+    assembly: Assembly,
+    history: History,
+    at: float,
+    store: RecordStore,
+    goes_on: RestartChanges,
+    session,
 ) -> Moment:
     """Run the scenario of a history again until a time, its rows into a new record. ScenarioError if it ends before."""
     last = float(history.time[-1]) if history.n_row else 0.0
@@ -209,7 +215,7 @@ def check_repeated(moment: Moment, history: History) -> str:
 
 def prepared(
     history: History, at: float, overrides: tuple[str, ...], file: str
-) -> tuple[Scenario, Scenario, Assembly, Assembly, GoesOn]:
+) -> tuple[Scenario, Scenario, Assembly, Assembly, RestartChanges]:
     """The scenario of a history and the one that goes on, their assemblies, and what changes between them."""
     if not (math.isfinite(at) and at >= 0.0):
         raise ScenarioError(f"--at {at:g}: the time of a row, 0 or more")

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 
 from dembrick import history
-from dembrick._ahead import meanwhile
+from dembrick._ahead import compile_ahead
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.history import check_output, read, replacing
 from dembrick.history.files import writing
@@ -130,7 +130,7 @@ def replay_lab(
     agrees = True
     try:
         ahead = [scene for scene in AHEAD if scene[1] in formulations and (curves or not scene[0].endswith("_curve"))]
-        with meanwhile(lambda: [(_rehearse, ahead)]):
+        with compile_ahead(lambda: [(_rehearse, ahead)]):
             for set_name, formulation, height in cases:
                 name = f"set{set_name}" + ("_mid" if height else "")
                 result = run(name, formulation, f"{name}_{formulation}")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.assembly.contact_points import widest_rim
+from dembrick.assembly.contact_points import largest_edge_shortfall
 from dembrick.theory.polygons import convex_hull
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def left_out(
     from dembrick.simulation.limit_analysis import analysis
 
     bound = analysis.limit_load(assembly, corners=True, tilt=tilt).load_factor if bounded else None
-    gap = widest_rim(joints, assembly.contact_points)[0]
+    gap = largest_edge_shortfall(joints, assembly.contact_points)[0]
     told = {
         "convex": (
             at_edge,

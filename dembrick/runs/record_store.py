@@ -16,7 +16,7 @@ from dembrick.scenario.model import Output, Scenario
 from dembrick.simulation.channels import FRAMES, ROWS, followed, recorded
 from dembrick.simulation.dynamics.recorder import joined
 from dembrick.simulation.energy_audit import Auditor
-from dembrick.simulation.session import GoesOn, Kept, Session
+from dembrick.simulation.session import Kept, RestartChanges, Session
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -80,7 +80,7 @@ class RecordStore:
         began, channels, control = time.perf_counter(), scenario.output.channels, scenario.control
         self.path, self._auditor = os.fspath(path), Auditor()
         self.checkpoint: Checkpoint | Kept | None = None
-        self.goes_on: GoesOn | None = None
+        self.goes_on: RestartChanges | None = None
         self.where = ""  # the checkpoint is of
         self._writer: HistoryWriter | None = None
         self._recorded, self._assembly = history.recorded, assembly

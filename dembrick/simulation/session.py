@@ -87,7 +87,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class GoesOn:
+class RestartChanges:
     """Changes when a run continues from a snapshot of another: ``ties``, None if they are the same; ``loads``: for each
     row of the work of loads its row there, -1 for a new load, None if they are the same; ``gone``: rows of removed
     loads, with their blocks; ``anything``: whether anything has changed."""
@@ -146,7 +146,7 @@ class Session:
     force_error: float = 0.0
     hands_on: bool = False
     tilts: bool = False
-    goes_on: GoesOn | None = None
+    goes_on: RestartChanges | None = None
     keep_last: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     tell: Callable[[Progress], None] | None = None
     report: Callable[[str], None] | None = None

@@ -5,7 +5,7 @@ import pytest
 
 from dembrick import cli
 from dembrick.assembly import build
-from dembrick.assembly.contact_points import rim_gap
+from dembrick.assembly.contact_points import edge_shortfall
 from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
@@ -72,7 +72,7 @@ def test_gap_of_four_points():
     """They stand at the Gauss positions of both edges."""
     given = pile("distributed", (2, 2))
     built = build.assemble(given)
-    gap = rim_gap(built.joints, built.contact_points, np.arange(len(built.joints)))
+    gap = edge_shortfall(built.joints, built.contact_points, np.arange(len(built.joints)))
     np.testing.assert_allclose(gap, 1.0 - 1.0 / np.sqrt(3.0), rtol=1e-9)
 
 

@@ -18,7 +18,7 @@ from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Wall
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
-from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, look_first, motion
+from dembrick.simulation.dynamics.integrator import Motion, advance, detect_initial_contacts, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
 from dembrick.simulation.session import Kept
@@ -395,7 +395,7 @@ def test_a_block_that_fell_past_an_edge_and_comes_back_below_is_not_thrown_out(f
     cut(moving, driving)
     joint_forces(moving, driving)
     assert not moving.state.links.wrench.any()
-    look_first(moving)
+    detect_initial_contacts(moving)
     assert moving.contact_detection.retired.all()
     place(moving, (-0.5, 0.0, 0.0), about((0, 1, 0), 0.0))
     cut(moving, driving)

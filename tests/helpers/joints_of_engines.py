@@ -126,7 +126,7 @@ class MovingPoints:
 
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
-        moving_points.begin(self.tile, self.work)
+        moving_points.clear_sums(self.tile, self.work)
         law = moving_points.PointLaw(K_N, K_S, self.mu, 1.0)
         for pair in range(2):
             two = slice(2 * pair, 2 * pair + 2)
@@ -136,7 +136,7 @@ class MovingPoints:
                 bonded = point_laws.BondedPair(self.strengths, 0, self.of_bonds[two])
             if self.custom is not None:
                 custom = self.rows_of(2 * pair)
-            if moving_points.press(self.work, points, law, True, None, bonded, custom, self.ledger):
+            if moving_points.pair_forces(self.work, points, law, True, None, bonded, custom, self.ledger):
                 moving_points.add_slip(self.work, self.slipped[two])
                 if bonded is None and custom is None:
                     moving_points.add_losses(self.work, points, law, self.ledger)

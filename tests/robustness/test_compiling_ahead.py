@@ -29,7 +29,7 @@ def misses_and_hits(kernel):
     return [sum(found.values()) for found in (kernel.called.stats.cache_misses, kernel.called.stats.cache_hits)]
 """
 AHEAD = """
-with _ahead.second_process(), _ahead.meanwhile(lambda: {tasks}):
+with _ahead.second_process(), _ahead.compile_ahead(lambda: {tasks}):
     product(*8 * [1.0])
     helper = _ahead._Known.helper.process
     ended = helper and helper.wait(60)
@@ -179,9 +179,9 @@ def test_what_contacts_do_is_compiled_ahead_for_what_the_loop_calls_it_with(monk
 
     def heard(wanted):
         tasks.extend(wanted())
-        return _ahead.meanwhile(wanted)
+        return _ahead.compile_ahead(wanted)
 
-    monkeypatch.setattr(chunks, "meanwhile", heard)
+    monkeypatch.setattr(chunks, "compile_ahead", heard)
     scene = warmup._scene(formulation, DynamicControl(2e-3), warmup.LOW, warmup.THROWN)
     assert simulate(scene).run.motion.contact_detection.touching is not None
     ((function, *kernel, types),) = tasks
@@ -196,19 +196,19 @@ def test_what_contacts_do_is_compiled_ahead_for_what_the_loop_calls_it_with(monk
 
 
 def test_the_second_process_starts_with_the_first_kernel_of_a_settlement(monkeypatch, tmp_path):
-    """The loop comes first, within `meanwhile`: what rows take is compiled while the second process is at work."""
+    """The loop comes first, within `compile_ahead`: what rows take is compiled while the second process is at work."""
     order = []
 
     def started(wanted):
         order.append("loop")
-        return _ahead.meanwhile(wanted)
+        return _ahead.compile_ahead(wanted)
 
     def looked(recorder, compiled=Recorder.compile):
         order.append("rows")
         compiled(recorder)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(chunks, "meanwhile", started)
+    monkeypatch.setattr(chunks, "compile_ahead", started)
     monkeypatch.setattr(Recorder, "compile", looked)
     scene = warmup._scene("concave", SettlementControl(("floor",), displacement=(0.0, 0.0, -1e-3)), warmup.LOW)
     with pytest.raises(KeyboardInterrupt):
@@ -247,10 +247,10 @@ def test_the_lab_rehearses_what_it_replays_itself(monkeypatch):
 
     def heard(wanted):
         tasks.extend(wanted())
-        return _ahead.meanwhile(wanted)
+        return _ahead.compile_ahead(wanted)
 
     monkeypatch.setattr(lab, "simulate", replay)
-    monkeypatch.setattr(lab, "meanwhile", heard)
+    monkeypatch.setattr(lab, "compile_ahead", heard)
     with pytest.raises(KeyboardInterrupt):
         lab.replay_lab(curves=False)
     assert tasks == [(lab._rehearse, [("set2a", "convex")])]

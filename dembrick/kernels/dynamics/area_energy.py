@@ -28,7 +28,7 @@ def add_slip_work(ledger, lane, normal, twist, force, before, after):
 
 
 @jit
-def keep_for_work(work, lane, force, elastic, slip):
+def store_shear(work, lane, force, elastic, slip):
     """Store shear and torsion for `add_dashpot_work`."""
     put_three(work.carried, lane, (force[0] - elastic[0], force[1] - elastic[1], force[2] - elastic[2]))
     put_three(work.slipped, lane, slip)
@@ -36,9 +36,9 @@ def keep_for_work(work, lane, force, elastic, slip):
 
 @entry
 def add_dashpot_work(tile, face, work, dashpots, ledger, rest):
-    """Add the work of the dashpots of the joints of a tile in a step. Dashpots of joints evaluated by `stick` act on
-    all of their motion, or on none if a joint is open. For the other joints, of which there are none if ``rest`` is
-    None, it follows from their forces, the pressure on their springs and the shear in their dashpots."""
+    """Add the work of the dashpots of the joints of a tile in a step. Dashpots of joints evaluated by `sticking_forces`
+    act on all of their motion, or on none if a joint is open. For the other joints, of which there are none if ``rest``
+    is None, it follows from their forces, the pressure on their springs and the shear in their dashpots."""
     for lane in range(W):
         k_n = face.k_n[lane]
         k_s = face.k_s[lane]
@@ -69,7 +69,7 @@ def add_dashpot_work(tile, face, work, dashpots, ledger, rest):
 
 
 @entry
-def press_wholly(face, work):
+def pressure_of_closed_or_open(face, work):
     """Pressure on the springs of the joints of a tile, all wholly closed or wholly open, into ``work.still``."""
     for lane in range(W):
         g = three(work.depth, lane)
@@ -79,7 +79,7 @@ def press_wholly(face, work):
 
 
 @jit
-def leave_alone(work, first):
+def clear_unused_lanes(work, first):
     """Clear the lanes of a tile from ``first`` on, which have no joint."""
     zero = (0.0, 0.0, 0.0)
     for lane in range(first, W):
@@ -136,12 +136,12 @@ def opening(face, work):
 @jit
 def add_work(energy_terms, t, dashpots, ledger, tile, face, work, rest, used):
     """Add the work over a step of springs and dashpots of the convex joints in their tile ``t``, in its first ``used``
-    lanes, to the given records of `EnergyTerms`; ``rest``: see `stick`. The springs of joints that are and stay wholly
-    closed have no loss."""
+    lanes, to the given records of `EnergyTerms`; ``rest``: see `sticking_forces`. The springs of joints that are and
+    stay wholly closed have no loss."""
     springs = energy_terms.springs[t]
     partly = 0
     if rest:
-        leave_alone(work, used)
+        clear_unused_lanes(work, used)
         add_dashpot_work(tile, face, work, dashpots, ledger, True)
         partly, passed = opening(face, work)
         if energy_terms.partly[t] > 0:
@@ -151,6 +151,6 @@ def add_work(energy_terms, t, dashpots, ledger, tile, face, work, rest, used):
     else:
         add_dashpot_work(tile, face, work, dashpots, ledger, None)
         if energy_terms.partly[t] > 0:
-            press_wholly(face, work)
+            pressure_of_closed_or_open(face, work)
             add_stepping(face, work, springs, True, ledger)
     energy_terms.partly[t] = partly

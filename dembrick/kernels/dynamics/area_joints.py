@@ -7,7 +7,7 @@ Shear memory is stored in the polygon's axes and turns with them. The normal for
 from math import inf, sqrt
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.area_energy import add_slip_work, add_work, keep_for_work
+from dembrick.kernels.dynamics.area_energy import add_slip_work, add_work, store_shear
 from dembrick.kernels.dynamics.area_tiles import (
     fetch_corners,
     in_polygon_axes,
@@ -15,7 +15,7 @@ from dembrick.kernels.dynamics.area_tiles import (
 )
 from dembrick.kernels.dynamics.bonded_areas import bonded_face
 from dembrick.kernels.dynamics.energy_terms import STEPPING_AT, Counted
-from dembrick.kernels.dynamics.swings import dashpots_of
+from dembrick.kernels.dynamics.law_memory import dashpots_of
 from dembrick.kernels.dynamics.tiles import (
     ACTION,
     FOUR,
@@ -27,13 +27,13 @@ from dembrick.kernels.dynamics.tiles import (
     expect_part,
     fetch,
     four,
-    look,
     offset_of,
     put_three,
     resultant,
     sense_of,
     three,
     two,
+    update_kinematics,
 )
 from dembrick.kernels.joint.area_law import (
     area_friction,
@@ -56,7 +56,7 @@ from dembrick.kernels.math.vectors import put_vector, three_of
 
 
 @entry
-def press(tile, face, work, energy):
+def tile_pressure(tile, face, work, energy):
     """Pressure on the joints of a tile, all side by side, into ``work.pressed``, and that on their springs into
     ``work.still`` unless ``energy`` is None; valid only for joints with four corners."""
     for lane in range(W):
@@ -92,8 +92,8 @@ def limit_of(faces, pressed, a, face, lane):
 
 @jit
 def pressure_of(faces, pressed, a, tile, face, lane, work):
-    """Integrals over convex joint ``a`` of its pressure, and the x and y moments: those of `press`, or, for polygons of
-    more or fewer corners than four and if friction follows the bending, those of `area_pressure`."""
+    """Integrals over convex joint ``a`` of its pressure, and the x and y moments: those of `tile_pressure`, or, for
+    polygons of more or fewer corners than four and if friction follows the bending, those of `area_pressure`."""
     if pressed is None:
         if faces.count[faces.outline[a]] == FOUR:
             return three(work.pressed, lane)
@@ -106,8 +106,9 @@ def pressure_of(faces, pressed, a, tile, face, lane, work):
 
 
 @jit
-def find_still(faces, pressed, a, face, lane, work):
-    """Write the pressure on the springs of convex joint ``a`` into ``work.still``, unless `press` has computed it."""
+def store_spring_pressure(faces, pressed, a, face, lane, work):
+    """Write the pressure on the springs of convex joint ``a`` into ``work.still``, unless `tile_pressure` has computed
+    it."""
     if pressed is None:
         if faces.count[faces.outline[a]] == FOUR:
             return
@@ -136,7 +137,7 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, counted
         limit, n, face.friction[lane], face.negligible[lane], springs, dashpots_of(tile, work, lane)[1], slip, before,
         three_of(twist),
     )  # fmt: skip
-    if work.swings[lane] > 0.0 and n > 0.0:
+    if work.searching[lane] > 0.0 and n > 0.0:
         elastic = stretched(springs, slip, before)
         slid = 0.0
     put_three(sheared.elastic, lane, elastic)
@@ -144,26 +145,26 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, counted
     faces.slip[a] += slid
     put_force(work, lane, cosine, sine, (n, nx, ny), force)
     if counted is not None:
-        find_still(faces, pressed, a, face, lane, work)
-        keep_for_work(work, lane, force, elastic, slip)
+        store_spring_pressure(faces, pressed, a, face, lane, work)
+        store_shear(work, lane, force, elastic, slip)
         if slid > 0.0 or (n <= 0.0 and (before[0] != 0.0 or before[1] != 0.0 or before[2] != 0.0)):
             add_slip_work(counted.ledger, lane, n, slipped, force, before, elastic)
 
 
 @jit
-def kept_unless(done, new, old):
+def new_if(done, new, old):
     """The vector ``new`` if ``done``, else ``old``."""
     return (new[0] if done else old[0], new[1] if done else old[1], new[2] if done else old[2])
 
 
 @jit
-def zero_unless(done, a):
+def vector_if(done, a):
     """The vector a if ``done``, else zero."""
-    return kept_unless(done, a, (0.0, 0.0, 0.0))
+    return new_if(done, a, (0.0, 0.0, 0.0))
 
 
 @entry
-def stick(tile, seen, face, sheared, work, energy):
+def sticking_forces(tile, seen, face, sheared, work, energy):
     """`face_force` of all joints of a tile that are wholly closed and do not slide, or wholly open without memory, as
     are most joints most of the time.
 
@@ -193,8 +194,8 @@ def stick(tile, seen, face, sheared, work, energy):
         whole = either_wholly(reach, g0, gx, gy)
         stuck = wholly_closed(reach, g0, d0, h0, hx, hy) & whole & (n > 0.0) & (size <= face.friction[lane] * n)
         idle = whole & (g0 <= 0.0) & (g0 <= d0) & (b1 == 0.0) & (b2 == 0.0) & (bm == 0.0)
-        put_three(sheared.elastic, lane, kept_unless(stuck, elastic, (b1, b2, bm)))
-        put_force(work, lane, cosine, sine, zero_unless(stuck, (n, nx, ny)), zero_unless(stuck, trial))
+        put_three(sheared.elastic, lane, new_if(stuck, elastic, (b1, b2, bm)))
+        put_force(work, lane, cosine, sine, vector_if(stuck, (n, nx, ny)), vector_if(stuck, trial))
         work.rest[lane] = 0.0 if stuck | idle else 1.0
         rest = rest | (not (stuck | idle))
         if energy is not None:
@@ -224,10 +225,10 @@ def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy
         for lane in range(used):
             work.rest[lane] = 1.0
     else:
-        rest = stick(tile, seen, face, sheared, work, counted)
+        rest = sticking_forces(tile, seen, face, sheared, work, counted)
         if rest:
             fetch_corners(faces, t, work)
-            press(tile, face, work, counted)
+            tile_pressure(tile, face, work, counted)
     if rest:
         for lane in range(used):
             if work.rest[lane] > 0.0:
@@ -255,7 +256,7 @@ def forces(links, faces, bodies, first, last, energy_terms, work):
                 expect(energy_terms.springs, t + 1)
         expect_part(links.wrenches, own * WRENCHES, 0, ACTION * ROW)
         fetch(links, own, bodies, work)
-        look(tile, seen, work)
+        update_kinematics(tile, seen, work)
         if energy_terms is None:
             forces_of_tile(faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, None, None)
         if energy_terms is not None:

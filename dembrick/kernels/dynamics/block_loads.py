@@ -23,7 +23,7 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.rigid_bodies import gathered, resisted
-from dembrick.kernels.joint.ties import answer
+from dembrick.kernels.joint.ties import tie_force
 from dembrick.kernels.math.rigid_turns import guided_momentum
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, cross, rotate
 
@@ -38,13 +38,13 @@ def clear_tied(ties, bodies):
 
 
 @jit
-def pull_ties(ties, bodies, swings):
-    """Add the forces of all ties to the loads on their blocks; ``swings``: see `stretch`."""
+def pull_ties(ties, bodies, searching):
+    """Add the forces of all ties to the loads on their blocks; ``searching``: see `stretch`."""
     for t in range(ties.stiffness.size):
         a = ties.block[t, 0]
         b = ties.block[t, 1]
         x = bodies.position
-        answer(ties, t, bodies.orientation, (x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]), swings)
+        tie_force(ties, t, bodies.orientation, (x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]), searching)
         for side in range(2):
             load = bodies.applied[ties.block[t, side]]
             add_wrench(load, 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, ties.arm[t, side])
@@ -68,7 +68,7 @@ def unresisted(force, motion, damping):
 
 
 @jit
-def hold(bodies, wrenches, g1, g2, g3, dt, damping):
+def apply_guides(bodies, wrenches, g1, g2, g3, dt, damping):
     """Add the forces of guides to the loads of guided blocks, once all other forces of the step are there."""
     for g in range(bodies.guided.size):
         b = bodies.guided[g]
@@ -104,7 +104,9 @@ class PressedFaces(NamedTuple):
     level: ndarray  # (q,) Pa, c0
     slope: ndarray  # (q,) Pa/m, c1
     driven: ndarray  # (q,) bool, whether the multiplier V acts on it
-    wrench: ndarray  # (q, 6) N, N m, force and moment about the centroid at the last call of `press`, for V = 1
+    wrench: (
+        ndarray  # (q, 6) N, N m, force and moment about the centroid at the last call of `apply_pressures`, for V = 1
+    )
 
 
 @jit
@@ -116,7 +118,7 @@ def clear_pressed(faces, bodies):
 
 
 @jit
-def press(faces, bodies, multiplier, height):
+def apply_pressures(faces, bodies, multiplier, height):
     """Add the pressures to the loads on their blocks; the height of a point x is h x + h_0, with ``height``
     (4,) = (h, h_0)."""
     for q in range(faces.block.size):
@@ -124,7 +126,7 @@ def press(faces, bodies, multiplier, height):
         wrench = faces.wrench[q]
         for i in range(6):
             wrench[i] = 0.0
-        press_polygon(faces, q, bodies, height)
+        polygon_pressure(faces, q, bodies, height)
         load = bodies.applied[b]
         for i in range(6):
             wrench[i] *= faces.sense[q]
@@ -138,7 +140,7 @@ def multiplier_on(faces, q, multiplier):
 
 
 @jit
-def press_polygon(faces, q, bodies, height):
+def polygon_pressure(faces, q, bodies, height):
     """Add force and moment of the pressure on one polygon to its wrench. The part where the pressure is positive is a
     fan of triangles from its first corner, in the order of the outline."""
     b = faces.block[q]
@@ -168,14 +170,14 @@ def press_polygon(faces, q, bodies, height):
             if found == 0:
                 a = c
             if found >= 2:
-                press_triangle(faces.wrench[q], a, before, c)
+                triangle_pressure(faces.wrench[q], a, before, c)
             before = c
             found += 1
         u1, u2, u3, pu = v1, v2, v3, pv
 
 
 @jit
-def press_triangle(wrench, a, b, c):
+def triangle_pressure(wrench, a, b, c):
     """Add force and moment of a linear pressure on a triangle; corners (position and pressure, 4) counter-clockwise
     seen from outside."""
     a1, a2, a3, pa = a

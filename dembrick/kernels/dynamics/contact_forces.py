@@ -29,8 +29,13 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.contact_friction import flatten, forget, rub, share_pressure
-from dembrick.kernels.dynamics.contact_stiffness import gather_springs, lightness, stepped_dashpot, weigh
+from dembrick.kernels.dynamics.contact_friction import flatten, friction_wrench, reset_memory, share_pressure
+from dembrick.kernels.dynamics.contact_stiffness import (
+    add_stability_load,
+    gather_springs,
+    inverse_mass,
+    stepped_dashpot,
+)
 from dembrick.kernels.dynamics.contact_surface import (
     Parts,
     Scratch,
@@ -39,7 +44,7 @@ from dembrick.kernels.dynamics.contact_surface import (
     positive_part,
     sum_patches,
 )
-from dembrick.kernels.dynamics.swings import MOVING, RESTED
+from dembrick.kernels.dynamics.law_memory import MOVING, RESTED
 from dembrick.kernels.dynamics.tiles import W, offset_of, sense_of, three, wrench_at
 from dembrick.kernels.joint.dashpots import damped_push
 from dembrick.kernels.joint.pressure import Pressed
@@ -91,7 +96,7 @@ class Touching(NamedTuple):
     load: ndarray  # (n,) bound of the effect of its contacts on a block: M^-1 (dt^2 K + 2 dt C), stable up to 4
     bearable: ndarray  # (n,) load up to which no closer check is needed
     overloaded: ndarray  # (1,) int64, 1 if a block has more
-    laws: ndarray  # (1,) int64, mode of friction: `swings.MOVING` or another
+    laws: ndarray  # (1,) int64, mode of friction: `law_memory.MOVING` or another
     dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the phase w (rad) of a step; greatest w
     room: ndarray  # (1,) m, how far blocks may still move until near pairs must be searched again
     trouble: ndarray  # (1,) int64, the pair that ended the run
@@ -112,7 +117,7 @@ def clear_applied(touching, bodies):
 
 
 @jit
-def rest(touching, t):
+def clear_contact(touching, t):
     """Set force and memory of pair ``t`` to zero."""
     touching.normal[t] = 0.0
     touching.area[t] = 0.0
@@ -127,7 +132,7 @@ def rest(touching, t):
 
 
 @jit
-def counts(touching, t, patches, depth):
+def edge_contact_matters(touching, t, patches, depth):
     """Whether edges in contact along each other since the start press with a force that counts by now; if not, the
     depth for the next check is doubled."""
     _, _, e1, e2, e3 = sum_patches(touching.scratch, patches)
@@ -138,7 +143,7 @@ def counts(touching, t, patches, depth):
 
 
 @jit
-def press(touching, bodies, t, patches, depth, dt, x, y):
+def contact_force(touching, bodies, t, patches, depth, dt, x, y):
     """Normal pressure and friction of the patches in scratch, as `force`, `torque` and `point` of pair ``t``.
 
     ``depth``: the greatest penetration; x, y: the patches' origin from the centroids of the blocks of A and B, world.
@@ -149,7 +154,7 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
     area, total, e1, e2, e3 = sum_patches(scratch, patches)
     size = sqrt(e1 * e1 + e2 * e2 + e3 * e3)
     if not (total > 0.0 and size > 0.0):
-        rest(touching, t)
+        clear_contact(touching, t)
         return
     a = touching.parts.owner[touching.first[t]]
     b = touching.parts.owner[touching.second[t]]
@@ -179,8 +184,8 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
     # the force grows with the square of the penetration, on a corner with its cube: all have one restitution
     k_n = touching.weight[t] * touching.k_n[t]
     k_s = touching.weight[t] * touching.k_s[t]
-    felt = lightness(touching, bodies, a, x1, x2, x3, n1, n2, n3)
-    felt += lightness(touching, bodies, b, y1, y2, y3, n1, n2, n3)
+    felt = inverse_mass(touching, bodies, a, x1, x2, x3, n1, n2, n3)
+    felt += inverse_mass(touching, bodies, b, y1, y2, y3, n1, n2, n3)
     viscous = stepped_dashpot(touching.dashpot, sqrt(felt * k_n * even) * dt) * even / stiff
     if touching.laws[0] == RESTED:
         viscous = 0.0
@@ -239,14 +244,16 @@ def press(touching, bodies, t, patches, depth, dt, x, y):
     springs[15] = k_s * polar
     at_a = x1, x2, x3
     at_b = y1, y2, y3
-    weigh(touching, bodies, a, b, springs, dt, at_a, at_b)
+    add_stability_load(touching, bodies, a, b, springs, dt, at_a, at_b)
     shear = k_s * area, k_s * polar
     s1 = s2 = s3 = turn = 0.0
     if wide:
         axes = (n1, n2, n3), (t1, t2, t3)
-        s1, s2, s3, turn = rub(touching, bodies, t, (a, b), dt, normal, shear, 1.0 + viscous, axes, (at_a, at_b))
+        s1, s2, s3, turn = friction_wrench(
+            touching, bodies, t, (a, b), dt, normal, shear, 1.0 + viscous, axes, (at_a, at_b)
+        )
     else:
-        forget(touching, t, *shear)
+        reset_memory(touching, t, *shear)
     # friction as computed acts on A
     touching.normal[t] = normal
     touching.area[t] = area
@@ -281,7 +288,7 @@ def touch(touching, links, bodies, dt):
             is_open, parted = hand_over(touching, links, t)
             if touching.weight[t] <= 0.0 and not is_open:
                 if touching.area[t] > 0.0:  # handed back: its last force must not be counted again
-                    rest(touching, t)
+                    clear_contact(touching, t)
                 continue
         elif touching.weight[t] < 1.0 and touching.slack[t] <= 0.0:
             touching.weight[t] = min(1.0, touching.weight[t] + GROWTH)
@@ -305,13 +312,13 @@ def touch(touching, links, bodies, dt):
         if joint >= 0:
             if before <= 0.0 and touching.laws[0] != MOVING and 2.0 * depth > touching.crushes[t]:
                 touching.weight[t] = 0.0
-                rest(touching, t)
+                clear_contact(touching, t)
                 continue
-            leave_rest(touching, links, t)
+            scale_joint_wrench(touching, links, t)
         if patches == 0:
             if parted:
                 touching.weight[t] = 1.0
-            rest(touching, t)
+            clear_contact(touching, t)
             continue
         if patches < 0:
             touching.trouble[0] = t
@@ -319,8 +326,8 @@ def touch(touching, links, bodies, dt):
         if depth > DEEPEST * min(parts.inner[first], parts.inner[second]):
             touching.trouble[0] = t
             return DEEP
-        if slack > 0.0 and not counts(touching, t, patches, depth):
-            rest(touching, t)
+        if slack > 0.0 and not edge_contact_matters(touching, t, patches, depth):
+            clear_contact(touching, t)
             continue
         if is_open or slack > 0.0:
             touching.weight[t] = min(1.0, touching.weight[t] + GROWTH)
@@ -329,7 +336,7 @@ def touch(touching, links, bodies, dt):
         x1, x2, x3 = rows_times(bodies.rotation[a], o1, o2, o3)
         x = bodies.position
         at_b = x1 + (x[a, 0] - x[b, 0]), x2 + (x[a, 1] - x[b, 1]), x3 + (x[a, 2] - x[b, 2])
-        press(touching, bodies, t, patches, depth, dt, (x1, x2, x3), at_b)
+        contact_force(touching, bodies, t, patches, depth, dt, (x1, x2, x3), at_b)
     return TOUCHED
 
 
@@ -388,7 +395,7 @@ def hand_over(touching, links, t):
 
 
 @jit
-def leave_rest(touching, links, t):
+def scale_joint_wrench(touching, links, t):
     """Reduce the wrench of the joint of pair ``t`` by the weight of the new contact."""
     wrench = links.wrenches[wrench_at(links, touching.joint[t])]
     for i in range(9):

@@ -14,7 +14,7 @@ is widened to that, so that integrals over it keep their digits; its strength gr
 from math import atan2, cos, sin, sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.swings import SWINGING
+from dembrick.kernels.dynamics.law_memory import SEARCHING
 from dembrick.kernels.joint.area_law import area_friction, stretched
 from dembrick.kernels.joint.limit_surface import LimitSurface
 from dembrick.kernels.math.vectors import cross, put_vector, three_of, turned_back
@@ -166,7 +166,7 @@ def widened(pressed, used, reach, xx, xy, yy):
 
 
 @jit
-def forget(touching, t, k_t, k_r):
+def reset_memory(touching, t, k_t, k_r):
     """Clear the memory, and store the present stiffnesses."""
     for i in range(4):
         touching.elastic[t, i] = 0.0
@@ -175,7 +175,7 @@ def forget(touching, t, k_t, k_r):
 
 
 @jit
-def moved(bodies, b, dt, r1, r2, r3):
+def point_displacement(bodies, b, dt, r1, r2, r3):
     """Motion of the point of block ``b`` at r from its centroid in the last step."""
     v = bodies.velocity[b]
     w = bodies.spin[b]
@@ -184,7 +184,7 @@ def moved(bodies, b, dt, r1, r2, r3):
 
 
 @jit
-def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
+def friction_wrench(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     """Friction on A (3) and torsion on A about the normal n (world) of pair ``t``, whose pressure is in
     ``touching.pressed``. ``blocks``: those of A and B; ``springs``: k_t (N/m) and k_r (N m); ``axes``: n and the first
     axis t of the pressure (world); ``arms``: c from the centroids of A and B.
@@ -199,7 +199,7 @@ def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     if cohesion > 0.0 and normal > 0.0:  # over the whole area; the weight of the contact is in k_t
         friction += cohesion * k_t / (touching.k_s[t] * normal)
     if not (friction * normal > 0.0 and k_t > 0.0 and k_r > 0.0):
-        forget(touching, t, k_t, k_r)
+        reset_memory(touching, t, k_t, k_r)
         return 0.0, 0.0, 0.0, 0.0
     elastic = touching.elastic[t]
     stiffness = touching.stiffness[t]
@@ -217,8 +217,8 @@ def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     e_m = elastic[3] * (min(1.0, k_r / (BAND * stiffness[1])) if stiffness[1] > 0.0 else 1.0)
     stiffness[0] = min(max(stiffness[0], k_t), k_t / BAND)
     stiffness[1] = min(max(stiffness[1], k_r), k_r / BAND)
-    s1, s2, s3 = moved(bodies, b, dt, *arms[1])
-    p1, p2, p3 = moved(bodies, a, dt, *arms[0])
+    s1, s2, s3 = point_displacement(bodies, b, dt, *arms[1])
+    p1, p2, p3 = point_displacement(bodies, a, dt, *arms[0])
     s1 -= p1
     s2 -= p2
     s3 -= p3
@@ -233,7 +233,7 @@ def rub(touching, bodies, t, blocks, dt, normal, springs, damped, axes, arms):
     (f_t, f_u, f_m), (e_t, e_u, e_m), _, start, slid, _ = area_friction(
         limit, normal, friction, 0.0, springs, damped, slip, before, three_of(twist), CLOSE
     )
-    if touching.laws[0] == SWINGING:
+    if touching.laws[0] == SEARCHING:
         e_t, e_u, e_m = stretched(springs, slip, before)
         slid = 0.0
     put_vector(twist, *start)

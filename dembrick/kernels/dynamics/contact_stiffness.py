@@ -9,7 +9,7 @@ STEEP = 0.3  # least cosine between a face and the mean normal: pressure on stee
 
 
 @jit
-def lightness(touching, bodies, b, r1, r2, r3, n1, n2, n3):
+def inverse_mass(touching, bodies, b, r1, r2, r3, n1, n2, n3):
     """Velocity along n that a unit impulse along n gives the point of block ``b`` at r from its centroid (1/kg)."""
     R = bodies.rotation[b]
     c1, c2, c3 = cross(r1, r2, r3, n1, n2, n3)
@@ -109,7 +109,7 @@ def gather_springs(scratch, patches, springs, c, e, t):
 
 
 @jit
-def burden(bodies, b, springs, r1, r2, r3, u1, u2, u3):
+def stiffness_over_mass(bodies, b, springs, r1, r2, r3, u1, u2, u3):
     """Stiffness of a contact's springs for block ``b``, over all its motions: the trace of M^-1 J^T K J (1/s2).
 
     ``springs``: of the contact, at r from the block's centroid; u: the second axis in their plane, the first is in
@@ -144,7 +144,7 @@ def burden(bodies, b, springs, r1, r2, r3, u1, u2, u3):
 
 
 @jit
-def weigh(touching, bodies, a, b, springs, dt, x, y):
+def add_stability_load(touching, bodies, a, b, springs, dt, x, y):
     """Add the effect of a contact's springs and dashpots on either block in a step to `load`, and note if that exceeds
     `bearable`; x, y: the contact from the centroids of the blocks.
 
@@ -152,8 +152,8 @@ def weigh(touching, bodies, a, b, springs, dt, x, y):
     the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) is at most the greatest sum over a block's contacts.
     """
     u1, u2, u3 = cross(springs[0], springs[1], springs[2], springs[3], springs[4], springs[5])
-    both = touching.free[a] * burden(bodies, a, springs, *x, u1, u2, u3)
-    both += touching.free[b] * burden(bodies, b, springs, *y, u1, u2, u3)
+    both = touching.free[a] * stiffness_over_mass(bodies, a, springs, *x, u1, u2, u3)
+    both += touching.free[b] * stiffness_over_mass(bodies, b, springs, *y, u1, u2, u3)
     both *= dt * dt * (1.0 + 2.0 * springs[12])
     load = touching.load
     load[a] += touching.free[a] * both

@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.rigid_bodies import gathered, resisted
-from dembrick.kernels.math.rigid_turns import answer_to, held_momentum
+from dembrick.kernels.math.rigid_turns import held_momentum, spin_under
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, rotate
 
 STRAIGHT = 8  # corrections of V by the slope of a linear piece
@@ -86,7 +86,7 @@ def follow_head(head, loads, bodies, wrenches, g1, g2, g3, dt, damping, step):
     rate = 0.0  # without any force
     for r in range(head.body.size):
         b = head.body[r]
-        weigh(head, r, bodies)
+        divide_by_mass(head, r, bodies)
         head.total[r, 0], head.total[r, 1], head.total[r, 2], head.total[r, 3], head.total[r, 4], head.total[r, 5] = (
             gathered(bodies, b, wrenches, True, g1, g2, g3)
         )
@@ -102,15 +102,15 @@ def follow_head(head, loads, bodies, wrenches, g1, g2, g3, dt, damping, step):
 
 
 @jit
-def weigh(head, r, bodies):
+def divide_by_mass(head, r, bodies):
     """Turn J into J M^-1 in a row of ``along``, without the directions fixed by guides."""
     b = head.body[r]
     along = head.along[r]
     g = head.guided[r]
     q = bodies.orientation
-    e1 = answer_to(q, b, bodies.inverse[b], 1.0, 0.0, 0.0)
-    e2 = answer_to(q, b, bodies.inverse[b], 0.0, 1.0, 0.0)
-    e3 = answer_to(q, b, bodies.inverse[b], 0.0, 0.0, 1.0)
+    e1 = spin_under(q, b, bodies.inverse[b], 1.0, 0.0, 0.0)
+    e2 = spin_under(q, b, bodies.inverse[b], 0.0, 1.0, 0.0)
+    e3 = spin_under(q, b, bodies.inverse[b], 0.0, 0.0, 1.0)
     c1, c2, c3 = along[3], along[4], along[5]
     y1 = c1 * e1[0] + c2 * e2[0] + c3 * e3[0]
     y2 = c1 * e1[1] + c2 * e2[1] + c3 * e3[1]

@@ -20,7 +20,7 @@ from dembrick.kernels.math.vectors import add_wrench, axes_of, cross, product, p
 
 
 @jit
-def settle(energy_terms, links, j):
+def collect_losses(energy_terms, links, j):
     """Move the losses of a joint into its own energy terms, before its share changes."""
     share = energy_terms.share[j]
     ledger = energy_terms.ledger[links.place[j] // W]
@@ -39,14 +39,14 @@ def settle(energy_terms, links, j):
 
 
 @entry
-def settle_all(energy_terms, links):
-    """`settle` for all joints."""
+def collect_all_losses(energy_terms, links):
+    """`collect_losses` for all joints."""
     for j in range(energy_terms.share.size):
-        settle(energy_terms, links, j)
+        collect_losses(energy_terms, links, j)
 
 
 @entry
-def take_stock(links, corners, faces, held_out, energy_out):
+def spring_energies(links, corners, faces, held_out, energy_out):
     """Energy (j,) J in the springs of every joint; for convex joints also N and its x and y moments (a, 3)."""
     for family in range(FAMILIES):
         for i in range(joint_count(corners, faces, family)):
@@ -93,7 +93,7 @@ def step_of_feet(offset, now, step):
 @entry
 def work_ahead(links, corners, faces, bodies, held, places, joints, worked):
     """Work (k,) in J on the springs of ``joints`` (k,) over the step since the last forces, if these stayed constant,
-    into ``worked``; ``held``: see `take_stock`, ``places``: `EnergyTerms.place`."""
+    into ``worked``; ``held``: see `spring_energies`, ``places``: `EnergyTerms.place`."""
     for i in range(joints.size):
         j = joints[i]
         seen = links.seen_tiles[links.place[j] // W]
@@ -205,7 +205,7 @@ def add_handover_work(energy_terms, links, corners, faces, touching):
         if j >= 0:
             share = 1.0 - touching.weight[t]
             if share != energy_terms.share[j]:
-                settle(energy_terms, links, j)
+                collect_losses(energy_terms, links, j)
                 family, index = families.family_of(energy_terms.place[j])
                 energy = families.spring_energy(links, corners, faces, family, index, None)
                 energy_terms.total[0].handed += (energy_terms.share[j] - share) * energy
@@ -235,7 +235,7 @@ def add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step,
     if energy_terms.begun[0] == 0.0:  # there was no step before: discard all that was counted
         energy_terms.begun[0] = 1.0
         half = 0.0
-        settle_all(energy_terms, links)
+        collect_all_losses(energy_terms, links)
         energy_terms.total[0].loads = 0.0
         energy_terms.total[0].ties_yielded = 0.0
         energy_terms.total[0].ties_stepped = 0.0

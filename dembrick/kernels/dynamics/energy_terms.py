@@ -25,7 +25,7 @@ TOTAL = np.dtype((np.record, [(name, float) for name in (
 # energy balance, and rounding one side of a trapezium costs some 1e-8 of the work, of either sign
 CARRIED = record(("pressing", 3), ("shearing", 3), kind=np.float32)
 
-# J, since the last `settle`: work of dashpots, the smallest friction work of a step, and losses
+# J, since the last `collect_losses`: work of dashpots, the smallest friction work of a step, and losses
 LEDGER = record(
     ("dashpots", 1), ("smallest", 1), ("friction", 1), ("released", 1), ("stepping", 1), ("by_law", 1), ("crushing", 1),
     ("fracture", 1),
@@ -53,7 +53,7 @@ class EnergyTerms(NamedTuple):
     ledger: ndarray  # (t,) records `LEDGER`, the energy terms of the joints, in the same tiles
     springs: ndarray  # (u,) records `PRESSURE` of the convex joints, in their tiles
     partly: ndarray  # (u,) int64, 1 if ``springs`` is stored: if a joint was neither wholly closed nor wholly open
-    damped: ndarray  # (j,) work of dashpots until the last `settle`
+    damped: ndarray  # (j,) work of dashpots until the last `collect_losses`
     lost: ndarray  # (j,) records `LOST`
     least: ndarray  # (j,) the smallest friction work of a step
     share: ndarray  # (j,) share of the joint beside a new contact

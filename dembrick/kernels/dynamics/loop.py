@@ -13,11 +13,11 @@ from numpy import ndarray
 from dembrick._jit import call_at, entry, jit, jit_parallel, prange, renamed
 from dembrick.kernels.dynamics.block_loads import (
     PressedFaces,
+    apply_guides,
+    apply_pressures,
     clear_guided,
     clear_pressed,
     clear_tied,
-    hold,
-    press,
     pull_ties,
 )
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, Touching, clear_applied
@@ -25,8 +25,8 @@ from dembrick.kernels.dynamics.driven_displacement import Head, follow_head, sta
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
+from dembrick.kernels.dynamics.law_memory import SEARCHING, set_law_mode
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, write_rotations
-from dembrick.kernels.dynamics.swings import SWINGING, set_laws
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, rotate
 
@@ -67,7 +67,7 @@ class Course(NamedTuple):
     displacement: float  # m, see `Limits`
     longest: float  # m
     damping: float  # local damping, in the search for an equilibrium
-    laws: int  # mode of the laws of joints: `swings.MOVING` or another
+    laws: int  # mode of the laws of joints: `law_memory.MOVING` or another
     # (2,) m, how far two blocks may still move against each other before a polygon could be stale; and a bound of the
     # motion of any block since the caller last set it to zero
     travel: ndarray
@@ -93,7 +93,7 @@ def apply_loads(loads, bodies, step):
         b = block[k]
         arm = rotate(bodies.orientation, b, loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
         add_wrench(bodies.applied[b], 1.0, loads.force[step, k], NO_MOMENT, arm)
-    press(loads.faces, bodies, loads.multiplier[step], loads.height[step])
+    apply_pressures(loads.faces, bodies, loads.multiplier[step], loads.height[step])
 
 
 class Shares(NamedTuple):
@@ -137,7 +137,7 @@ def advance_bodies(
     away = shares.away
     damping = course.damping
     travel = course.travel
-    swings = course.laws == SWINGING
+    searching = course.laws == SEARCHING
     touching = contacts.touching
     goal2 = course.displacement**2
     longest2 = course.longest**2
@@ -145,7 +145,7 @@ def advance_bodies(
     loaded = loads.block.size > 0 or loads.faces.block.size > 0 or ties.stiffness.size > 0 or meeting
     loaded = loaded or bodies.guided.size > 0
     for t in range(moved.size):
-        set_laws(work[t], course.laws)
+        set_law_mode(work[t], course.laws)
     touching.laws[0] = course.laws
     for done in range(n_steps):
         step = loads.first[0] + done
@@ -162,7 +162,7 @@ def advance_bodies(
         clear_tied(ties, bodies)
         clear_guided(bodies)
         apply_loads(loads, bodies, step)
-        pull_ties(ties, bodies, swings)
+        pull_ties(ties, bodies, searching)
         for t in prange(moved.size):
             joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work[t])
         if meeting:
@@ -175,7 +175,7 @@ def advance_bodies(
         if energy_terms is not None:
             joints = links, corners, faces
             mean = add_step(energy_terms, bodies, joints, ties, loads, meeting, touching, step, dt)
-        hold(bodies, links.wrenches, g[0], g[1], g[2], dt, damping)
+        apply_guides(bodies, links.wrenches, g[0], g[1], g[2], dt, damping)
         for t in prange(moved.size):
             share = share_bodies[t], share_bodies[t + 1]
             if energy_terms is None:

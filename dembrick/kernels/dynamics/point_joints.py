@@ -6,8 +6,8 @@ joint, then the next two and so on are evaluated side by side. An odd number is 
 memory is stored in the plane's axes and turns with them. The normal force acts along the other's normal, and force and
 reaction at one world point.
 
-If any joint has strengths, all points of the scene follow the law with bonds (`answer_bonded` instead of `answer`),
-which counts their losses itself; the same applies to a user-defined law (`answer_custom`).
+If any joint has strengths, all points of the scene follow the law with bonds (`bonded_force` instead of `point_force`),
+which counts their losses itself; the same applies to a user-defined law (`custom_force`).
 """
 
 from itertools import pairwise
@@ -20,16 +20,16 @@ from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.energy_terms import (
     dashpot_work,
 )
+from dembrick.kernels.dynamics.law_memory import dashpots_of
 from dembrick.kernels.dynamics.point_laws import (
-    answer_bonded,
-    answer_custom,
+    bonded_force,
     bonded_pair,
+    custom_force,
     energy_of,
     place_of,
     rows_of,
     spring_length,
 )
-from dembrick.kernels.dynamics.swings import dashpots_of
 from dembrick.kernels.dynamics.tiles import (
     ACTION,
     POINT,
@@ -43,7 +43,6 @@ from dembrick.kernels.dynamics.tiles import (
     expect_part,
     fetch,
     in_lanes,
-    look,
     offset_of,
     put_in_lanes,
     put_three,
@@ -52,6 +51,7 @@ from dembrick.kernels.dynamics.tiles import (
     set_apart,
     three,
     two,
+    update_kinematics,
 )
 from dembrick.kernels.joint.custom_law import Custom
 from dembrick.kernels.joint.point_law import Strengths, point_law, shear_loss
@@ -59,7 +59,7 @@ from dembrick.kernels.math.vectors import put_vector
 
 
 @entry
-def begin(tile, work):
+def clear_sums(tile, work):
     """Set the sums over the points to zero, and store the dashpot ratios for all points of each joint."""
     zero = (0.0, 0.0, 0.0)
     for lane in range(W):
@@ -86,10 +86,10 @@ class PointLaw(NamedTuple):
 
 
 @jit
-def answer(work, pair, which, lane, law, energy, force_out):
-    """Forces of one point, number ``which`` of the ``pair`` of `press`: its arms of the normal force and of friction,
-    its shear force in the sense in which the host slips, its normal force, the parts of these three in its dashpots,
-    whether it slid or lost other energy."""
+def point_force(work, pair, which, lane, law, energy, force_out):
+    """Forces of one point, number ``which`` of the ``pair`` of `pair_forces`: its arms of the normal force and of
+    friction, its shear force in the sense in which the host slips, its normal force, the parts of these three in its
+    dashpots, whether it slid or lost other energy."""
     own, sheared = pair
     x = own[which].x[lane]
     y = own[which].y[lane]
@@ -111,10 +111,10 @@ def answer(work, pair, which, lane, law, energy, force_out):
     dashpots = work.normal[lane], work.damped[lane], work.damping[lane]
     k_s = law.k_s * area
     normal, t1, t2, e1, e2, slid = point_law(g, d, (u1, u2), (b1, b2), (k, k_s), law.friction, dashpots)
-    swings = work.swings[lane] if normal > 0.0 else 0.0
-    e1 += swings * (b1 + k_s * u1 - e1)
-    e2 += swings * (b2 + k_s * u2 - e2)
-    slid -= swings * slid
+    searching = work.searching[lane] if normal > 0.0 else 0.0
+    e1 += searching * (b1 + k_s * u1 - e1)
+    e2 += searching * (b2 + k_s * u2 - e2)
+    slid -= searching * slid
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2
     work.slid[which, lane] = slid
@@ -132,29 +132,29 @@ def answer(work, pair, which, lane, law, energy, force_out):
 
 
 @jit
-def answer_by(work, pair, which, lane, law, energy, force_out, bonded, custom, ledger):
-    """`answer` by the law of the points: dry if ``bonded`` and ``custom`` are None."""
+def point_force_by(work, pair, which, lane, law, energy, force_out, bonded, custom, ledger):
+    """`point_force` by the law of the points: dry if ``bonded`` and ``custom`` are None."""
     if custom is not None:
-        return answer_custom(work, pair, which, lane, law.arm, energy, force_out, custom, ledger)
+        return custom_force(work, pair, which, lane, law.arm, energy, force_out, custom, ledger)
     if bonded is not None:
-        return answer_bonded(work, pair, which, lane, law, energy, force_out, bonded, ledger)
-    return answer(work, pair, which, lane, law, energy, force_out)
+        return bonded_force(work, pair, which, lane, law, energy, force_out, bonded, ledger)
+    return point_force(work, pair, which, lane, law, energy, force_out)
 
 
 @entry
-def press(work, pair, law, energy, force_out, bonded=None, custom=None, ledger=None):
+def pair_forces(work, pair, law, energy, force_out, bonded=None, custom=None, ledger=None):
     """Forces of two points of every joint of a tile, added to the sums in ``work``.
 
     ``pair``: the rows of the points and of their elastic shear; ``law``: their `PointLaw`; ``energy`` is None if no
     energy is counted, and ``force_out`` if the forces of single points are not wanted; the last three: see
-    `answer_bonded` and `answer_custom`. Returns whether any slides or has a loss for `add_losses`.
+    `bonded_force` and `custom_force`. Returns whether any slides or has a loss for `add_losses`.
     """
     losing = False
     for lane in range(W):
-        x, y, xs, ys, t1, t2, n, c1, c2, c, loses = answer_by(
+        x, y, xs, ys, t1, t2, n, c1, c2, c, loses = point_force_by(
             work, pair, 0, lane, law, energy, force_out, bonded, custom, ledger
         )
-        X, Y, XS, YS, T1, T2, N, C1, C2, C, LOSES = answer_by(
+        X, Y, XS, YS, T1, T2, N, C1, C2, C, LOSES = point_force_by(
             work, pair, 1, lane, law, energy, force_out, bonded, custom, ledger
         )
         work.force[0, lane] -= t1 + T1
@@ -226,8 +226,8 @@ def add_dashpot_work(work, seen, dashpots, ledger):
 
 @entry
 def add_losses(work, pair, law, ledger):
-    """Add the losses of the two points of `press` of every joint of a tile in a step: in friction, or released where a
-    point has opened."""
+    """Add the losses of the two points of `pair_forces` of every joint of a tile in a step: in friction, or released
+    where a point has opened."""
     own, sheared = pair
     for lane in range(W):
         g0, gx, gy = three(work.depth, lane)
@@ -279,8 +279,8 @@ def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, e
             expect_part(energy_terms.ledger, t + 1, 0, ROW)
         expect_part(links.wrenches, t * WRENCHES, 0, ACTION * ROW)
         fetch(links, t, bodies, work)
-        look(tile, seen, work)
-        begin(tile, work)
+        update_kinematics(tile, seen, work)
+        clear_sums(tile, work)
         law = corners.tile_law[t]
         dry = PointLaw(corners.k_n[law], corners.k_s[law], corners.friction[law], corners.shear_arm[law])
         start = corners.tile_start[t]
@@ -292,10 +292,10 @@ def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, e
             bonded = bonded_pair(strengths, law, bonds, first_point)
             rows = rows_of(custom, first_point)
             if energy_terms is None:
-                losing = press(work, pair, dry, None, force_out, bonded, rows, None)
+                losing = pair_forces(work, pair, dry, None, force_out, bonded, rows, None)
             if energy_terms is not None:
                 ledger = energy_terms.ledger[t]
-                losing = press(work, pair, dry, True, force_out, bonded, rows, ledger)
+                losing = pair_forces(work, pair, dry, True, force_out, bonded, rows, ledger)
                 if strengths is None and custom is None and losing:
                     add_losses(work, pair, dry, ledger)
             if losing:

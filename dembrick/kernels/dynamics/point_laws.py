@@ -7,7 +7,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.swings import bonded_dashpots, unless_swinging
+from dembrick.kernels.dynamics.law_memory import bonded_dashpots, dashpots_in_mode
 from dembrick.kernels.dynamics.tiles import W, put_three, record, three, two
 from dembrick.kernels.joint.custom_law import Custom, custom_law, energy_held
 from dembrick.kernels.joint.point_law import Bond, Strengths, bonded_law, bonded_losses, shear_loss, spring_of
@@ -25,9 +25,9 @@ class BondedPair(NamedTuple):
 
 
 @jit
-def answer_bonded(work, pair, which, lane, law, energy, force_out, bonded, ledger):
-    """`point_joints.answer` of a point in a scene with strengths, those of a `BondedPair`. Its losses are added to the
-    ``ledger`` of its tile."""
+def bonded_force(work, pair, which, lane, law, energy, force_out, bonded, ledger):
+    """`point_joints.point_force` of a point in a scene with strengths, those of a `BondedPair`. Its losses are added to
+    the ``ledger`` of its tile."""
     own, sheared = pair
     strengths = bonded.strengths
     i = bonded.law
@@ -55,7 +55,7 @@ def answer_bonded(work, pair, which, lane, law, energy, force_out, bonded, ledge
     normal, spring, (t1, t2), slid, now = bonded_law(
         g, d, slip, springs, law.friction, dashpots, strengths, i, area, bond
     )
-    if work.swings[lane] > 0.0:
+    if work.searching[lane] > 0.0:
         closed = normal != 0.0 or now.bonded > 0.0
         stretched = (b1 + springs[1] * slip[0], b2 + springs[1] * slip[1]) if closed else (0.0, 0.0)
         now = Bond(stretched, now.bonded, bond.crushed, bond.rise)
@@ -129,9 +129,9 @@ def rows_of(custom, point):
 
 
 @jit
-def answer_custom(work, pair, which, lane, arm, energy, force_out, custom, ledger):
-    """`point_joints.answer` of a point with a user-defined law, number ``which`` of the two of ``custom``. All energy
-    that it does not store counts as friction, in the ``ledger`` of its tile."""
+def custom_force(work, pair, which, lane, arm, energy, force_out, custom, ledger):
+    """`point_joints.point_force` of a point with a user-defined law, number ``which`` of the two of ``custom``. All
+    energy that it does not store counts as friction, in the ``ledger`` of its tile."""
     own, sheared = pair
     x = own[which].x[lane]
     y = own[which].y[lane]
@@ -147,10 +147,10 @@ def answer_custom(work, pair, which, lane, arm, energy, force_out, custom, ledge
     p1, p2 = two(work.slip, lane)
     x1, x2 = two(work.slip_x, lane)
     y1, y2 = two(work.slip_y, lane)
-    viscous, damped = unless_swinging((work.normal[lane], work.damped[lane]), work, lane)
+    viscous, damped = dashpots_in_mode((work.normal[lane], work.damped[lane]), work, lane)
     normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
         custom, which * W + lane, g0 + x * gx + y * gy, d0 + x * dx + y * dy,
-        p1 + xs * x1 + ys * y1, p2 + xs * x2 + ys * y2, viscous, damped - 1.0, work.swings[lane] > 0.0,
+        p1 + xs * x1 + ys * y1, p2 + xs * x2 + ys * y2, viscous, damped - 1.0, work.searching[lane] > 0.0,
     )  # fmt: skip
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2

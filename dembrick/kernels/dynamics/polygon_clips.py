@@ -1,7 +1,7 @@
 """Contact polygons of convex joints, clipped to the face on which they lie, and their properties for friction.
 
 Elastic shear is a force distributed over the springs of the polygon: those over the part cut off release theirs, the
-others keep it (`what_is_left`).
+others keep it (`remaining_shear`).
 """
 
 from math import sqrt
@@ -15,12 +15,12 @@ from dembrick.kernels.dynamics.polygon_cuts import (
     GONE,
     area_and_centroid,
     edge_of,
-    keep,
-    let_go_on,
-    looked_at,
+    make_independent,
     move_origin,
-    stand_alone,
+    must_be_cut,
+    set_glide,
     start_of,
+    store_position,
     tangents_of,
 )
 from dembrick.kernels.dynamics.tiles import W, put_three, three
@@ -116,7 +116,7 @@ def write_series(room, count, out):
 
 
 @jit
-def what_is_left(elastic, before, step, after):
+def remaining_shear(elastic, before, step, after):
     """Elastic shear resultants (N, N, N m) about the new centroid, ``step`` (m) from the old one, of a polygon whose
     area and polar moment (m2, m4) were ``before`` and are ``after``.
 
@@ -161,9 +161,9 @@ def must_clip(links, j, drawn):
     """Whether the polygon of convex joint ``j`` must be clipped; places its corners in ``drawn.placed``. Its motion
     counts from here."""
     o, e, g = tangents_of(links, j)
-    clipped = looked_at(links, j, drawn, o, e, g)
-    let_go_on(links, j, drawn, o)
-    keep(links, j)
+    clipped = must_be_cut(links, j, drawn, o, e, g)
+    set_glide(links, j, drawn, o)
+    store_position(links, j)
     return clipped
 
 
@@ -173,7 +173,7 @@ def clip_area(links, faces, a, j, drawn, stiffness, room):
     it lies. If nothing is left it carries nothing, else it has ``stiffness`` (Pa/m) along the normal."""
     t = faces.place[a] // W
     lane = faces.place[a] % W
-    stand_alone(faces.like, t)
+    make_independent(faces.like, t)
     face = faces.tiles[t]
     count = common_part(links, j, drawn, room)
     area, x, y = area_and_centroid(room.x, room.y, count) if count else (0.0, 0.0, 0.0)
@@ -196,11 +196,11 @@ def clip_area(links, faces, a, j, drawn, stiffness, room):
     by, bx, _ = three(face.second, lane)
     before, after = (face.area[lane], by + bx), (area, yy + xx)
     elastic = faces.sheared[t].elastic
-    put_three(elastic, lane, what_is_left(three(elastic, lane), before, step, after))
+    put_three(elastic, lane, remaining_shear(three(elastic, lane), before, step, after))
     face.k_n[lane] = stiffness
     face.area[lane] = area
     put_three(face.second, lane, (yy, xx, xy))
     face.reach[lane] = sqrt(far)
     face.radius[lane] = least_mean_distance(Polygon(room.x, room.y, 0, count, area, None, sqrt(far)))
     links.reach[j] = face.reach[lane]
-    keep(links, j)  # O may have moved
+    store_position(links, j)  # O may have moved

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.point_laws import place_of
-from dembrick.kernels.dynamics.tiles import W, way_of
+from dembrick.kernels.dynamics.tiles import W, glide_of
 from dembrick.kernels.joint.custom_law import resize
 from dembrick.kernels.joint.pressure import cut
 
@@ -117,7 +117,7 @@ def start_of(drawn, o, e, g):
 
 
 @jit
-def looked_at(links, j, drawn, o, e, g):
+def must_be_cut(links, j, drawn, o, e, g):
     """Place the corners; whether the polygon must be cut, else it is whole and inside the face. Sets `Links.slack`, how
     far it may move until the next check."""
     a, b = start_of(drawn, o, e, g)
@@ -137,9 +137,9 @@ def looked_at(links, j, drawn, o, e, g):
 
 
 @jit
-def let_go_on(links, j, drawn, o):
-    """After `looked_at`, set `Links.glide` of a polygon, the direction in which motion counts less, from its motion to
-    O = ``o`` since it was last cut."""
+def set_glide(links, j, drawn, o):
+    """After `must_be_cut`, set `Links.glide` of a polygon, the direction in which motion counts less, from its motion
+    to O = ``o`` since it was last cut."""
     glide = links.glide[j]
     glide[0] = 1.0
     glide[1] = 0.0
@@ -167,7 +167,7 @@ def let_go_on(links, j, drawn, o):
 
 
 @jit
-def keep(links, j):
+def store_position(links, j):
     """Store the position of a polygon that has been cut."""
     o, e, _ = tangents_of(links, j)
     kept = links.kept[j]
@@ -176,7 +176,7 @@ def keep(links, j):
 
 
 @jit
-def stand_alone(like, t):
+def make_independent(like, t):
     """Make tile ``t`` independent in ``like``: it represents no other tile, and none represents it; as
     `tiles.set_apart`."""
     heir = -1
@@ -195,7 +195,7 @@ def move_origin(links, j, drawn, x, y):
     dy = y - drawn.shift[1]
     t = links.place[j] // W
     lane = links.place[j] % W
-    stand_alone(links.like, t)
+    make_independent(links.like, t)
     lever = links.tiles[t].lever
     lever[0, lane] += dx
     lever[1, lane] += dy
@@ -253,7 +253,7 @@ def project(links, corners, p, j, drawn, o, e, g):
         drawn.cut[k, 0] = (x * g[1] - y * g[0]) / det
         drawn.cut[k, 1] = (e[0] * y - e[1] * x) / det
     area, cx, cy = area_and_centroid(drawn.cut[:, 0], drawn.cut[:, 1], n)
-    stand_alone(corners.like, links.place[j] // W)  # tiles of point joints come first
+    make_independent(corners.like, links.place[j] // W)  # tiles of point joints come first
     if not area > GONE * drawn.area:
         for k in range(n):
             put_area(corners, p, k, 0.0)
@@ -299,10 +299,10 @@ def left_of_cell(drawn, k, a, b, e, g):
 
 
 @jit
-def fade(links, corners, p, j, drawn, o, e, g):
+def reduce_areas(links, corners, p, j, drawn, o, e, g):
     """Reduce the area of each point to the part of its cell that lies on the face."""
     a, b = start_of(drawn, o, e, g)
-    stand_alone(corners.like, links.place[j] // W)
+    make_independent(corners.like, links.place[j] // W)
     for k in range(drawn.areas.size):
         put_area(corners, p, k, drawn.areas[k] * left_of_cell(drawn, k, a, b, e, g))
 
@@ -311,13 +311,13 @@ def fade(links, corners, p, j, drawn, o, e, g):
 def cut_points(links, corners, p, j, drawn):
     """Cut the polygon of joint ``j``, number ``p`` of those that act at points, to the face on which it lies."""
     o, e, g = tangents_of(links, j)
-    if looked_at(links, j, drawn, o, e, g):
+    if must_be_cut(links, j, drawn, o, e, g):
         if drawn.fades:
-            fade(links, corners, p, j, drawn, o, e, g)
+            reduce_areas(links, corners, p, j, drawn, o, e, g)
         else:
             project(links, corners, p, j, drawn, o, e, g)
-    let_go_on(links, j, drawn, o)
-    keep(links, j)
+    set_glide(links, j, drawn, o)
+    store_position(links, j)
 
 
 @entry
@@ -326,7 +326,7 @@ def find_stale(links, found):
     count = 0
     for j in range(links.host.size):
         # a little earlier than the loop does, whose square roots may round the other way
-        if way_of(links, j) >= float(links.slack[j]) * (1.0 - 1e-9):
+        if glide_of(links, j) >= float(links.slack[j]) * (1.0 - 1e-9):
             found[count] = j
             count += 1
     return count

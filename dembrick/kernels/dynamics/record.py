@@ -52,7 +52,7 @@ class Record(NamedTuple):
     frame_orientation: ndarray  # (F, n, 4)
     frame_shift: ndarray  # (F, j or 0, 2) m
     shift: ndarray  # (j, 2) m, shift of O of each joint on its host since the start
-    held: ndarray  # (a, 3) scratch: see `take_stock`
+    held: ndarray  # (a, 3) scratch: see `spring_energies`
     of_joints: ndarray  # (j,) scratch
     pulled: ndarray  # (s, 6) scratch
     halves: ndarray  # scratch, see `sum_in_pairs`
@@ -289,7 +289,7 @@ def away(bodies, b):
 
 
 @jit_rounded
-def note(extremes, bodies, ties, time):
+def update_extremes(extremes, bodies, ties, time):
     """Update the ``extremes`` by the present state; at time zero, when nothing has moved, only those of the ties."""
     for t in range(extremes.tension.size):
         extremes.tension[t] = max(extremes.tension[t], ties.now[t].tension)
@@ -365,15 +365,15 @@ def write_row(record, scene, extremes, moment):
     """Add a row of the present state of a `Scene` to the record, and a frame if one is due; there must be room.
 
     ``moment``: step, time step (s), gravity (3; m/s2). The rotation matrices must be up to date. Returns 1; or 0,
-    without writing, if contacts must be detected first (`calm`).
+    without writing, if contacts must be detected first (`detection_can_wait`).
     """
     bodies, links, corners, faces, ties, pressing, energy_terms = scene
     step, dt, g1, g2, g3 = moment
-    if not calm(record, bodies):
+    if not detection_can_wait(record, bodies):
         return 0
     row = record.count[0]
     every = record.next[0].frames_every
-    note(extremes, bodies, ties, step * dt)
+    update_extremes(extremes, bodies, ties, step * dt)
     record.step[row] = step
     fill_row(record, bodies, links, corners, faces, ties, pressing, energy_terms, row, (dt, g1, g2, g3))
     record.count[0] = row + 1
@@ -383,7 +383,7 @@ def write_row(record, scene, extremes, moment):
 
 
 @jit
-def calm(record, bodies):
+def detection_can_wait(record, bodies):
     """Whether no contact detection is needed before the next row, by the speed and the motion of the blocks."""
     following = record.next[0]
     if not record.travel[1] < following.quiet:

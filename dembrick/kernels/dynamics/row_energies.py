@@ -3,7 +3,7 @@
 import numpy as np
 
 from dembrick._jit import jit_rounded
-from dembrick.kernels.dynamics.energy import kinetic_energy, settle_all, take_stock
+from dembrick.kernels.dynamics.energy import collect_all_losses, kinetic_energy, spring_energies
 from dembrick.kernels.joint.ties import tie_energy
 from dembrick.kernels.math.sums import sum_in_pairs
 
@@ -45,11 +45,11 @@ def write_energies(record, bodies, links, corners, faces, ties, energy_terms, dt
         out.elastic = out.external = out.friction = out.dashpots = out.released = out.stepping = 0.0
         out.new_contacts = out.crushing = out.fracture = out.yielding = 0.0
         return
-    settle_all(energy_terms, links)
+    collect_all_losses(energy_terms, links)
     g = energy_terms.gravity
     total = energy_terms.total[0]
     each = record.of_joints
-    take_stock(links, corners, faces, record.held, each)
+    spring_energies(links, corners, faces, record.held, each)
     for j in range(each.size):
         each[j] *= energy_terms.share[j]
     springs = sum_in_pairs(each, record.halves)

@@ -83,8 +83,8 @@ WORK = record(
     ("y_force", 3),
     ("twisting", 1),  # N m, additional couple about m
     ("wrench", (3, 3)),  # N, N m, see `Links`
-    ("undamped", 1),  # 1 where no dashpot acts: `swings`
-    ("swings", 1),  # 1 where laws store nothing of a step
+    ("undamped", 1),  # 1 where no dashpot acts: `law_memory`
+    ("searching", 1),  # 1 where laws store nothing of a step
     ("normal", 1),  # of joints that act at points: dashpot along the normal
     ("damped", 1),  # one plus that in shear
     ("damping", 1),  # one over that
@@ -318,7 +318,7 @@ def fetch(links, t, bodies, work):
 
 
 @entry
-def look(tile, seen, work):
+def update_kinematics(tile, seen, work):
     """Update the position of the hosts, ``seen``, and compute penetration and slip, and their change in the step."""
     for lane in range(W):
         p = product(*four(work.other, lane), *four(tile.plane, lane))
@@ -423,7 +423,7 @@ def offset_of(links, j):
 
 
 @jit
-def way_of(links, j):
+def glide_of(links, j):
     """How far the polygon of joint ``j`` has moved along its plane since it was last cut (m)."""
     kept = links.kept[j]
     seen = links.seen_tiles[links.place[j] // W]
@@ -445,5 +445,5 @@ def least_slack(links):
     """How much farther a polygon may move along its plane before one must be cut again (m); zero or less: now."""
     least = 1e300
     for j in range(links.host.size):
-        least = min(least, float(links.slack[j]) - way_of(links, j))
+        least = min(least, float(links.slack[j]) - glide_of(links, j))
     return least

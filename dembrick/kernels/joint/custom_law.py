@@ -35,13 +35,14 @@ class Custom(NamedTuple):
 
 
 @jit
-def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, swings):
+def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, searching):
     """Forces of contact point ``i`` by the law, and its new memory.
 
     ``g`` penetration now and ``d`` its growth in the step (m); ``slip_*`` of the step (m); ``viscous_*``: dashpot over
-    spring force. While it ``swings`` past an equilibrium, all motion counts as one step from the last equilibrium, and
-    the memory stays that of there. Returns N, N of the spring alone, the shear force (2), that of the spring alone (2),
-    the irreversible length of slip of the step (m), and the work of the step that the law does not store (J).
+    spring force. In a search for an equilibrium (``searching``), all motion counts as one step from the last
+    equilibrium, and the memory stays that of there. Returns N, N of the spring alone, the shear force (2), that of the
+    spring alone (2), the irreversible length of slip of the step (m), and the work of the step that the law does not
+    store (J).
     """
     move = custom.move[i]
     memory = custom.memory[i]
@@ -60,7 +61,7 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, swings):
     b1 = memory[1]
     b2 = memory[2]
     held = memory[3]
-    if swings:
+    if searching:
         put_vector(since, d, slip_1, slip_2)
         tried = custom.tried[i]
         for k in range(memory.size):
@@ -95,7 +96,7 @@ def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s, swings):
             q1 = slip_1 - (e1 - b1) / k
             q2 = slip_2 - (e2 - b2) / k
             slid = sqrt(q1 * q1 + q2 * q2)
-            if swings or slid < ROUNDED * sqrt(along):
+            if searching or slid < ROUNDED * sqrt(along):
                 slid = 0.0
     return normal, spring, t1, t2, e1, e2, slid, lost
 

@@ -1,7 +1,7 @@
 """The law of a tie: a bar, cable or prop along the line between two points of two blocks.
 
 T = T_0 + k (l - l_0 - l_p), but zero instead of compression if it takes tension only; at its strength it yields without
-hardening, and l_p grows by the excess elongation. Both engines call `answer` once per tie and step, in the moving
+hardening, and l_p grows by the excess elongation. Both engines call `tie_force` once per tie and step, in the moving
 geometry.
 """
 
@@ -37,7 +37,7 @@ class Ties(NamedTuple):
 
 
 @jit
-def stretch(ties, t, swings, s1, s2, s3):
+def stretch(ties, t, searching, s1, s2, s3):
     """Update the force and the state of tie ``t`` for the line s from its end on a to that on b (m, world); it does not
     yield while blocks swing."""
     now = ties.now[t]
@@ -50,10 +50,10 @@ def stretch(ties, t, swings, s1, s2, s3):
     length = sqrt(s1 * s1 + s2 * s2 + s3 * s3)
     tension = ties.prestress[t] + k * (length - ties.length[t] - now.yielded)
     if tension > ties.strength[t]:
-        now.yielded += 0.0 if swings else (tension - ties.strength[t]) / k
+        now.yielded += 0.0 if searching else (tension - ties.strength[t]) / k
         tension = ties.strength[t]
     if tension < least:
-        if least < 0.0 and not swings:
+        if least < 0.0 and not searching:
             now.yielded += (tension - least) / k
         tension = least
     now.length = length
@@ -63,16 +63,18 @@ def stretch(ties, t, swings, s1, s2, s3):
 
 
 @jit
-def answer(ties, t, q, away, swings):
+def tie_force(ties, t, q, away, searching):
     """Update arms, force and state of tie ``t`` for the orientations ``q`` (n, 4) of the blocks and the vector ``away``
-    (3) from the centroid of a to that of b (m, world); ``swings``: see `stretch`."""
+    (3) from the centroid of a to that of b (m, world); ``searching``: see `stretch`."""
     arm = ties.arm[t]
     for side in range(2):
         lever = ties.lever[t, side]
         r1, r2, r3 = rotate(q, ties.block[t, side], lever[0], lever[1], lever[2])
         put_vector(arm[side], r1, r2, r3)
     d1, d2, d3 = away
-    stretch(ties, t, swings, d1 + (arm[1, 0] - arm[0, 0]), d2 + (arm[1, 1] - arm[0, 1]), d3 + (arm[1, 2] - arm[0, 2]))
+    stretch(
+        ties, t, searching, d1 + (arm[1, 0] - arm[0, 0]), d2 + (arm[1, 1] - arm[0, 1]), d3 + (arm[1, 2] - arm[0, 2])
+    )
 
 
 @jit

@@ -62,7 +62,7 @@ def turn(q, b, inverse, momentum, dt):
 
 
 @jit
-def answer_to(q, b, inverse, l1, l2, l3):
+def spin_under(q, b, inverse, l1, l2, l3):
     """I^-1 l of block ``b``, world axes: its spin under the angular momentum l."""
     return rotate(q, b, *rows_times(inverse, *rotate_back(q, b, l1, l2, l3)))
 
@@ -111,9 +111,9 @@ def guided_momentum(q, b, inverse, held, momentum, dt):
     m1 = m2 = m3 = 0.0
     if held[0] or held[1] or held[2]:
         l1, l2, l3 = momentum
-        e1 = answer_to(q, b, inverse, 1.0, 0.0, 0.0)
-        e2 = answer_to(q, b, inverse, 0.0, 1.0, 0.0)
-        e3 = answer_to(q, b, inverse, 0.0, 0.0, 1.0)
+        e1 = spin_under(q, b, inverse, 1.0, 0.0, 0.0)
+        e2 = spin_under(q, b, inverse, 0.0, 1.0, 0.0)
+        e3 = spin_under(q, b, inverse, 0.0, 0.0, 1.0)
         for _ in range(MOST_CORRECTIONS):
             w1, w2, w3 = rotate(q, b, *spin_of_step(q, b, inverse, (l1 + m1, l2 + m2, l3 + m3), dt))
             d1, d2, d3 = held_momentum(e1, e2, e3, held[0], held[1], held[2], w1, w2, w3)

@@ -8,7 +8,7 @@ from math import isnan, nan, sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
-from dembrick.kernels.joint.ties import answer
+from dembrick.kernels.joint.ties import tie_force
 from dembrick.kernels.math.vectors import NO_MOMENT, columns_times, cross, put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
@@ -38,7 +38,7 @@ def add_force(blocks, b, sign, f, m, r):
 
 
 @jit
-def react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip):
+def add_joint_reaction(blocks, joints, j, n, v1, v2, mt, m1, m2, slip):
     """Store the resultant of joint ``j``; add its reaction (-V_1, -V_2, +N; -M_1, -M_2, -M_T) to b, minus it to a."""
     resultant = joints.resultant[j]
     put_vector(resultant, n, v1, v2)
@@ -74,11 +74,11 @@ def joint_forces(state, inertia, dt, viscous, energy):
             more = joints.damping[j]
             own = more * viscous[0], more * viscous[1]
             found = families.forces(points, areas, family, i, joints.resultant[j], motion, own, energy)
-            react(blocks, joints, j, *found)
+            add_joint_reaction(blocks, joints, j, *found)
 
 
 @jit
-def hold(blocks):
+def apply_guides(blocks):
     """Once all forces act, assign the out-of-balance of guided blocks in their fixed directions to the guides."""
     for g in range(blocks.guided.size):
         b = blocks.guided[g]
@@ -110,7 +110,7 @@ def pull_ties(ties, blocks):
             offset[1] + u[b, 1] - u[a, 1],
             offset[2] + u[b, 2] - u[a, 2],
         )
-        answer(ties, t, blocks.orientation, away, False)
+        tie_force(ties, t, blocks.orientation, away, False)
         for side in range(2):
             add_force(blocks, ties.block[t, side], 1.0 - 2.0 * side, ties.force[t], NO_MOMENT, ties.arm[t, side])
 

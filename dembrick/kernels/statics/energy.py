@@ -47,12 +47,12 @@ def yielded_in_step(ties):
 def begin_energy(energy, state):
     """Store the elastic energy and the work of the dead loads at the start, with blocks at rest."""
     if energy is not None:
-        energy.work[0].elastic_at_start = elastic_energy(state, None) + held_by_ties(state.ties)
+        energy.work[0].elastic_at_start = elastic_energy(state, None) + energy_in_ties(state.ties)
         energy.work[0].dead_loads = dead_force_work(state.blocks)
 
 
 @jit
-def held_by_ties(ties):
+def energy_in_ties(ties):
     """Energy (J) in the springs of all ties; zero if ``ties`` is None."""
     if ties is not None:
         return tie_energy(ties)
@@ -123,7 +123,7 @@ def balance(energy, state, drive, scaled, inertia, dt):
     work = energy.work[0]
     return (
         kinetic_energy(blocks, scaled, inertia, dt),
-        elastic_energy(state, energy.dash) - work.elastic_at_start + held_by_ties(state.ties),
+        elastic_energy(state, energy.dash) - work.elastic_at_start + energy_in_ties(state.ties),
         0.5 * drive.stiffness * spring * spring * weights,
         work.head + work.torques + (dead_force_work(blocks) - work.dead_loads),
         work.sliding,

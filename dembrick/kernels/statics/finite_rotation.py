@@ -11,7 +11,7 @@ from math import sqrt
 from dembrick._jit import jit
 from dembrick.kernels.math.rigid_turns import guided_momentum, turn
 from dembrick.kernels.math.vectors import cross, put_vector, rotate, three_of
-from dembrick.kernels.statics.small_displacement import seen_by
+from dembrick.kernels.statics.small_displacement import motion_at
 
 
 @jit
@@ -88,7 +88,7 @@ def finite_relative(blocks, joints, j, dt):
     dn += joints.gap[j]
     r1 = side * slope_2
     r2 = -side * slope_1
-    return seen_by(joints, j, (dn, r1, r2), (pn, pr1, pr2), (p1, p2, pr))
+    return motion_at(joints, j, (dn, r1, r2), (pn, pr1, pr2), (p1, p2, pr))
 
 
 @jit

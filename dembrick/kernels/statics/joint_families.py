@@ -53,7 +53,7 @@ dead_gauge = by_family(point_joints.dead_gauge, area_joints.dead_gauge, 0.0)
 
 
 @jit
-def rocks(points, areas, family):
+def pressure_retreats(points, areas, family):
     """Whether the pressure of a family's joints retreats to a shrinking strip as they rock."""
     return areas is not None and family == AREAS
 

@@ -154,7 +154,7 @@ def instant_bounds(state, v, moved, dt):
 
 
 @jit
-def still_to_come(growth, before):
+def remaining_growth(growth, before):
     """Further growth or fall of V (N), if it grew by ``growth`` over the last doubling of the motion, and by ``before``
     over the one before that: the sum of all future growths, if they continue as a geometric series."""
     decay = 0.0
@@ -164,7 +164,7 @@ def still_to_come(growth, before):
 
 
 @jit
-def settles(growth, before, hidden, v):
+def converges(growth, before, hidden, v):
     """Whether V, which grew by ``growth`` (N) over the last doubling of the motion and by ``before`` over the one
     before, converges: it grows by no more than the error ``hidden`` of its equilibria, or less and less. Growth in
     proportion to the motion, however slow, leads to another mechanism, and so may a slope that has just dropped."""
@@ -172,7 +172,7 @@ def settles(growth, before, hidden, v):
 
 
 @jit
-def judge(certificate, step, lower, upper, v, driven):
+def update_bracket(certificate, step, lower, upper, v, driven):
     """Update the bracket by the present bounds; True when it and the actuators' V are within tolerance.
 
     An indicator must be steady over its window while the load moves on: a load that still stores energy, however slowly

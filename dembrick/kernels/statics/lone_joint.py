@@ -20,9 +20,9 @@ from dembrick.kernels.state import Joints
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.load_bounds import Basis
-from dembrick.kernels.statics.newton import answer
+from dembrick.kernels.statics.newton import trial_resultant
 from dembrick.kernels.statics.point_joints import Points
-from dembrick.kernels.statics.small_displacement import seen_by
+from dembrick.kernels.statics.small_displacement import motion_at
 
 MOST_ITERATIONS = 30  # of Newton's method for an equilibrium
 BACKTRACKS = 8  # most halvings of a Newton step
@@ -50,7 +50,7 @@ SEARCH = np.dtype(
             ("iterations", float),
             ("status", float),
             ("strict", float),
-            ("extrapolated", float),  # whether the next equilibrium is predicted by `ahead_while_rocking`
+            ("extrapolated", float),  # whether the next equilibrium is predicted by `predict_rocking`
             ("unbalanced", float),  # out-of-balance over joint force at the last equilibrium
         ],
     )
@@ -99,7 +99,7 @@ def new_room() -> Room:
 @jit
 def wrench_at(lone, family, index, j, u, out):
     """t for the motion ``u`` (6) from the memory, into ``out`` (6,); returns the slip path (m)."""
-    n, v1, v2, mt, m1, m2, slip = answer(
+    n, v1, v2, mt, m1, m2, slip = trial_resultant(
         lone.points, lone.areas, lone.point_memory, lone.area_memory, family, index, lone.joints.gap[j], lone.base[j], u
     )
     put_vector(out, v1, v2, -n)
@@ -283,7 +283,7 @@ def accept(lone, family, index, j, slip, room):
     joints = lone.joints
     base = lone.base[j]
     tilts = 0.0, u[3] - base[3], u[4] - base[4]
-    seen_by(joints, j, (u[2] + joints.gap[j], u[3], u[4]), tilts, (u[0] - base[0], u[1] - base[1], u[5] - base[5]))
+    motion_at(joints, j, (u[2] + joints.gap[j], u[3], u[4]), tilts, (u[0] - base[0], u[1] - base[1], u[5] - base[5]))
     resultant = joints.resultant[j]
     put_vector(resultant, -t[2], t[0], t[1])
     put_vector(resultant[3:], t[5], t[3], t[4])

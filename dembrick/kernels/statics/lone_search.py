@@ -19,9 +19,9 @@ from dembrick.kernels.statics.load_bounds import (
     Basis,
     Certificate,
     certify,
-    settles,
+    converges,
+    remaining_growth,
     shear_power,
-    still_to_come,
     strict_bounds,
 )
 from dembrick.kernels.statics.lone_joint import (
@@ -127,12 +127,12 @@ def bounds_now(lone, family, index, j, certificate, v, moved, left):
 
 
 @jit
-def judge(lone, j, certificate, lower, upper, closing):
+def update_bracket(lone, j, certificate, lower, upper, closing):
     """Update the bracket of joint ``j`` by the bounds of the present equilibrium; whether it is narrow enough.
 
     An indicator covers the equilibria since the joint had yielded half as far, and the change of V that its growth or
-    fall in the meantime lets expect (`still_to_come`). It counts once V grows far less than the elastic joint would let
-    it, and no gap is ``closing``.
+    fall in the meantime lets expect (`remaining_growth`). It counts once V grows far less than the elastic joint would
+    let it, and no gap is ``closing``.
     """
     bracket = lone.bracket[j]
     limit = True
@@ -156,18 +156,18 @@ def judge(lone, j, certificate, lower, upper, closing):
         now[2] = lower
         now[3] = upper
         growth = now[1] - half[1]
-        more = AGAIN * still_to_come(growth, half[1] - early[1])
+        more = AGAIN * remaining_growth(growth, half[1] - early[1])
         bracket[0] = max(0.0, min(half[2], lower) + min(more, 0.0))
         bracket[1] = max(half[3], upper) + max(more, 0.0)
         doubled = early[0] > 0.0 and now[0] >= 2.0 * half[0]
-        slow = settles(growth, half[1] - early[1], now[1] - lower, now[1])
+        slow = converges(growth, half[1] - early[1], now[1] - lower, now[1])
         limit = doubled and not closing and slow and growth <= STILL * (now[0] - half[0]) / search.compliance
     width = 2.0 * certificate.tolerance * bracket[0]
     return limit and bracket[1] - bracket[0] <= width and width > 0.0
 
 
 @jit
-def ahead_while_rocking(lone, j, before, now, v_before, v, room):
+def predict_rocking(lone, j, before, now, v_before, v, room):
     """Predict the next equilibrium of a convex joint that rocks; False if it does not rock.
 
     After an inelastic displacement g, the strip under pressure has the width c / sqrt(g), and its edge is closed by a
@@ -254,7 +254,7 @@ def follow(lone, family, index, j, most, tolerance, room):
         search.equilibria += 1
         certificate = certificate_of(lone, family, index, j, tolerance)
         lower, upper = bounds_now(lone, family, index, j, certificate, v, step, left)
-        if judge(lone, j, certificate, lower, upper, closing):
+        if update_bracket(lone, j, certificate, lower, upper, closing):
             search.status = CONVERGED
         elif search.equilibria >= MOST_EQUILIBRIA:
             search.status = LOST
@@ -263,12 +263,12 @@ def follow(lone, family, index, j, most, tolerance, room):
         if slope * search.compliance <= YIELDING and iterations <= EASY:
             search.step = (GROWTH if certificate.strict else DOUBLING) * step
         search.extrapolated = 0
-        if families.rocks(lone.points, lone.areas, family) and not certificate.strict:
+        if families.pressure_retreats(lone.points, lone.areas, family) and not certificate.strict:
             for i in range(6):
                 lone.secant[j, i] = lone.direction[j, i]
             given = search.driven - search.start - v * search.compliance
             before = given - step * (1.0 - slope * search.compliance)
-            if ahead_while_rocking(lone, j, before, given, v - slope * step, v, room):
+            if predict_rocking(lone, j, before, given, v - slope * step, v, room):
                 search.extrapolated = 1
 
 

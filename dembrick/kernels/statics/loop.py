@@ -14,19 +14,19 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.statics.block_forces import actuator_forces, clear_forces, hold, joint_forces, tie_forces
+from dembrick.kernels.statics.block_forces import actuator_forces, apply_guides, clear_forces, joint_forces, tie_forces
 from dembrick.kernels.statics.energy import (
     balance,
     begin_energy,
     dead_force_work,
     dead_torque_work,
     elastic_energy,
-    held_by_ties,
+    energy_in_ties,
     kinetic_energy,
     yielded_in_step,
 )
 from dembrick.kernels.statics.finite_rotation import finite_step
-from dembrick.kernels.statics.load_bounds import instant_bounds, judge, strict_bounds
+from dembrick.kernels.statics.load_bounds import instant_bounds, strict_bounds, update_bracket
 from dembrick.kernels.statics.record import write_row
 from dembrick.kernels.statics.small_displacement import small_step
 
@@ -61,7 +61,7 @@ def note_extremes(driven, load):
 
 
 @jit
-def part_of_way(x):
+def part_of_stroke(x):
     """Part of a stroke that the head has travelled after the part x of its time: it begins and ends at rest."""
     if x < TURNING:
         return x * x / (2.0 * TURNING * (1.0 - TURNING))
@@ -86,7 +86,7 @@ def head_rate(drive, step, dt):
         if step >= drive.until[first]:
             return 0.0  # the protocol is over
         done = step - start
-        return drive.ways[first] * (part_of_way((done + 1) / steps) - part_of_way(done / steps)) / dt
+        return drive.ways[first] * (part_of_stroke((done + 1) / steps) - part_of_stroke(done / steps)) / dt
     return drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
 
 
@@ -119,7 +119,7 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, certificate, reco
         tie_forces(state.ties, blocks)
         rate = head_rate(drive, step, dt)
         v, moved = actuator_forces(blocks, state.actuators, drive, inertia, rate, dt, energy)
-        hold(blocks)
+        apply_guides(blocks)
         if energy is not None:
             energy.work[0].torques += dead_torque_work(energy.turned, blocks, dt)
             energy.work[0].yielding += yielded_in_step(state.ties)
@@ -128,7 +128,7 @@ def advance(first, n_steps, dt, state, scaled, inertia, drive, certificate, reco
         if certificate is not None:
             if step % certificate.every == 0:
                 lower, upper = bounds_now(certificate, state, v, moved, dt)
-                done = judge(certificate, step // certificate.every, lower, upper, v, driven.displacement)
+                done = update_bracket(certificate, step // certificate.every, lower, upper, v, driven.displacement)
         note_extremes(driven, v)
         if record is not None:
             if step % record.every[0] == 0 or done:
@@ -175,7 +175,7 @@ class Guard(NamedTuple):
 def open_guard(guard, state):
     """Store the energy at the start, with blocks at rest."""
     if guard is not None:
-        guard.start[0] = elastic_energy(state, None) + held_by_ties(state.ties)
+        guard.start[0] = elastic_energy(state, None) + energy_in_ties(state.ties)
         guard.start[1] = guard.start[0] - dead_force_work(state.blocks)
 
 

@@ -15,9 +15,9 @@ from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.math.vectors import NO_MOMENT, put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.area_joints import Areas
-from dembrick.kernels.statics.block_forces import add_force, clear_forces, hold, react
+from dembrick.kernels.statics.block_forces import add_force, add_joint_reaction, apply_guides, clear_forces
 from dembrick.kernels.statics.point_joints import Points
-from dembrick.kernels.statics.small_displacement import seen_by
+from dembrick.kernels.statics.small_displacement import motion_at
 
 UNDAMPED = (0.0, 0.0)
 
@@ -50,7 +50,7 @@ def remember(trial, joints, points, areas):
 
 
 @jit
-def answer(points, areas, point_memory, area_memory, family, index, gap, base, u):
+def trial_resultant(points, areas, point_memory, area_memory, family, index, gap, base, u):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint for the motion u (6), from the memory."""
     depth = -(u[2] + gap), u[4], -u[3]
     motion = families.recalled_motion(points, areas, point_memory, area_memory, family, index, depth, base, u)
@@ -58,7 +58,7 @@ def answer(points, areas, point_memory, area_memory, family, index, gap, base, u
 
 
 @jit
-def moved(u, i, h):
+def perturbed(u, i, h):
     """The motion u (6) with h added to its component i."""
     return (
         u[0] + (h if i == 0 else 0.0), u[1] + (h if i == 1 else 0.0), u[2] + (h if i == 2 else 0.0),
@@ -88,19 +88,19 @@ def try_joint(trial, state, family, index, j, with_tangent):
     base = trial.base[j]
     gap = joints.gap[j]
     tilts = 0.0, u[3] - base[3], u[4] - base[4]
-    seen_by(joints, j, (u[2] + gap, u[3], u[4]), tilts, (u[0] - base[0], u[1] - base[1], u[5] - base[5]))
+    motion_at(joints, j, (u[2] + gap, u[3], u[4]), tilts, (u[0] - base[0], u[1] - base[1], u[5] - base[5]))
     t = trial.force
     known = with_tangent and families.knows_tangent(points, areas, family, index)
     by_differences = with_tangent and not known
     if by_differences:
         for i in range(6):
             h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
-            n, v1, v2, mt, m1, m2, _ = answer(
-                points, areas, trial.points, trial.areas, family, index, gap, base, moved(u, i, h)
+            n, v1, v2, mt, m1, m2, _ = trial_resultant(
+                points, areas, trial.points, trial.areas, family, index, gap, base, perturbed(u, i, h)
             )
             put_vector(t[i], v1, v2, -n)
             put_vector(t[i, 3:], m1, m2, mt)
-    n, v1, v2, mt, m1, m2, slip = answer(points, areas, trial.points, trial.areas, family, index, gap, base, u)
+    n, v1, v2, mt, m1, m2, slip = trial_resultant(points, areas, trial.points, trial.areas, family, index, gap, base, u)
     if known:
         families.tangent(points, areas, trial.areas, family, index, n, u[2] + gap, u[3], u[4], trial.tangent[j])
     if by_differences:
@@ -126,7 +126,7 @@ def try_joint(trial, state, family, index, j, with_tangent):
         m1 += t[6, 3]
         m2 += t[6, 4]
         mt += t[6, 5]
-    react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip)
+    add_joint_reaction(blocks, joints, j, n, v1, v2, mt, m1, m2, slip)
 
 
 @entry
@@ -143,7 +143,7 @@ def try_motion(trial, state, v, with_tangent):
     for i in range(actuators.block.size):
         load = v * actuators.weight[i]
         add_force(blocks, actuators.block[i], load, actuators.direction[i], NO_MOMENT, actuators.arm[i])
-    hold(blocks)
+    apply_guides(blocks)
     for f in range(blocks.free.size):
         b = blocks.free[f]
         row = trial.row[b]

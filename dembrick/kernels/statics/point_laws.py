@@ -9,7 +9,7 @@ from dembrick.kernels.joint.point_law import Bond, bonded_law, bonded_losses, sh
 
 
 @jit
-def answer_bonded(strengths, bonds, points, p, i, here, viscous, energy):
+def bonded_force(strengths, bonds, points, p, i, here, viscous, energy):
     """Forces of point ``i`` of joint ``p`` by its strengths, for ``here``: its penetration, its growth in the step, and
     its slip (2). Updates its bond; returns N, N of the spring alone, the shear force (2), that of the spring (2), and
     the slip path of the step."""
@@ -42,8 +42,8 @@ def answer_bonded(strengths, bonds, points, p, i, here, viscous, energy):
 
 
 @jit
-def answer_custom(custom, i, here, viscous, energy):
-    """`answer_bonded` by a user-defined law; all energy that it does not store counts as friction."""
+def custom_force(custom, i, here, viscous, energy):
+    """`bonded_force` by a user-defined law; all energy that it does not store counts as friction."""
     g, d, slip = here
     normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
         custom, i, g, d, slip[0], slip[1], viscous[0], viscous[1], False
@@ -55,12 +55,12 @@ def answer_custom(custom, i, here, viscous, energy):
 
 
 @jit
-def answer(strengths, bonds, custom, points, p, i, here, viscous, energy):
-    """`answer_bonded` by the law of the points; one of ``strengths`` and ``custom`` is None."""
+def point_force(strengths, bonds, custom, points, p, i, here, viscous, energy):
+    """`bonded_force` by the law of the points; one of ``strengths`` and ``custom`` is None."""
     if custom is not None:
-        answered = answer_custom(custom, i, here, viscous, energy)
+        answered = custom_force(custom, i, here, viscous, energy)
     if strengths is not None:
-        answered = answer_bonded(strengths, bonds, points, p, i, here, viscous, energy)
+        answered = bonded_force(strengths, bonds, points, p, i, here, viscous, energy)
     return answered
 
 
@@ -78,7 +78,9 @@ def forces_not_dry(strengths, bonds, custom, points, p, motion, viscous, energy)
         xs = points.x_s[i]
         ys = points.y_s[i]
         here = g0 + gy * y + gx * x, d0 + dy * y + dx * x, (p1 - pr * ys, p2 + pr * xs)
-        normal, spring, t1, t2, e1, e2, slid = answer(strengths, bonds, custom, points, p, i, here, viscous, energy)
+        normal, spring, t1, t2, e1, e2, slid = point_force(
+            strengths, bonds, custom, points, p, i, here, viscous, energy
+        )
         points.normal[i] = normal
         points.elastic_1[i] = e1
         points.elastic_2[i] = e2

@@ -11,7 +11,7 @@ from dembrick.kernels.math.vectors import cross, put_vector, rows_times
 
 
 @jit
-def seen_by(joints, j, opening, opened, slip):
+def motion_at(joints, j, opening, opened, slip):
     """The `Motion` of joint ``j`` from its opening at O and tilts (dn, r1, r2), their growth ``opened`` in the step and
     its slip twist; stores all of them."""
     dn, r1, r2 = opening
@@ -47,7 +47,7 @@ def small_relative(blocks, joints, j):
     put_vector(old, d1, d2, dn)
     put_vector(old[3:], r1, r2, rn)
     dn += joints.gap[j]
-    return seen_by(joints, j, (dn, r1, r2), (pn, pr1, pr2), (p1, p2, pr))
+    return motion_at(joints, j, (dn, r1, r2), (pn, pr1, pr2), (p1, p2, pr))
 
 
 @jit

@@ -12,7 +12,7 @@ import numpy as np
 
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.assembly.build import Assembly
-from dembrick.assembly.contact_points import widest_rim
+from dembrick.assembly.contact_points import largest_edge_shortfall
 from dembrick.errors import HistoryError, UndecidedError
 from dembrick.runs import theory_check
 from dembrick.runs.outcomes.cycles import cycles_of
@@ -306,7 +306,7 @@ class Result(SearchResult):
         if self.theory is None:
             mechanism = self.yield_point.mechanism if self.collapse is None else self.collapse["mechanism"]
             table = self.assembly.joints, self.assembly.contact_points
-            gap = -widest_rim(*table, chosen=True)[0] if mechanism == "rocking" else 0.0
+            gap = -largest_edge_shortfall(*table, chosen=True)[0] if mechanism == "rocking" else 0.0
         else:
             found = self.theory.discretisation_error
             if found is None or control.ends_with != YIELD or self.scenario.joint.points is not None:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dembrick.assembly.contact_points import widest_rim
+from dembrick.assembly.contact_points import largest_edge_shortfall
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, UndecidedError
 from dembrick.runs.outcomes.result import fell
 from dembrick.runs.simulate import simulate
@@ -203,7 +203,9 @@ def _short_of_the_edge(assembly: Assembly, result: Mapping, tolerance: float) ->
     ways = [(result.get(name) or {}).get("mechanism") for name in ("statics", "collapse")]
     if "sliding" in ways:
         return None
-    gap, formulation = max((widest_rim(assembly.joints, assembly.contact_points, formulation=f)[0], f) for f in _INSIDE)
+    gap, formulation = max(
+        (largest_edge_shortfall(assembly.joints, assembly.contact_points, formulation=f)[0], f) for f in _INSIDE
+    )
     if gap <= tolerance:
         return None
     return (

@@ -93,7 +93,7 @@ def _case(scenario: Scenario) -> _Case | None:
         bare = _at_rest(_Geometry(scenario))
         if len(bare.joints) != 1:
             return None
-        case = _Case(scenario, assemblies.loaded(scenario, bare, points=False))
+        case = _Case(scenario, assemblies.with_loads(scenario, bare, points=False))
     except ScenarioError:
         return None
     return case if case.sound else None
@@ -116,7 +116,7 @@ class _Geometry:
 
 @lru_cache(maxsize=64)
 def _at_rest(geometry: _Geometry):
-    return assemblies.at_rest(geometry.scenario)
+    return assemblies.unloaded_assembly(geometry.scenario)
 
 
 def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[_Case]) -> dict[int, dict[str, Any]]:

@@ -18,11 +18,20 @@ from dembrick.scenario.stages import TiesBefore
 from dembrick.simulation.checkpoint_arrays import flattened, plain, restored
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.dead_load import keep, put_back
-from dembrick.simulation.dynamics.integrator import Motion, look_first
+from dembrick.simulation.dynamics.integrator import Motion, detect_initial_contacts
 from dembrick.simulation.dynamics.outcome import PEAK_TENSIONS, Extremes
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
-from dembrick.simulation.session import DEAD_LOADS, OTHER_JOINTS, GoesOn, Kept, Progress, Session, Snapshot, step_at
+from dembrick.simulation.session import (
+    DEAD_LOADS,
+    OTHER_JOINTS,
+    Kept,
+    Progress,
+    RestartChanges,
+    Session,
+    Snapshot,
+    step_at,
+)
 
 if TYPE_CHECKING:
     from dembrick.kernels.dynamics.rigid_bodies import Bodies
@@ -100,7 +109,7 @@ class Past:
         """Whether time had begun when the ``snapshot`` was taken, after the dead-load equilibrium."""
         return bool(snapshot.array("loop", np.zeros(3))[0] > 0.0)
 
-    def restore(self, snapshot: Snapshot, goes_on: GoesOn | None = None) -> None:
+    def restore(self, snapshot: Snapshot, goes_on: RestartChanges | None = None) -> None:
         """Restart from a snapshot of the same scene; HistoryError if it is of another. ``goes_on``: changes of laws,
         loads and ties since then."""
         moving = self.moving
@@ -120,7 +129,7 @@ class Past:
             own[...] = snapshot.array(name, own)
         restore_scene(self.moving, snapshot, met)
 
-    def _change(self, snapshot: Snapshot, goes_on: GoesOn) -> None:
+    def _change(self, snapshot: Snapshot, goes_on: RestartChanges) -> None:
         """Restore motion and history from a snapshot, but keep the present laws, loads and ties."""
         moving, laws = self.moving, joint_families.strengths(self.moving.state)
         of_now = ((LOAD_WORK, goes_on.loads), (PEAK_TENSIONS, goes_on.ties))
@@ -141,7 +150,7 @@ class Past:
             given = ties_given(moving.state, goes_on.ties, moving.time_step)
             moving.energy.start[1] += given - held  # energy of added and removed ties is no work on the blocks
 
-    def _change_loads(self, snapshot: Snapshot, goes_on: GoesOn) -> None:
+    def _change_loads(self, snapshot: Snapshot, goes_on: RestartChanges) -> None:
         """Continue the work of loads that are kept; that of removed loads ends half a step ago."""
         table, bodies = self.moving.energy.table, self.moving.state.bodies
         assert table is not None and goes_on.loads is not None
@@ -184,7 +193,7 @@ def start_at_rest(moving: Motion) -> float:
         _take(moving, found.state, None)
     except DembrickError:
         return 0.0
-    look_first(moving)
+    detect_initial_contacts(moving)
     if moving.contact_detection.met:
         put_back(moving, drawn)
         moving.contact_detection.forget()

@@ -6,7 +6,7 @@ import math
 import time
 from typing import TYPE_CHECKING, NamedTuple
 
-from dembrick._ahead import compiling, meanwhile
+from dembrick._ahead import compile_ahead, compiling
 from dembrick._jit import address, compute_fingerprint, get_num_threads, ready
 from dembrick.kernels.dynamics.contact_forces import touch
 from dembrick.kernels.dynamics.loop import (
@@ -148,7 +148,7 @@ def compiled(motion: Motion, loop, own, dt: float, state: MovingState, bodies, l
         arguments, near = arguments_of(motion, touch_at, 0, dt, state, bodies, loads, *others, own)
         _, _, in_loop, links, *_ = arguments
         contacts = near, links, in_loop, dt
-        with meanwhile(lambda: [compiling(touch, contacts)] if touching is None else []):
+        with compile_ahead(lambda: [compiling(touch, contacts)] if touching is None else []):
             if touching is not None:
                 touch_at = address(touch, *contacts)
             motion.forms[types] = Form(ready(loop, *arguments), touch_at)

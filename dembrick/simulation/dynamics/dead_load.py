@@ -14,13 +14,13 @@ from contextlib import contextmanager, nullcontext
 import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError, UndecidedError, of_joint_forces
+from dembrick.kernels.dynamics.law_memory import SEARCHING
 from dembrick.kernels.dynamics.loop import RUNNING, Limits
-from dembrick.kernels.dynamics.swings import SWINGING
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.chunks import advance_chunk
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, joint_forces, keep_of_rest
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, joint_forces, update_history_at_rest
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 from dembrick.simulation.session import Session
@@ -66,7 +66,7 @@ def find_equilibrium(
     drawn = keep(motion)
     supported = _supported(motion.state)
     slack = (APART if sticking else SLID) * motion.polygons.size
-    with _stuck(motion) if sticking else nullcontext(), _held_bonds(motion), swinging(motion):
+    with _stuck(motion) if sticking else nullcontext(), _held_bonds(motion), searching(motion):
         if resume is not None:
             resume()
         attempt = _Attempt(motion, driving, supported, slack, None if sticking else APART * motion.polygons.size)
@@ -83,7 +83,7 @@ def find_equilibrium(
                 motion.attempt[:] = motion.dead_load_steps, -1.0
         bodies = motion.state.bodies
         bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
-        keep_of_rest(motion, driving)
+        update_history_at_rest(motion, driving)
     if not (sticking or attempt.ratio <= attempt.enough):
         raise UndecidedError(
             f"undecided under the dead loads: after {motion.dead_load_steps} steps of relaxation "
@@ -212,9 +212,9 @@ def _stuck(motion: Motion):
 
 
 @contextmanager
-def swinging(motion: Motion):
+def searching(motion: Motion):
     """Context in which joint laws do not update their history, as blocks swing past their equilibrium."""
-    laws, motion.laws = motion.laws, SWINGING
+    laws, motion.laws = motion.laws, SEARCHING
     try:
         yield
     finally:
@@ -224,11 +224,11 @@ def swinging(motion: Motion):
 @contextmanager
 def _held_bonds(motion: Motion):
     """Context in which no bond breaks: those that the dead loads break do so when time begins."""
-    joint_families.hold_bonds(motion.state, True)
+    joint_families.keep_bonds_intact(motion.state, True)
     try:
         yield
     finally:
-        joint_families.hold_bonds(motion.state, False)
+        joint_families.keep_bonds_intact(motion.state, False)
 
 
 def _compliance(state: MovingState) -> np.ndarray:

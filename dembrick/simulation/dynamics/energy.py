@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.kernels.dynamics.energy import settle_all, take_stock, work_ahead
+from dembrick.kernels.dynamics.energy import collect_all_losses, spring_energies, work_ahead
 from dembrick.kernels.dynamics.energy_terms import CARRIED, LEDGER, LOST, PRESSURE, TOTAL, EnergyTerms
 from dembrick.kernels.dynamics.tiles import put_in_lanes, rows_of_lanes
 from dembrick.kernels.joint.ties import tie_energy
@@ -97,12 +97,12 @@ class MotionEnergy:
         """N and its moments (a, 3) of the springs of convex joints, and energy (j,) J of those of all joints."""
         n = len(state.links.host)
         held, energy = np.zeros((len(joint_families.convex_joints(state)), 3)), np.zeros(n)
-        self._known.call(state, take_stock, state.links, *joint_families.springs(state), held, energy)
+        self._known.call(state, spring_energies, state.links, *joint_families.springs(state), held, energy)
         return held, energy
 
     def _work_ahead(self, state: MovingState, held: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """Work (k,) in J of the springs of ``joints`` (k,) over the step since the last evaluation, at constant forces;
-        ``held``: see `take_stock`."""
+        ``held``: see `spring_energies`."""
         worked = np.zeros(len(joints))
         of_state = state.links, *joint_families.springs(state), state.bodies
         self._known.call(state, work_ahead, *of_state, held, self.table.place, joints, worked)
@@ -113,7 +113,7 @@ class MotionEnergy:
         if not self.wanted:
             return None
         table = self.table
-        settle_all(table, state.links)
+        collect_all_losses(table, state.links)
         lost, least = _sums_of(table.lost), float(table.least.min(initial=0.0))
         stepping = lost["stepping"] + float(table.total[0].ties_stepped)
         return Sums(lost["friction"], lost["by_law"], least, stepping, FLOOR * self.start[1], rounding)

@@ -20,6 +20,7 @@ import numpy as np
 from dembrick._jit import compute_fingerprint
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST
+from dembrick.kernels.dynamics.law_memory import MOVING, RESTED
 from dembrick.kernels.dynamics.loop import (
     DIVERGED,
     MEETING,
@@ -30,7 +31,6 @@ from dembrick.kernels.dynamics.loop import (
     advance_bodies,
     shares,
 )
-from dembrick.kernels.dynamics.swings import MOVING, RESTED
 from dembrick.kernels.dynamics.tiles import rows_of_lanes
 from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.chunks import advance_chunk, call_loop, compiled
@@ -96,7 +96,7 @@ class Motion:
     steps: int = 0
     dead_load_steps: int = 0
     settled: bool = False
-    laws: int = MOVING  # mode in which joint laws keep their history: `kernels.dynamics.swings`
+    laws: int = MOVING  # mode in which joint laws keep their history: `kernels.dynamics.law_memory`
     contact_detection: ContactDetection = field(init=False)
     energy: MotionEnergy = field(init=False)
     falling: np.ndarray = field(init=False)
@@ -223,7 +223,7 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
     """`advance` without the timing."""
     last = motion.steps + n_steps
     detection, dt = motion.contact_detection, step * motion.time_step
-    look_first(motion)
+    detect_initial_contacts(motion)
     while motion.steps < last:
         most = min(LONGEST_CHUNK, last - motion.steps)
         loads = motion.ahead.of(driving, motion.steps, most, dt) if driving.is_slight(most) else None
@@ -246,7 +246,7 @@ def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, dam
     return RUNNING
 
 
-def look_first(motion: Motion) -> None:
+def detect_initial_contacts(motion: Motion) -> None:
     """Look for new contacts before the first step: blocks may be thrown into each other."""
     if motion.contact_detection.looked is None:
         _follow(motion, called=True)
@@ -323,7 +323,7 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
     advance_chunk(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step, touching)
 
 
-def keep_of_rest(motion: Motion, driving: Driving) -> None:
+def update_history_at_rest(motion: Motion, driving: Driving) -> None:
     """Update the history of the joint laws to the equilibrium reached; it was frozen while blocks swung."""
     laws, motion.laws = motion.laws, RESTED
     joint_forces(motion, driving)

@@ -132,7 +132,7 @@ def of_several_parts(state) -> bool:
     return any(isinstance(field, tuple) for _, joints in present(state) for field in joints)
 
 
-def hold_bonds(state, held: bool) -> None:
+def keep_bonds_intact(state, held: bool) -> None:
     """Keep bonds intact if their failure would lose strength (``held``), or let bonds break again."""
     for _, joints in present(state):
         if joints.strengths is not None:

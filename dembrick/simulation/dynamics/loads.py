@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.actuators import NO_VECTORS, NOWHERE, Attached
-from dembrick.assembly.surface_pressures import NO_POLYGONS, PressedPolygons
+from dembrick.assembly.surface_pressures import NO_POLYGONS, PressurePolygons
 from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.block_loads import PressedFaces
 from dembrick.kernels.dynamics.loop import Loads
@@ -66,7 +66,7 @@ class Driving:
     driven: DrivenLoads | None = None
     multiplier: Curve = np.zeros_like
     head: Head | None = None
-    pressed: PressedPolygons = NO_POLYGONS
+    pressed: PressurePolygons = NO_POLYGONS
     middle: np.ndarray = field(default_factory=lambda: np.zeros(3))
     constant: bool = False
 

@@ -25,8 +25,8 @@ from dembrick.simulation.dynamics.integrator import (
     Motion,
     advance,
     after_chunk,
+    detect_initial_contacts,
     driving_time,
-    look_first,
     present_velocities,
 )
 from dembrick.simulation.dynamics.known_types import KnownTypes
@@ -149,7 +149,7 @@ class Recorder:
         moving, record, every = self._moving, self._record, self._rows_every
         began, before = time.perf_counter(), int(record.count[0])
         with driving_time(moving):
-            look_first(moving)
+            detect_initial_contacts(moving)
             first, dt = moving.steps, moving.time_step
             loads = moving.ahead.of(self.driving, first, rows * every + 1, dt)
             gravity = loads.gravity[: rows * every + 1]

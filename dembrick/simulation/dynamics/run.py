@@ -26,8 +26,8 @@ from dembrick.simulation.dynamics.integrator import (
     NO_LIMIT,
     Motion,
     advance,
+    detect_initial_contacts,
     joint_forces,
-    look_first,
     motion,
     rest_in_each_other,
 )
@@ -268,7 +268,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     if len(driving.supports):
         past.extremes.noted.threshold[:] *= CARRIED
     start(moving, control, driving, past, session)
-    look_first(moving)
+    detect_initial_contacts(moving)
     if moving.contact_detection.met:
         raise NotConvergedError(rest_in_each_other(moving))
     goal = control.displacement if to_collapse else NO_LIMIT

@@ -6,8 +6,8 @@ one block, which the stiffness of each block by itself cannot do.
 The elements that couple the blocks in the equations of equilibrium are joints, then ties, then guides.
 
 A guide is a rigid element between a block and the ground. In its direction it carries the out-of-balance force
-(`kernels.statics.block_forces.hold`), so its stiffness only suppresses motion in the equations: motion along it is
-`RIGID` times less than elsewhere.
+(`kernels.statics.block_forces.apply_guides`), so its stiffness only suppresses motion in the equations: motion along it
+is `RIGID` times less than elsewhere.
 """
 
 from __future__ import annotations

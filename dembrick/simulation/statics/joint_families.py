@@ -162,7 +162,7 @@ def is_custom(state) -> bool:
     return state.points is not None and state.points.custom is not None
 
 
-def hold_bonds(state, held: bool) -> None:
+def keep_bonds_intact(state, held: bool) -> None:
     """Keep bonds intact if their failure would lose strength (``held``), or let bonds break again."""
     for _, joints in present(state):
         if joints.strengths is not None:
@@ -206,7 +206,7 @@ def reserves(state) -> np.ndarray:
     return np.concatenate([np.zeros((0, 2)), *found])
 
 
-def overborne(state) -> np.ndarray:
+def overloaded(state) -> np.ndarray:
     """Which bonds are overloaded in tension and in shear (m, 2)."""
     return reserves(state) < 0.0
 

@@ -181,7 +181,7 @@ def _mechanism(state: State, certificate: Certificate, j: int) -> tuple[tuple[fl
         return None, "uplift"
     if crushed(state):
         return None, "crushing"
-    if (broken := joint_families.overborne(state)).any():
+    if (broken := joint_families.overloaded(state)).any():
         if broken[:, 0].any():
             return None, "rocking"
         return joint_mechanism(state.joints.step[j], np.zeros(2), reach)
@@ -206,7 +206,7 @@ def mechanism_of(state: State) -> str:
     if crushed(state):
         return "crushing"
     slid, turned, tilted = last_moves(state)
-    if (broken := joint_families.overborne(state)).any():
+    if (broken := joint_families.overloaded(state)).any():
         # the step before bonds break is elastic and moves all joints: joints that open rock, others only slip
         if broken[:, 0].any():
             return "rocking"

@@ -7,7 +7,7 @@ the blocks collapse instead, the structure returns to its last equilibrium and t
 inertia is negligible, then with half the step, until the parameter at collapse is known to the tolerance.
 
 Blocks swing past their equilibrium. Sliding, yielding, crushing and uplift on that swing would be irreversible, so the
-laws remember only their state at the equilibrium (`kernels.dynamics.swings`).
+laws remember only their state at the equilibrium (`kernels.dynamics.law_memory`).
 
 Frames of the collapse follow that of the last equilibrium. Their times lie between its number and the next, and they
 share its row, as nothing is in equilibrium any more.
@@ -26,9 +26,9 @@ from functools import partial
 import numpy as np
 
 from dembrick.errors import HistoryError, NotConvergedError, UndecidedError, of_joint_forces
+from dembrick.kernels.dynamics.law_memory import SEARCHING
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
-from dembrick.kernels.dynamics.swings import SWINGING
 from dembrick.scenario.regimes import Control
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
@@ -39,14 +39,14 @@ from dembrick.simulation.dynamics.integrator import (
     NO_LIMIT,
     Motion,
     advance,
-    keep_of_rest,
-    look_first,
+    detect_initial_contacts,
     rest_in_each_other,
+    update_history_at_rest,
 )
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
-from dembrick.simulation.dynamics.paths.falls import seen_falling, watched
-from dembrick.simulation.dynamics.paths.stage_loads import LoadsToCome, rest_by_increments
+from dembrick.simulation.dynamics.paths.falls import falls_in, in_resolved_steps
+from dembrick.simulation.dynamics.paths.stage_loads import PendingLoads, rest_by_increments
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.run import EquilibriaRun
 from dembrick.simulation.dynamics.state import seen
@@ -85,15 +85,15 @@ class EquilibriumPath(ABC):
     step = STEP  # of the time step
     overshoot = 1.0  # displacement on the swing of a step over that at its equilibrium, at most: see `falls`
     dropped = DROPPED
-    often = math.inf  # see `seen_falling`
-    to_come: LoadsToCome | None = None
+    often = math.inf  # see `falls_in`
+    to_come: PendingLoads | None = None
     increments, path_error = 1, 0.0  # of loads that are added to those of the stage before: `load_increments`
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
         self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
         self.past, self.tolerance = Past(moving, None), control.tolerance or TOLERANCE
         self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
-        moving.laws = SWINGING
+        moving.laws = SEARCHING
         self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
         self.bonded = joint_families.has_strengths(moving.state)
         self.from_where = 0.0, places(moving.state.bodies)
@@ -137,7 +137,7 @@ class EquilibriumPath(ABC):
     def said(self, parameter: float) -> str:
         """A value of the parameter as text for a message."""
 
-    def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
+    def collapse_record(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         """Record of the collapse of ``blocks`` (k,) from the joint positions ``before`` (j, 9, of `seen`)."""
         return settlement_collapse(self.moving, before, blocks)
 
@@ -173,21 +173,21 @@ class EquilibriumPath(ABC):
     def _go(self, parameter: float) -> float | None:
         """Change the parameter and relax the blocks; return the out-of-balance over the joint forces, None if they
         collapse."""
-        return watched(self, partial(self._gone, parameter, self.from_where[1]), self._go_back)
+        return in_resolved_steps(self, partial(self._gone, parameter, self.from_where[1]), self._go_back)
 
     def _gone(self, parameter: float, before: np.ndarray) -> float | None:
         """`_go` with the present time step, for blocks whose `places` were ``before`` at the last equilibrium."""
         driving, steps = self._growing(self.reached, parameter)
-        joint_families.hold_bonds(self.moving.state, self.bonded)
-        return None if seen_falling(self, driving, steps, before) else self._rest_and_break(parameter, before)
+        joint_families.keep_bonds_intact(self.moving.state, self.bonded)
+        return None if falls_in(self, driving, steps, before) else self._rest_and_break(parameter, before)
 
     def _rest_and_break(self, parameter: float, before: np.ndarray) -> float | None:
         """`_rest` with all bonds intact; those that are overloaded then break, and the blocks come to rest again."""
-        joint_families.hold_bonds(self.moving.state, self.bonded)
+        joint_families.keep_bonds_intact(self.moving.state, self.bonded)
         ratio = self._rest(parameter, before)
         if not self.bonded or ratio is None:
             return ratio
-        joint_families.hold_bonds(self.moving.state, False)
+        joint_families.keep_bonds_intact(self.moving.state, False)
         return self._rest(parameter, before)
 
     def _rest(self, parameter: float, before: np.ndarray) -> float | None:
@@ -195,10 +195,10 @@ class EquilibriumPath(ABC):
         still = self._at(parameter)
         balanced, chunks, passed, ratio = 0, most_steps(self.moving) // CHUNK, {}, 1.0
         for chunk in range(ROUNDS * chunks):
-            if seen_falling(self, still, CHUNK, before):
+            if falls_in(self, still, CHUNK, before):
                 return None
             down = self.down(before)
-            self.look_on(down)
+            self.record_collapse_frame(down)
             if down > 1.0:
                 return None
             ratio, enough = unbalanced(self.moving.state, still, self.free)
@@ -211,7 +211,7 @@ class EquilibriumPath(ABC):
             if chunk % chunks == chunks - 1:
                 first, middle, last = passed.values()
                 if moved(last, first).max() > DRIFTING * moved(middle, first).max():
-                    self.look_on(1.0)
+                    self.record_collapse_frame(1.0)
                     return None
         raise UndecidedError(
             f"undecided at {self.said(parameter)}, neither at rest nor falling: after {ROUNDS * CHUNK * chunks} "
@@ -226,7 +226,7 @@ class EquilibriumPath(ABC):
         """Displacement of every free block, by translation or rotation, since the `places` ``before`` (m)."""
         return moved(places(self.moving.state.bodies), before)[self.free]
 
-    def look_on(self, down: float) -> None:
+    def record_collapse_frame(self, down: float) -> None:
         """Record a frame of the collapse if frames of it are wanted; ``down`` is the progress of the fall, 1 at its
         end."""
         if self.fall is None or not self.recorder.takes_frames:
@@ -258,8 +258,8 @@ class EquilibriumPath(ABC):
         self.recorder.compile()
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         ratio: float | None = float(past.unbalanced[0])
-        joint_families.hold_bonds(moving.state, self.bonded)
-        look_first(moving)
+        joint_families.keep_bonds_intact(moving.state, self.bonded)
+        detect_initial_contacts(moving)
         if (
             self.bonded or moving.settled or moving.contact_detection.met
         ):  # bonds may break now, and new contacts or the loads of a new stage move blocks
@@ -271,11 +271,12 @@ class EquilibriumPath(ABC):
 
     def _rest_again(self, parameter: float) -> float | None:
         """Relax the blocks at the same parameter under laws, loads and ties that differ from those of the last
-        equilibrium; return the out-of-balance over the joint forces, None if they collapse (`falls_at_once`)."""
+        equilibrium; return the out-of-balance over the joint forces, None if they collapse
+        (`refuse_collapse_under_dead_loads`)."""
         stood = standing(self.moving.state.bodies)
-        joint_families.hold_bonds(self.moving.state, self.bonded)
+        joint_families.keep_bonds_intact(self.moving.state, self.bonded)
         rest, still = partial(self._rest_and_break, parameter, places(stood)), partial(self._at, parameter)
-        look_first(self.moving)
+        detect_initial_contacts(self.moving)
         kept = Kept(self.past.snapshot() | self.moving.contact_detection.snapshot())
 
         def go_back() -> None:
@@ -284,16 +285,16 @@ class EquilibriumPath(ABC):
             self.past.go_back(kept)
 
         comes = partial(rest_by_increments, self, kept, still, rest) if self.moving.settled else rest
-        ratio = watched(self, comes, go_back)
+        ratio = in_resolved_steps(self, comes, go_back)
         if ratio is None:
-            self.falls_at_once(stood)
+            self.refuse_collapse_under_dead_loads(stood)
         return ratio
 
     def _note(self, parameter: float, ratio: float) -> None:
         """Store and record an equilibrium; the driven displacement is measured from the first."""
         if self.driving.driven is not None and not self.path:
             self.driving.driven.start_from(self.moving.state.bodies)
-        keep_of_rest(self.moving, self._at(parameter))
+        update_history_at_rest(self.moving, self._at(parameter))
         now, step = places(self.moving.state.bodies), parameter - self.reached
         if step > 0.0:
             pace = float(self._away(self.at_last).max()) / step
@@ -312,7 +313,7 @@ class EquilibriumPath(ABC):
     def _equilibrium(self) -> Kept:
         return Kept(self.past.snapshot() | self._own(), path="the last equilibrium")
 
-    def falls_at_once(self, stood: Bodies) -> None:
+    def refuse_collapse_under_dead_loads(self, stood: Bodies) -> None:
         """Raise NotConvergedError for blocks that collapse under the dead loads; ``stood``: their positions before."""
         if self.moving.contact_detection.met:
             raise NotConvergedError(rest_in_each_other(self.moving))
@@ -377,7 +378,9 @@ class EquilibriumPath(ABC):
         """Record the collapse of the blocks from where they ``stood`` at the last equilibrium."""
         self.recorder.follow_up(self.fall or [])
         away = np.where(self.free, moved(places(self.moving.state.bodies), places(stood)), 0.0)
-        self.collapse = self.come_down(seen(stood, self.moving.state.links), np.flatnonzero(away > MOVED * away.max()))
+        self.collapse = self.collapse_record(
+            seen(stood, self.moving.state.links), np.flatnonzero(away > MOVED * away.max())
+        )
 
     def _go_back(self) -> None:
         own = self._own()

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: interval between checks for a collapse
 
 
-def watched(path: EquilibriumPath, attempt: Callable[[], float | None], go_back: Callable[[], None]) -> float | None:
+def in_resolved_steps(
+    path: EquilibriumPath, attempt: Callable[[], float | None], go_back: Callable[[], None]
+) -> float | None:
     """Result of an ``attempt`` of a path, `in_shorter_steps` if necessary. Blocks that fall for long get too fast for a
     step or press into each other: the attempt is then repeated with frequent checks for a collapse."""
     path.often = math.inf
@@ -31,13 +33,13 @@ def watched(path: EquilibriumPath, attempt: Callable[[], float | None], go_back:
         return in_shorter_steps(path.moving, attempt, go_back)
 
 
-def seen_falling(path: EquilibriumPath, driving: Driving, steps: int, before: np.ndarray) -> bool:
+def falls_in(path: EquilibriumPath, driving: Driving, steps: int, before: np.ndarray) -> bool:
     """Advance a path by so many ``steps``; whether its blocks, whose `places` were ``before``, were seen to collapse.
     Checked at intervals of ``path.often`` times the time in which the smallest block falls by its size."""
     few = max(1, int(min(path.often * math.sqrt(2.0 * path.moving.smallest / G) / path.dt, steps)))
     for done in range(0, steps, few):
         path.advance(driving, min(few, steps - done))
         if path.often < math.inf and path.down(before) > 1.0:
-            path.look_on(1.0)
+            path.record_collapse_frame(1.0)
             return True
     return False

@@ -122,7 +122,7 @@ class LoadPath(EquilibriumPath):
         self._go_back()
         ratio = super()._go(parameter)  # once more, for the state at its end
         if jumps:
-            self.look_on(1.0)
+            self.record_collapse_frame(1.0)
         return None if jumps else ratio
 
     def _jumps(self, parameter: float) -> bool:
@@ -142,18 +142,18 @@ class LoadPath(EquilibriumPath):
     def said(self, parameter: float) -> str:
         return f"a load of V = {parameter:.6g}"
 
-    def falls_at_once(self, stood: Bodies) -> None:
+    def refuse_collapse_under_dead_loads(self, stood: Bodies) -> None:
         """Without a load system the collapse is the result of the path, no error."""
         if self.driving.driven is not None:
-            super().falls_at_once(stood)
+            super().refuse_collapse_under_dead_loads(stood)
         self.stands = False
         self.fall = None
         self._note(0.0, 1.0)
         self._fell(stood)
 
-    def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
+    def collapse_record(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         self.joint = moved_most(self.moving, before)
-        return super().come_down(before, blocks)
+        return super().collapse_record(before, blocks)
 
     def finished(self) -> LoadPathRun:
         if self.collapse is None:
@@ -254,7 +254,10 @@ class Settlement(EquilibriumPath):
     def slow(self) -> str:
         return f"{super().slow}, or take quasi_static = false"
 
-    def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
+    def collapse_record(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         """Record of the collapse, with the settlement at which it occurs (m)."""
         low, high = self.reached * self.supports.length, self.falls * self.supports.length
-        return super().come_down(before, blocks) | {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}
+        return super().collapse_record(before, blocks) | {
+            "settlement": 0.5 * (low + high),
+            "settlement_range": [low, high],
+        }

@@ -1,8 +1,8 @@
 """Equilibrium in the deformed geometry under the loads of a new stage, applied in increments.
 
-During relaxation joint laws act as in one implicit step from the last equilibrium (`kernels.dynamics.swings`), so new
-loads are applied in increments (`load_increments`). The part that is still to come is cancelled by a force and a couple
-on every block: that share of the out-of-balance that the new loads cause at the last equilibrium.
+During relaxation joint laws act as in one implicit step from the last equilibrium (`kernels.dynamics.law_memory`), so
+new loads are applied in increments (`load_increments`). The part that is still to come is cancelled by a force and a
+couple on every block: that share of the out-of-balance that the new loads cause at the last equilibrium.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from dembrick.assembly.actuators import Attached
 from dembrick.simulation import load_increments
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.integrator import Motion, joint_forces, keep_of_rest
+from dembrick.simulation.dynamics.integrator import Motion, joint_forces, update_history_at_rest
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import out_of_balance
 
@@ -30,7 +30,7 @@ LITTLE = 2.5e-4  # of the greatest joint force: smaller new loads need no increm
 NOTHING = 1e-6  # of the forces of new loads: smaller joint forces are rounding of the drawn positions
 
 
-class LoadsToCome:
+class PendingLoads:
     """New loads of ``driving``, of which a ``share`` is still to come (at first zero). ``on_others``: whether joints
     bear other loads already at the last equilibrium; ``part``: the new loads over the greatest joint force there."""
 
@@ -73,7 +73,7 @@ def rest_by_increments(
     that stand under them, and swing joints open, whose history is then lost.
     """
     moving = path.moving
-    path.to_come = to_come = LoadsToCome(moving, still())
+    path.to_come = to_come = PendingLoads(moving, still())
     if not to_come.on_others:
         path.path_error = math.inf  # blocks that fall onto one another swing open
         return rest()
@@ -97,7 +97,7 @@ def rest_by_increments(
             if ratio is None:
                 to_come.share = 0.0
                 return None
-            keep_of_rest(moving, still())
+            update_history_at_rest(moving, still())
         return early
 
     path.increments, path.path_error = load_increments.by_increments(

@@ -33,7 +33,7 @@ class BondBreaking:
         self._state, self.present = state, joint_families.has_strengths(state)
         self.strength = float(joint_families.greatest_strength(state).sum())
         self.reserves, self.borne = joint_families.reserves(state), 1.0
-        joint_families.hold_bonds(state, True)
+        joint_families.keep_bonds_intact(state, True)
 
     def bear(self, way: PathState) -> bool:
         """Whether the bonds withstand the step that was found; if not, shorten ``way.step`` to the first failure."""
@@ -69,9 +69,9 @@ class BondBreaking:
         if not (self.reserves < 0.0).any():
             return False
         before = elastic_energy(for_kernels(state), None)
-        joint_families.hold_bonds(state, False)
+        joint_families.keep_bonds_intact(state, False)
         search.attempt(way.motion, way.V)
-        joint_families.hold_bonds(state, True)
+        joint_families.keep_bonds_intact(state, True)
         way.fracture += before - elastic_energy(for_kernels(state), None)
         search.remember()
         self.reserves = joint_families.reserves(state)

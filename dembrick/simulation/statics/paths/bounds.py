@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL, settles, still_to_come
+from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL, converges, remaining_growth
 from dembrick.simulation.statics.paths.path_state import PathState
 
 EIGHTH = 0.125  # of the inelastic displacement so far: there must have been an equilibrium between it and a quarter
@@ -34,7 +34,7 @@ def limit_bounds(seen: list[Seen], elastic: float, rocks_on: Callable[[float], b
     quarter = _when(seen, 0.25 * given)
     growth, before = V - seen[half][1], seen[half][1] - seen[quarter][1]
     recent = seen[half + 1 :] or seen[-1:]
-    to_come = still_to_come(growth, before)
+    to_come = remaining_growth(growth, before)
     lower = max(0.0, min(s[2] for s in recent) + min(to_come, 0.0))
     upper = max(s[3] for s in recent) + max(to_come, 0.0)
     if rocks_on(V):
@@ -43,7 +43,7 @@ def limit_bounds(seen: list[Seen], elastic: float, rocks_on: Callable[[float], b
             lower, upper = closer
     # over the second half V must grow more slowly than elastically
     followed = 0.0 < EIGHTH * given <= seen[quarter][0] and not any(s[4] for s in recent)
-    slow = growth <= STILL * elastic * (given - seen[half][0]) and settles(growth, before, V - seen[-1][2], V)
+    slow = growth <= STILL * elastic * (given - seen[half][0]) and converges(growth, before, V - seen[-1][2], V)
     return lower, upper, followed and slow
 
 

@@ -9,7 +9,8 @@ neighbour here. Bonds and ties add the greatest power that their strength can di
 **Less.** In a chain or tree of joints without closed loops, statics alone gives the forces of every joint under a load,
 and normal springs without memory give its pressures. Then the load at which a joint fails does not depend on history.
 
-`Grip` measures how much of its friction each joint uses along a path, and extrapolates that to greater loads.
+`FrictionReserve` measures how much of its friction each joint uses along a path, and extrapolates that to greater
+loads.
 """
 
 from __future__ import annotations
@@ -141,7 +142,7 @@ NOTHING = 1e-6  # of the greatest normal force: smaller forces are neglected
 SLIDES = 1e-6  # of the friction: joints with a smaller reserve slide already
 
 
-class Grip:
+class FrictionReserve:
     """The forces of the joints of a ``state`` at the last two equilibria of its path, to predict sliding.
 
     ``forces`` (2, j + 1, 4): N, V_1, V_2 (N) and M_T (N m), the earlier first; V (N) in the last row.

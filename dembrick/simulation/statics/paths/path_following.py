@@ -36,7 +36,7 @@ from dembrick.simulation.statics.paths.bounds import PUSHES, go_on_rocking, limi
 from dembrick.simulation.statics.paths.driven_relaxation import DrivenRelaxation
 from dembrick.simulation.statics.paths.instant_bounds import HIDDEN, LEAST_BALANCED, NOTHING, InstantBounds
 from dembrick.simulation.statics.paths.limit_state import LimitState
-from dembrick.simulation.statics.paths.other_paths import Grip
+from dembrick.simulation.statics.paths.other_paths import FrictionReserve
 from dembrick.simulation.statics.paths.path_state import MOST_EQUILIBRIA, Drift, Path, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
@@ -91,7 +91,7 @@ class PathFollower:
         self.displacement_at_start = state.blocks.displacement.copy()
         # V whose loads equal the sum of all dead loads and bond strengths
         self.dead = float(np.linalg.norm(ties.dead_loads(state)[self.free, :3], axis=1).sum()) / self.weight
-        self.bonds, self.grip = BondBreaking(state), Grip(state)
+        self.bonds, self.grip = BondBreaking(state), FrictionReserve(state)
         self.dead += self.bonds.strength / self.weight
         self.instant = InstantBounds(self.search, certificate, self.weight, self.dead)
         self.relaxation = DrivenRelaxation(state, factor, self.weight / self.compliance)
@@ -306,7 +306,7 @@ class PathFollower:
     def _judged_limit(self) -> bool:
         """Keep the present equilibrium, with its bonds, if it is the limit; whether the bracket is narrow enough."""
         judged, within = self._judged(), 2.0 * self.certificate.tolerance
-        self.limit.look_at(self.state, self.way, judged and not joint_families.overborne(self.state).any(), within)
+        self.limit.look_at(self.state, self.way, judged and not joint_families.overloaded(self.state).any(), within)
         return judged
 
     @property

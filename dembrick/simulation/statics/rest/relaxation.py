@@ -70,12 +70,12 @@ class Relaxation:
 
     def run(self, session: Session) -> tuple[float, int]:
         """Relax; return the out-of-balance ratio reached and the steps of the last round."""
-        joint_families.hold_bonds(self._state, True)
+        joint_families.keep_bonds_intact(self._state, True)
         ratio = self._to_rest(session)
         while ratio <= UNBALANCED and self._bonds_break():
             self._round = self._step = 0
             ratio = self._to_rest(session)
-        joint_families.hold_bonds(self._state, False)
+        joint_families.keep_bonds_intact(self._state, False)
         return ratio, self._step
 
     def _to_rest(self, session: Session) -> float:
@@ -103,7 +103,7 @@ class Relaxation:
 
     def _bonds_break(self) -> bool:
         """Break the bonds that fail first, in the history from which trials start; whether there are any."""
-        if not joint_families.overborne(self._state).any():
+        if not joint_families.overloaded(self._state).any():
             return False
         self._from_start = True
         joint_families.break_bonds(self._trials.trial, joint_families.without_first(self._state, self._reserves))
@@ -173,7 +173,7 @@ class Relaxation:
         self._trials.stay()
         trial = self._trials.trial
         weaker = joint_families.slid(state, trial, ROUNDED * float(np.abs(trial.base[:, :3]).max()))
-        if weaker or joint_families.overborne(state).any():
+        if weaker or joint_families.overloaded(state).any():
             return 0, False  # laws have become weaker than the forces at the start: there is no path of loads
         loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
         change[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
@@ -221,14 +221,14 @@ class Relaxation:
         reached, bonds = [(array, array.copy()) for array, _ in begun], joint_families.bonds(state)
         put_back(begun)
         joint_families.break_bonds(state, bonds)
-        joint_families.hold_bonds(state, True)
+        joint_families.keep_bonds_intact(state, True)
         search = FreeEquilibria(state, self._factor())
         search.remember()
         motion = search.motion()
         motion[search.rows] = moved
         found, _ = search.find(motion, 0.0)
-        joint_families.hold_bonds(state, False)
-        if found is None or joint_families.overborne(state).any():
+        joint_families.keep_bonds_intact(state, False)
+        if found is None or joint_families.overloaded(state).any():
             put_back(reached)
             return False
         return True

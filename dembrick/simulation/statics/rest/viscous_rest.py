@@ -72,16 +72,16 @@ class ViscousMotion:
         """
         self._reserves = joint_families.reserves(self.state)
         bonded = joint_families.has_strengths(self.state)
-        joint_families.hold_bonds(self.state, bonded)
+        joint_families.keep_bonds_intact(self.state, bonded)
         stands = self._move()
         while stands and bonded and self._bonds_break():
             stands = self._move()
-        joint_families.hold_bonds(self.state, False)
+        joint_families.keep_bonds_intact(self.state, False)
         return stands
 
     def _bonds_break(self) -> bool:
         """Break the bonds that fail first; whether there are any."""
-        if not joint_families.overborne(self.state).any():
+        if not joint_families.overloaded(self.state).any():
             return False
         joint_families.break_bonds(self.search.trial, joint_families.without_first(self.state, self._reserves))
         self.search.attempt(self.search.motion(), 0.0)

@@ -13,15 +13,15 @@ from math import inf
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.tiles import W
 
-MOVING, SWINGING, RESTED = 0, 1, 2
+MOVING, SEARCHING, RESTED = 0, 1, 2
 
 
 @jit
-def set_laws(work, laws):
+def set_law_mode(work, laws):
     """Set the mode of the laws of joints, one of the three above."""
     for lane in range(W):
         work.undamped[lane] = 1.0 if laws == RESTED else 0.0
-        work.swings[lane] = 1.0 if laws == SWINGING else 0.0
+        work.searching[lane] = 1.0 if laws == SEARCHING else 0.0
 
 
 @jit
@@ -32,16 +32,16 @@ def dashpots_of(tile, work, lane):
 
 
 @jit
-def unless_swinging(dashpots, work, lane):
+def dashpots_in_mode(dashpots, work, lane):
     """The ``dashpots`` of a tile, or none while blocks swing."""
-    if work.swings[lane] > 0.0:
+    if work.searching[lane] > 0.0:
         return 0.0, 1.0
     return dashpots
 
 
 @jit
 def bonded_dashpots(dashpots, strengths, i, work, lane):
-    """`unless_swinging` for a joint with the strengths ``i``, if it crushes or dilates."""
+    """`dashpots_in_mode` for a joint with the strengths ``i``, if it crushes or dilates."""
     if strengths.dilation[i] > 0.0 or strengths.crushing[i] < inf:
-        return unless_swinging(dashpots, work, lane)
+        return dashpots_in_mode(dashpots, work, lane)
     return dashpots

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dembrick.assembly.build import assemble
-from dembrick.kernels.dynamics.swings import RESTED, SWINGING
+from dembrick.kernels.dynamics.law_memory import RESTED, SEARCHING
 from dembrick.kernels.joint.ties import stretch
 from dembrick.scenario.controls import StaticsControl
 from dembrick.scenario.model import Block, JointLaw
@@ -42,7 +42,7 @@ def made(kinds, family, law):
 def answer_as(joint, laws):
     """Have the joint answer as blocks swing, or rest."""
     joint.work.undamped[:] = float(laws == RESTED)
-    joint.work.swings[:] = float(laws == SWINGING)
+    joint.work.searching[:] = float(laws == SEARCHING)
 
 
 def deformed(joint):
@@ -66,7 +66,7 @@ def test_a_joint_that_swings_keeps_what_it_would_without(family, law, monkeypatc
         for _ in range(3):  # one equilibrium after another
             goal = PRESSED * (1.0 + rng.uniform(-0.15, 0.15)) + rng.uniform(-1.0, 1.0, 3) * (0.0, 1e-4, 1e-4)
             slip = rng.uniform(-1.0, 1.0, 3) * (6e-4, 6e-4, 4e-3)
-            answer_as(moving, SWINGING)
+            answer_as(moving, SEARCHING)
             place, gone = rests, np.zeros(3)
             for share in (0.6, 1.5, 0.5, 1.2, 1.0):
                 next_place, next_gone = rests + share * (goal - rests), share * slip
