@@ -1,7 +1,7 @@
-"""The command line: one module a verb, imported only when that verb runs.
+"""The command line: one module per command, imported only when that command runs.
 
 A module has `add_arguments(parser)`, the options of its command, and `run(options, console)`, which returns the exit
-code. The first word is read by hand, so that ``dembrick --help`` costs little more than starting Python.
+code. The command name is read without argparse, so ``dembrick --help`` takes little longer than starting Python.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dembrick import __version__
 from dembrick.cli.streams import mute, open_closed, put, tell
 from dembrick.errors import DembrickError
 
-GARBAGE = 400_000  # new objects before a look for garbage: importing and loading kernels makes none
+GARBAGE = 400_000  # new objects before a garbage collection: imports and loading of kernels leave no garbage
 VERBS = {
     "lab": "replay the four laboratory tests for all formulations and print Table 3",
     "run": "run a scenario",
@@ -40,7 +40,7 @@ VERBS = {
     "schema": "the JSON schema of a scenario, for editors",
     "warmup": "compile the kernels into the cache",
 }
-SIMULATING = ("domain", "fit", "lab", "restart", "run", "sweep", "verify", "warmup")  # and so may compile
+SIMULATING = ("domain", "fit", "lab", "restart", "run", "sweep", "verify", "warmup")  # these may compile kernels
 HELP = (
     "usage: dembrick COMMAND ...\n\n"
     "Replays laboratory tests of dry-stacked stone blocks, with an error bar on every number.\n\ncommands:\n"
@@ -71,7 +71,7 @@ def full_parser():
 
 
 def _add_arguments(parser, verb: str) -> None:
-    """Those of all commands, and those of one."""
+    """Add the options common to all commands, and those of ``verb``."""
     parser.description = f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}."
     common = parser.add_argument_group("output")
     common.add_argument("--json", action="store_true", help="print one JSON object on standard output")
@@ -83,15 +83,15 @@ def _add_arguments(parser, verb: str) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; returns the exit code (0 ok, 1 no answer, 2 invalid input, 3 off theory, 4 missing, 130/143
-    interrupted)."""
+    """Run the command line; return the exit code (0 ok, 1 no answer, 2 invalid input, 3 differs from theory, 4 missing
+    dependency, 130/143 interrupted)."""
     open_closed()
     try:
         return _main(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
         tell("interrupted")
         return 130
-    except BrokenPipeError:  # whoever read the output has had enough of it
+    except BrokenPipeError:  # the reader of the output has closed the pipe
         mute(sys.stdout)
         return 0
     except DembrickError as error:
@@ -99,13 +99,13 @@ def main(arguments: list[str] | None = None) -> int:
         return error.exit_code
     finally:
         try:
-            sys.stdout.flush()  # here, and not at the end of Python, where nobody could catch what it raises
+            sys.stdout.flush()  # here, as errors at the exit of Python cannot be caught
         except (OSError, ValueError):
             mute(sys.stdout)
 
 
 def _main(arguments: list[str]) -> int:
-    """The same, but for the end of the output."""
+    """Run the command line; `main` flushes the output and handles errors."""
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         put(HELP)
         return 0 if arguments else 2
@@ -126,14 +126,14 @@ def _main(arguments: list[str]) -> int:
         return 2
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")  # a terminal that knows no such letter shows its number
+            stream.reconfigure(errors="backslashreplace")  # escape characters that the terminal cannot encode
     gc.set_threshold(GARBAGE)
-    atexit.register(gc.freeze)  # at the end there is nothing left to gain by looking for garbage
+    atexit.register(gc.freeze)  # collecting garbage at exit gains nothing
     import argparse
 
     class Parser(argparse.ArgumentParser):
         def error(self, message):
-            """See argparse."""
+            """Report an error as argparse does, with a hint, and as JSON if asked for."""
             message += _meant(message, self._option_string_actions)
             if verb == "render" and message.startswith("unrecognized arguments") and "--to" in rest:
                 message += "; several files are named by a --to each"
@@ -150,7 +150,7 @@ def _main(arguments: list[str]) -> int:
     try:
         with handled(), _compiling(verb, console):
             code = module.run(options, console)
-            if signum := requested():  # it came too late to stop anything, yet whoever called should know
+            if signum := requested():  # too late to stop anything, but the caller should know
                 console.say("interrupted after the work was done; nothing is missing")
                 return 128 + signum
             return code
@@ -165,8 +165,8 @@ def _main(arguments: list[str]) -> int:
 
 
 def _lists_joined(arguments: list[str]) -> list[str]:
-    """The arguments, with ``--direction -1,0,0`` as ``--direction=-1,0,0``: argparse takes a list that begins with a
-    minus sign for an option."""
+    """The arguments, with ``--direction -1,0,0`` as ``--direction=-1,0,0``: argparse would take a list that begins
+    with a minus sign for an option."""
     import re
 
     joined: list[str] = []
@@ -191,7 +191,7 @@ def _meant(message: str, known: Iterable[str]) -> str:
 
 
 def _failed_json(message: str, arguments: list[str]) -> None:
-    """The JSON object of a command line that cannot be read, if it asks for one."""
+    """Print the JSON object of a command line that cannot be parsed, if it asks for JSON."""
     if "--json" in arguments:
         import json
 
@@ -200,7 +200,7 @@ def _failed_json(message: str, arguments: list[str]) -> None:
 
 @contextmanager
 def _compiling(verb: str, console):
-    """For the verbs that simulate: say that kernels are being compiled, and let a second process compile some."""
+    """For commands that simulate: report when kernels are compiled, and let a second process compile some of them."""
     if verb not in SIMULATING:
         yield
         return

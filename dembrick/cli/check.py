@@ -103,7 +103,7 @@ def _draw_overlap(scenario, blocks, options, console) -> None:
 
 
 def _here(seconds: float | None) -> float | None:
-    """Seconds of a command on this machine whose loops take so many on that of the costs."""
+    """Expected time (s) of a command on this machine, if its loops take ``seconds`` on the reference machine."""
     from dembrick.simulation.expected_cost import START_SECONDS, slowness
 
     return None if seconds is None else slowness() * (START_SECONDS + seconds)
@@ -146,6 +146,6 @@ def _named_so(actuators: ActuatorTable, kind: str) -> list[str]:
 
 
 def _some(names: list[str]) -> str:
-    """Names in a line, not too many of them."""
+    """Names in a line; of more than eight only the first five."""
     more = f" and {len(names) - 5} more" if len(names) > 8 else ""
     return ", ".join(names[:5] if more else names) + more

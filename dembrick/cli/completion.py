@@ -8,7 +8,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Print the script; ``eval "$(dembrick completion bash)"`` in a start-up file takes it up."""
+    """Print the script; ``eval "$(dembrick completion bash)"`` in a start-up file activates it."""
     from dembrick.cli import full_parser
     from dembrick.cli.streams import put
     from dembrick.errors import MissingDependency

@@ -14,7 +14,7 @@ from dembrick.errors import DembrickError, WriteError
 def printable(text: str) -> str:
     """Text for a terminal: line ends and tabs stay, any other control character is written out, as ``\\x1b``.
 
-    Names and remarks may come from a stranger's file, and an escape sequence must not reach the terminal.
+    Names and remarks may come from an untrusted file, whose escape sequences must not reach the terminal.
     """
     if text.isascii() and text.isprintable():
         return text
@@ -32,11 +32,11 @@ class Console:
         self.json, self.quiet, self.verbose = json, quiet, verbose
         self.meter = Meter(printable, quiet)
         self.progress = self.meter.count
-        self.answered = False  # the one JSON object
+        self.answered = False  # whether the JSON object has been printed
         self._colour = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
 
     def result(self, data: dict, text: str) -> None:
-        """The answer: ``data`` as JSON, or ``text``."""
+        """Print the answer: ``data`` as JSON, or ``text``."""
         if self.json:
             import json
 
@@ -46,35 +46,35 @@ class Console:
             put(printable(text))
 
     def part(self, text: str) -> None:
-        """A part of an answer in text that is known before the rest; as JSON it comes with the whole."""
+        """Print a part of the answer that is known before the rest, if it is text; JSON is printed as a whole."""
         if not self.json:
             self.meter.clear()
             put(printable(text))
 
     def failed(self, error: DembrickError) -> None:
-        """That there is no answer: a sentence, and the JSON object if that was asked for and has not been printed."""
+        """Report a failure: print a sentence, and the JSON object if it was asked for and has not been printed."""
         if self.json and not self.answered:
             with suppress(WriteError, BrokenPipeError):  # the sentence still says why
                 self.result(error.answer or {"status": error.status, "error": str(error)}, "")
         self.error(str(error))
 
     def say(self, text: str) -> None:
-        """One line on standard error, whatever was asked for."""
+        """Print a line on standard error, whatever the options are."""
         self.meter.clear()
         tell(printable(text))
 
     def remark(self, text: str) -> None:
-        """Something worth knowing."""
+        """Print a remark, unless ``--quiet`` is given."""
         if not self.quiet:
             self.say(text)
 
     def detail(self, text: str) -> None:
-        """A remark that only ``-v`` asks for."""
+        """Print a remark if ``-v`` is given."""
         if self.verbose:
             self.remark(text)
 
     def error(self, text: str) -> None:
-        """Why there is no answer; never silenced."""
+        """Print why there is no answer, even with ``--quiet``."""
         self.meter.clear()
         label = "\033[31merror:\033[0m" if self._colour else "error:"
         tell(f"{label} {printable(text)}")

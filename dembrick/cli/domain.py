@@ -36,7 +36,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Print the domains; 3 where replay and theory disagree, or certified points make no convex set."""
+    """Print the domains; exit code 3 if replay and theory disagree, or certified points form no convex set."""
     from dembrick import history
     from dembrick.errors import ScenarioError
     from dembrick.runs import domain
@@ -70,7 +70,7 @@ def run(options, console) -> int:
         lines.append(f"{row['formulation']:16}{row['source']:>8}{row['V']:12.5g}{row['M_T']:12.5g}{half}")
     lines += [_said(name, found) for name, found in checks.items()]
     result = {"joint": joint.as_dict(), "space": options.space, "rows": rows + simulated, "checks": checks}
-    console.result(result, "\n".join(lines))  # first: what cannot be written is not lost
+    console.result(result, "\n".join(lines))  # first, so that a write error loses nothing
     with history.product("domain", [repr(joint.as_dict())], inputs, options.force):
         if options.csv:
             write_csv([{key: row.get(key) for key in (rows + simulated)[-1]} for row in rows + simulated], options.csv)
@@ -91,8 +91,8 @@ def run(options, console) -> int:
 
 
 def _curves(rows: list[dict], height: float) -> dict:
-    """V and M_T of the rows of each formulation, with its pressure and the ``height`` (m) of the load where they are
-    not the paper's."""
+    """V and M_T of the rows by formulation; its name states the pressure and the ``height`` (m) of the load if they
+    differ from the paper."""
     import numpy as np
 
     above = f", load {1e3 * height:.3g} mm up" if height else ""
@@ -156,7 +156,7 @@ def _sound(found: dict, tolerance: float) -> bool:
 
 
 def _said(name: str, found: dict) -> str:
-    """One line on what the simulated points of a formulation say of the set."""
+    """One line on convexity, normality and error of the simulated points of a formulation."""
     convexity, normality = found["convexity"], found["normality"]
     note = "" if found["certified"] else " (the normal forces move with the load: no associated set)"
     return (

@@ -1,6 +1,6 @@
-"""``dembrick export FILE.h5 --to FILE ...``: a history as other files, each by the ending of its name.
+"""``dembrick export FILE.h5 --to FILE ...``: write a history in other formats, by the endings of the names.
 
-The same names follow ``--to`` of the commands that run: ``--to wall.png curve.pdf wall.vtkhdf page.html``.
+The commands that run a scenario have the same option: ``--to wall.png curve.pdf wall.vtkhdf page.html``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ LAYERS = ("blocks", "joints", "contacts", "ties")  # of .vtkhdf, .pvd and .csv
 
 
 def add_to(parser, **how) -> None:
-    """The option ``--to``; ``how``: further words on it for argparse."""
+    """Add the option ``--to``; ``how``: further keywords for argparse."""
     told = "; ".join(f"{', '.join(endings)}: {what}" for what, endings, _ in WRITERS)
     parser.add_argument(
         "--to", metavar="FILE", nargs="+", action="extend", help=f"write these files, each by its ending: {told}", **how
@@ -22,7 +22,7 @@ def add_to(parser, **how) -> None:
 
 
 def check_names(paths: Sequence[str]) -> None:
-    """OutputError for a name with an ending that nothing is written with, or given twice: before anything runs."""
+    """Raise OutputError for a name with an unknown ending or given twice, before anything runs."""
     from dembrick.errors import OutputError
 
     for number, path in enumerate(paths):
@@ -35,7 +35,7 @@ def check_names(paths: Sequence[str]) -> None:
 
 
 def check_free(paths: Sequence[str], text: str, inputs: Iterable[str], force: bool) -> None:
-    """OutputError for a file that is there and not for this command to replace, before the scenario ``text`` runs."""
+    """Raise OutputError for an existing file that this command may not replace, before the scenario ``text`` runs."""
     from dembrick import history
 
     for path in paths:
@@ -51,7 +51,7 @@ def _kind(path: str, layers: Sequence[str]) -> str:
 def write(
     paths: Iterable[str], file, console, layers: Sequence[str] = LAYERS, force: bool = False
 ) -> Iterator[list[str]]:
-    """Write each of ``paths`` from a history; yields the files of each, once they are there."""
+    """Write each of ``paths`` from a history; yield the files of each once they are written."""
     from dembrick import history
 
     for path in paths:
@@ -64,7 +64,7 @@ def write(
 
 
 def told(written: Sequence[str]) -> str:
-    """Lines on what was written: frames of a series are counted."""
+    """Lines that list the files written; the frames of a series are counted."""
     frames = [path for path in written if path.endswith(".vtu")]
     lines = [path for path in written if not path.endswith(".vtu")]
     if frames:
@@ -73,8 +73,8 @@ def told(written: Sequence[str]) -> str:
 
 
 def _looked_at(file) -> dict:
-    """How a history is drawn where nothing else is asked for: arches alone from the front, with their line of thrust
-    and their hinges."""
+    """Look of a drawing without options: arches alone are drawn from the front, with their line of thrust and their
+    hinges."""
     import tomllib
 
     given = tomllib.loads(file.scenario_text)

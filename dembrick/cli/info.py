@@ -1,4 +1,4 @@
-"""``dembrick info FILE.h5``: what a history holds."""
+"""``dembrick info FILE.h5``: summary of a history."""
 
 from __future__ import annotations
 
@@ -75,12 +75,12 @@ def _report(file, options, console) -> int:
 
 
 def _run_again(file, path: str) -> list[KeyNumber]:
-    """How the run of a history is made again, and with a change; or why no command makes it."""
+    """Commands that repeat the run of a history, or continue it; or why no command can."""
     from dembrick.views.number_lines import KeyNumber
 
     if isinstance(file.settings.get("custom_law"), dict):
         return [KeyNumber("run again", "in Python only, as its joint law is a function that the file does not hold")]
-    killed = {"interrupted": "", "running": " (if it was killed)"}.get(file.status)  # else it is over
+    killed = {"interrupted": "", "running": " (if it was killed)"}.get(file.status)  # others have ended
     goes_on = [] if killed is None else [KeyNumber("go on", f"dembrick restart {path}{killed}")]
     with_files = f", with {len(file.inputs)} file{'s' * (len(file.inputs) > 1)} that it holds" if file.inputs else ""
     return [
@@ -91,7 +91,7 @@ def _run_again(file, path: str) -> list[KeyNumber]:
 
 
 def _profile(file, results: dict, console) -> int:
-    """Where the time of the run went, as it was measured in the run; the loop by phases, if it has any."""
+    """Print the wall time of the parts of the run, as measured in it, and of the phases of its loop if it has any."""
     from dembrick.errors import HistoryError
 
     wall = results.get("wall")

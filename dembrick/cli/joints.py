@@ -1,12 +1,12 @@
-"""``dembrick joints FILE.h5``: what every joint and every support carries at one moment."""
+"""``dembrick joints FILE.h5``: forces of every joint and every support at one moment."""
 
 from __future__ import annotations
 
 from dembrick.cli.paths import FRAME, add_force, frame_of, require_ending
 
 MOST = 40  # lines of the printed table
-ROUNDING = 1e-8  # of the largest value of a column: less is printed as zero
-SHORT = 1e-3  # m: of a moment and an eccentricity, what is rounding beside the forces at this arm is zero
+ROUNDING = 1e-8  # of the largest value of a column: smaller values are printed as zero
+SHORT = 1e-3  # m, least arm of the forces in the scale for rounding moments and eccentricities to zero
 TITLES = ("N [N]", "V_1 [N]", "V_2 [N]", "M_T [N m]", "e_1 [mm]", "e_2 [mm]", "slip [mm]", "open", "utilisation")
 COLUMNS = {
     "N": 1.0,
@@ -18,7 +18,7 @@ COLUMNS = {
     "slip": 1e3,
     "open_share": 1.0,
     "utilisation": 1.0,
-}  # printed in the units of TITLES
+}  # factors to the units of TITLES
 OF_CONTACTS = {
     "N": ("N [N]", 1.0),
     "V": ("V [N]", 1.0),
@@ -57,7 +57,7 @@ def run(options, console) -> int:
 
 
 def state(file, frame: int | str | None, time: float | None, whole: bool = False) -> tuple[dict, str]:
-    """Forces of joints and supports of a history at a moment, as JSON and as text: all, or those most utilised."""
+    """Forces of the joints and supports at a moment, as JSON and as text; ``whole``: the text has all joints."""
     from dembrick.views.motion.moments import words, words_of_row
     from dembrick.views.motion.table import REACTION, joint_table, moment, new_contact_table, reaction_table
 
@@ -81,7 +81,7 @@ def state(file, frame: int | str | None, time: float | None, whole: bool = False
 
 
 def _text(rows: list[dict], most: int) -> str:
-    """The most utilised joints first; a joint without strength that carries something comes before all."""
+    """Table of the joints, the most utilised first; joints whose utilisation is unknown or infinite come before all."""
     rows = sorted(rows, key=lambda row: -1e300 if row["utilisation"] is None else -row["utilisation"])
     width = max([5, *(len(row["joint"]) for row in rows[:most])])
     largest = {name: max((abs(row[name] or 0.0) for row in rows), default=0.0) for name in COLUMNS}
@@ -98,7 +98,7 @@ def _text(rows: list[dict], most: int) -> str:
 
 
 def _text_of_contacts(rows: list[dict], most: int) -> str:
-    """Forces of the contacts that formed in the run, those that carry most first."""
+    """Table of the forces of new contacts, the largest normal force first."""
     rows = sorted(rows, key=lambda row: -row["N"])
     width = max([11, *(len(row["contact"]) for row in rows[:most])])
     largest = {name: max(abs(row[name]) for row in rows) for name in OF_CONTACTS}
@@ -115,7 +115,7 @@ def _text_of_contacts(rows: list[dict], most: int) -> str:
 
 
 def _text_of_reactions(rows: list[dict], most: int) -> str:
-    """Force of every support, and moment about its centroid at the start."""
+    """Table of the force of every support, and its moment about the centroid at the start."""
     units = dict.fromkeys(("F_x", "F_y", "F_z"), "N") | dict.fromkeys(("M_x", "M_y", "M_z"), "N m")
     width = max([7, *(len(row["support"]) for row in rows[:most])])
     largest = {

@@ -30,7 +30,7 @@ def run(options, console) -> int:
     figures: list[str] = []
 
     def tell(replayed: lab.LabReplay) -> None:
-        """Write, print and draw the rows; the constant-rate tests, which come after them, take as long again."""
+        """Write, print and draw the rows before the constant-rate tests, which take as long again."""
         lab.write_csv(replayed.rows, os.path.join(folder, "yield_points.csv"))
         text = [lab.table_3(replayed.rows), "", lab.notes(replayed.rows)]
         if replayed.rows_table_1:

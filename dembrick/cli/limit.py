@@ -33,7 +33,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Analyse the scenario; 1 if it does not stand under its dead loads or the solver fails."""
+    """Analyse the scenario; exit code 1 if it does not stand under its dead loads or the solver fails."""
     from dembrick import history
     from dembrick.errors import DembrickError, ScenarioError
     from dembrick.runs import limit

@@ -13,9 +13,9 @@ FIGURES = (".png", ".svg", ".pdf")
 
 
 def default_output(name: str, is_free: Callable[[str], bool] | None = None) -> str:
-    """``results/name``, with the folder made if missing.
+    """Path ``results/name``; the folder is created if missing.
 
-    Where ``is_free`` says that a path is taken, by what another scenario left, the next of ``name_2``, ``name_3`` ...
+    If ``is_free`` is False for a path, because another scenario's output is there: ``name_2``, ``name_3``, ...
     """
     make_folder(RESULTS)
     stem, ending = os.path.splitext(name)
@@ -30,7 +30,7 @@ FRAME = "at the limit, the last, or by its number, negative from the end (defaul
 
 
 def require_ending(path: str, endings: Sequence[str], what: str) -> None:
-    """OutputError if a path has another ending than ``what`` is written with."""
+    """Raise OutputError unless a path has one of the ``endings`` with which ``what`` is written."""
     if os.path.splitext(path)[1].lower() not in endings:
         raise OutputError(f"{path}: {what} is written with the ending {' or '.join(endings)}; choose such a name")
 
@@ -41,12 +41,12 @@ def frame_of(text: str) -> int | str:
 
 
 def add_force(parser) -> None:
-    """The option to replace what is there."""
+    """Add the option to replace an existing file."""
     parser.add_argument("--force", action="store_true", help="replace a file that is there, whatever it is")
 
 
 def make_folder(folder: str | os.PathLike) -> Path:
-    """The folder, made if missing; its parent must exist."""
+    """Create a folder if missing, and return it; its parent must exist."""
     path = Path(folder)
     try:
         path.mkdir(exist_ok=True)

@@ -105,7 +105,7 @@ def run(options, console) -> int:
 
 
 def _spectrum(options, console) -> int:
-    """Draw the response spectra of records, and say the peak of each."""
+    """Draw the response spectra of records."""
     from pathlib import Path
 
     from dembrick import history

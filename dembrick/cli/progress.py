@@ -1,6 +1,6 @@
-"""Progress of a long command: a bar on a terminal, elsewhere a line now and then.
+"""Progress of a long command: a bar on a terminal, elsewhere an occasional line.
 
-Lines come after ten seconds, then at intervals that double up to ten minutes, so that a log of a night has few.
+The first line comes after ten seconds, others at intervals that double up to ten minutes, to keep long logs short.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ if TYPE_CHECKING:
 
 WIDTH = 24  # of a bar
 FIRST_LINE, LONGEST_PAUSE = 10.0, 600.0  # s, between lines where there is no terminal
-RECENT = 10.0  # s, over which the pace is taken
-OFTEN = 0.1  # s, between two pictures of a bar
+RECENT = 10.0  # s, over which the rate is averaged
+OFTEN = 0.1  # s, between two updates of a bar
 COMPILING = "compiling (first run of this kind; half a minute, then it is kept)"
 
 
 class Meter:
-    """Shows how far a command is, on standard error; ``printable`` makes text fit for a terminal."""
+    """Shows the progress of a command on standard error; ``printable`` makes text safe for a terminal."""
 
     def __init__(self, printable: Callable[[str], str], quiet: bool):
         self.bar = sys.stderr.isatty() and not quiet
         self._quiet, self._printable = quiet, printable
         self._began = self._shown = time.monotonic()
         self._next, self._pause = self._began + FIRST_LINE, FIRST_LINE
-        self._stage, self._seen = "", [(self._began, 0)]  # when so much of the stage was done
+        self._stage, self._seen = "", [(self._began, 0)]  # times, and how much of the stage was done
         self._drawn = False
 
     def count(self, done: int, total: int, what: str) -> None:
-        """So many cases, directions or frames: a bar on a terminal, elsewhere a line at growing intervals."""
+        """Show how many cases, directions or frames are done: by a bar on a terminal, elsewhere by lines."""
         self._show(done, total, f"{done}/{total} {what}")
 
     def run(self, progress: Progress) -> None:
-        """How far a run is."""
+        """Show the progress of a run."""
         rate = self._rate(progress)
         total = "" if progress.total is None else f" of {'at most ' if progress.at_most else ''}{progress.total:.6g}"
         parts = [f"{progress.stage} {progress.done:.6g}{total}"]
@@ -55,7 +55,7 @@ class Meter:
         self._show(progress.done, progress.total, ", ".join(parts))
 
     def _rate(self, progress: Progress) -> float:
-        """Steps a second in the last ten seconds or so: what came before may have been compiling."""
+        """Steps per second over about the last ten seconds, as compilation may have slowed those before."""
         now = time.monotonic()
         if self._stage != progress.stage:
             self._stage, self._seen = progress.stage, [(now, progress.done)]
@@ -67,18 +67,18 @@ class Meter:
         return (progress.done - done) / (now - since) if now > since else 0.0
 
     def busy(self, text: str) -> None:
-        """Show what goes on now, on a terminal."""
+        """Show the current activity, on a terminal only."""
         if self.bar:
             self._draw(f"{text} ...")
 
     def stage(self, text: str) -> None:
-        """Show what goes on now and takes nobody knows how long: at once, on a terminal or not."""
+        """Show an activity of unknown duration at once, on a terminal or not."""
         self.busy(text)
         if not self.bar and not self._quiet:
             self._line(text)
 
     def clear(self) -> None:
-        """Take the bar away, before something else is printed."""
+        """Remove the bar before something else is printed."""
         if self._drawn:
             tell("\r\033[K", end="")
             self._drawn = False
@@ -109,8 +109,8 @@ class Meter:
 
 @contextmanager
 def telling_of_compilation(tell: Callable[[str], None]) -> Iterator[None]:
-    """Within, say once that kernels are being compiled, if any are, by this process or by one that it waits for; those
-    that are kept are loaded without a word."""
+    """Context in which ``tell`` is called once if kernels are compiled, by this process or by one that it waits for;
+    not if they are loaded from the cache."""
     from dembrick._jit import hearing
     from dembrick._kernel_cache import WAITING
 

@@ -1,4 +1,4 @@
-"""``dembrick render FILE.h5 --to FILE.png`` (``.gif``, ``.mp4``, ``.html``); of a scenario, before anything runs."""
+"""``dembrick render FILE.h5 --to FILE.png`` (``.gif``, ``.mp4``, ``.html``); a scenario is drawn as before a run."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add_arguments(parser) -> None:
 
 
 def add_look(parser) -> None:
-    """Options of how a history is shown."""
+    """Add the options for the look of a drawing."""
     look = parser.add_argument_group("look")
     look.add_argument(
         "--camera",
@@ -82,7 +82,7 @@ def is_scenario(path: str) -> bool:
 
 
 def opened(path: str):
-    """A history file, or what a scenario looks like before a run, as a history; a context."""
+    """Context manager with a history file, or with a scenario before its run as a history."""
     from dembrick import history
 
     if not is_scenario(path):
@@ -96,7 +96,7 @@ def opened(path: str):
 
 
 def look_of(options) -> dict:
-    """How a history is shown, by the options."""
+    """Keywords of the drawing functions, from the options."""
     look = {"view": options.camera, "magnification": options.magnify, "color": options.color}
     drawn = {"forces": options.forces, "thrust": options.thrust, "reactions": options.reactions}
     return look | drawn | {"names": options.names}
@@ -134,7 +134,7 @@ KINDS = {".png": "picture", ".gif": "movie", ".mp4": "movie", ".html": "page", "
 
 
 def _kind(path: str, options) -> str:
-    """page, movie or picture, by the ending."""
+    """Kind of a file by its ending: page, movie or picture."""
     from dembrick.cli.paths import require_ending
     from dembrick.errors import ScenarioError
 

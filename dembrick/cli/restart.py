@@ -1,4 +1,4 @@
-"""``dembrick restart FILE.h5``: go on with a run that was killed or interrupted, or from a moment of any run."""
+"""``dembrick restart FILE.h5``: continue a run that was killed or interrupted, or any run from a given time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Go on from the last good checkpoint, with the result of one uninterrupted run; or from a time."""
+    """Continue from the last good checkpoint, with the result of an uninterrupted run; or from the time ``--at``."""
     from dembrick.cli.run import HISTORIES, answer
     from dembrick.runs.simulate import restart, restart_at
 

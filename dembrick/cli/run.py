@@ -1,4 +1,4 @@
-"""``dembrick run SCENARIO.toml``, or the history of an earlier run; ``--to`` shows what came of it."""
+"""``dembrick run SCENARIO.toml``, or the history of an earlier run; ``--to`` writes the result to other files."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Run the scenario; exit code 3 where theory and replay disagree."""
+    """Run the scenario; exit code 3 if theory and replay disagree."""
     from dembrick import history
     from dembrick.runs.reading import load
     from dembrick.runs.simulate import simulate
@@ -69,7 +69,7 @@ def run(options, console) -> int:
 
 
 def _default_path(scenario, console) -> str:
-    """``results/<scenario>.h5``, or another name where that one holds the run of another scenario or of other --set."""
+    """``results/<scenario>.h5``, or another name if that file holds the run of another scenario or of other --set."""
     from dembrick import history
     from dembrick.errors import HistoryError
     from dembrick.scenario import toml as scenarios
@@ -95,7 +95,7 @@ def _default_path(scenario, console) -> str:
 
 
 def answer(simulated: Callable, path: str, console, to: Sequence[str] = (), force: bool = False) -> int:
-    """Carry a run out, print what came of it and write the files ``to``; returns the exit code."""
+    """Execute a run, print its result and write the files ``to``; return the exit code."""
     from dembrick.errors import DembrickError, UndecidedError
     from dembrick.simulation.interrupts import Interrupted
 
@@ -108,7 +108,7 @@ def answer(simulated: Callable, path: str, console, to: Sequence[str] = (), forc
     except DembrickError as error:
         if error.exit_code != 1:
             raise
-        left = os.path.exists(path)  # none where the folder cannot be written
+        left = os.path.exists(path)  # none if the folder cannot be written
         failed = {"status": "failed", "error": str(error)} | ({"history": path} if left else {})
         console.result(error.answer or failed, "")
         console.error(str(error))
@@ -144,7 +144,7 @@ def answer(simulated: Callable, path: str, console, to: Sequence[str] = (), forc
 
 
 def _show(path: str, to: Sequence[str], force: bool, files: list[str], console) -> None:
-    """Write the files ``to`` from the history at ``path``; ``files`` gathers all that are there."""
+    """Write the files ``to`` from the history at ``path``; add their names to ``files``."""
     if not to:
         return
     from dembrick import history

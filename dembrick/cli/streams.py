@@ -10,8 +10,8 @@ from dembrick.errors import WriteError
 
 
 def open_closed() -> None:
-    """Let nothing take the place of streams that were closed before the start: a file would get what is meant for
-    them."""
+    """Open the null device for streams that were closed before the start; else a file opened later takes their number
+    and gets their output."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -24,13 +24,13 @@ def open_closed() -> None:
 
 
 def mute(stream) -> None:
-    """Lead a stream nowhere: what it holds can be written no more, and Python would try at its end."""
+    """Redirect a stream to the null device: its buffer can no longer be written, and Python would try at exit."""
     with suppress(OSError, ValueError):  # no file at all, as in a test
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def put(text: str) -> None:
-    """Print on standard output. WriteError if that cannot be written, BrokenPipeError if nobody reads any more."""
+    """Print on standard output. WriteError if that cannot be written, BrokenPipeError if its reader has gone."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -42,7 +42,7 @@ def put(text: str) -> None:
 
 
 def tell(text: str, end: str = "\n") -> None:
-    """Print on standard error, if that can be written: no answer is lost because a remark is."""
+    """Print on standard error, ignoring errors: a lost remark must not cost the answer."""
     try:
         print(text, end=end, file=sys.stderr, flush=True)
     except (OSError, ValueError):

@@ -21,7 +21,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Run what is missing of the study; exit code 1 if cases failed."""
+    """Run the cases of the study that have no row yet; exit code 1 if cases failed."""
     import os
 
     from dembrick.cli.paths import default_output
@@ -53,7 +53,7 @@ def run(options, console) -> int:
 
 
 def _find_causes(options, console) -> int:
-    """Which support has moved: the answer, its figure and its table; exit code 0."""
+    """Find which support has moved: print the answer, write its figure and its table; exit code 0."""
     from dembrick import history
     from dembrick.cli.paths import default_output, make_folder
     from dembrick.runs import causes
@@ -71,7 +71,7 @@ def _find_causes(options, console) -> int:
         history.check_output(figure)  # before the search
     found = causes.find(asked)
     panels = [plot.Motion(cause.title, cause.velocity, cause.opening) for cause in found.likely or found.causes[:1]]
-    console.result(found.as_dict(), found.text())  # first: what cannot be written is not lost
+    console.result(found.as_dict(), found.text())  # first, so that a write error loses nothing
     with history.product(*product):
         plot.save(plot.causes(found.assembly, found.judged == 1, panels), figure)
         found.write(table)
@@ -81,7 +81,7 @@ def _find_causes(options, console) -> int:
 
 
 def _answer(cell: dict, unit: str) -> str:
-    """V of the one case of a cell as its run says it; of several the mean, and how they scatter."""
+    """Text for V of a cell: of a single case as its run prints it, of several the mean and the scatter."""
     from dembrick.views.summary import known, limit_text, plain
 
     if cell["count"] == 1:
@@ -93,7 +93,7 @@ def _answer(cell: dict, unit: str) -> str:
 
 
 def _mean(cell: dict, unit: str) -> str:
-    """The mean of several cases, with 95 %."""
+    """Text for the mean of several cases with its error bar, which includes 95 % of the scatter."""
     from dembrick.views.summary import NO_BAR, known, plain, with_error
 
     if cell["mean_error"] is None:

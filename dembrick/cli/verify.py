@@ -16,7 +16,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Run the cases; exit code 3 if one of verification fails. A test that is not met is a finding: exit code 0."""
+    """Run the cases; exit code 3 if a verification case fails. A validation test that is not met is a finding: 0."""
     from dembrick import history
     from dembrick.runs.validation import cases as validation
     from dembrick.runs.verification import cases as verification

@@ -1,4 +1,4 @@
-"""``dembrick warmup``: compile the kernels into the cache, in one process or several side by side, nothing kept."""
+"""``dembrick warmup``: compile the kernels into the cache, in one or more processes; no results are kept."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Run one small scene of each family of joints and each way to run, and a few limit loads together."""
+    """Run a small scene for each family of joints and each kind of run, and a batch of limit loads."""
     import os
     import time
 
@@ -37,7 +37,7 @@ def run(options, console) -> int:
 
 
 def _compile(tasks: list[tuple[str, str]]) -> list[str]:
-    """Run what compiles the kernels of some kinds; their names. The cache is shared with other processes safely."""
+    """Run scenes that compile the kernels of some kinds; return their names. Several processes may share the cache."""
     for kind, formulation in tasks:
         (KINDS | RARE)[kind](formulation)
     return [f"{kind}, {formulation}" for kind, formulation in tasks]
@@ -51,7 +51,7 @@ def _simulate(*scenarios) -> None:
 
 
 def _tables(*scenarios) -> None:
-    """Histories of scenarios, and the utilisation of their joints as figures and tables show it."""
+    """Run scenarios with a history, and compute the utilisation of joints as figures and tables do."""
     import os
     import tempfile
 
@@ -89,12 +89,12 @@ def _scene(formulation: str, control, *free, **strengths):
 
 
 LOW, HIGH = (((0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.05, 0.15))
-SLIDING = (0.0, 0.0, 0.05), (0.3, 0.0, 0.0)  # by so much that its polygon must be looked at
+SLIDING = (0.0, 0.0, 0.05), (0.3, 0.0, 0.0)  # so far that its polygon must be checked
 THROWN = (0.5, 0.0, 0.051), (0.0, 0.0, -1.0)
 
 
 def _motion(formulation: str) -> None:
-    """With and without contact detection: one process, as both have most of their code in common."""
+    """Motion with and without contact detection, in one process, as both share most of their code."""
     from dembrick.scenario.controls import DynamicControl
 
     _simulate(
@@ -109,7 +109,7 @@ def _equilibria(formulation: str) -> None:
 
 
 def _single_joints(formulation: str) -> None:
-    """The limit load, the constant rate, and limit loads together."""
+    """Single joints: a limit load, a constant-rate test, and a batch of limit loads."""
     from dembrick.runs import domain
     from dembrick.runs.lab import lab_scenario
 

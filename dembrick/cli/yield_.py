@@ -1,4 +1,4 @@
-"""``dembrick yield FILE.h5 ...``: yield points out of histories."""
+"""``dembrick yield FILE.h5 ...``: table and plot of the yield points of histories."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def run(options, console) -> int:
 
 
 def _text(rows: list[dict], said: list[tuple[str, str]]) -> str:
-    """A line a history: its limit and mechanism as ``said`` everywhere, the largest load, the torsion."""
+    """Table with a line per history: limit and mechanism (the texts ``said``), the largest load, the torsion."""
     from dembrick.views.summary import known
 
     width, wide = max(len(row["history"]) for row in rows), max(len("limit"), *(len(text) for text, _ in said))
