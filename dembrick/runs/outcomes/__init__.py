@@ -1,1 +1,1 @@
-"""Results of runs, a class for each thing that drives one, with their work in cycles and their errors."""
+"""Results of runs, a class for each kind of control, with their cycles and their error estimates."""

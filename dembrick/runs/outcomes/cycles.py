@@ -1,7 +1,7 @@
-"""Cycles of a test that goes to and fro: the greatest force of each half, the energy that is lost, what stays.
+"""Cycles of a cyclic test: peak force of each half cycle, dissipated energy, damping, residual displacement.
 
 A cycle is a full loop, from a turning point to the next but one; the first begins at the first turning point after the
-start. A rest of a loop is none: a record that ends about half way back or earlier after its last turning point.
+start. An incomplete loop does not count: one whose record ends half way back or earlier after its last turning point.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
 
-LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: what does not come back
-WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
-MISSED = 1e-2  # of the energy that is lost: straight lines between rows may miss so much of a loop
-CLOSED = 1e-5  # of the way out, by which a loop that ends near its start may miss it
-ROUNDING = 1e-12  # of the ranges of force and displacement: a work and a displacement that are none
-DRIFTS, PLATEAU = 10, 1e-2  # part of the way of a half cycle beside its peak, in which a plateau's force changes less
+LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: those that are dissipated
+WAY_BACK = 0.51  # of the way to the last turning point but one: from there on a record's end is one too
+MISSED = 1e-2  # of the dissipated energy: straight lines between rows may miss so much of a loop
+CLOSED = 1e-5  # of the way out: a loop that misses its start by less is closed
+ROUNDING = 1e-12  # of the ranges of force and displacement: smaller works and displacements are zero
+DRIFTS, PLATEAU = 10, 1e-2  # over a DRIFTS-th of a half cycle beside its peak, the force of a plateau changes by less
 
 
 def cycles_of(
     scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequence[int], weight: float = 1.0
 ) -> list[dict] | None:
-    """The cycles of a run by its ``rows``, of which ``turns`` are those at the turning points; None if it does
+    """The cycles of a run from its ``rows``; ``turns`` are the rows at the turning points. None if it does
     not turn, or kept no record. ``weight``: the sum of the weights of the actuators, without their signs, as their work
     is that times V du.
 
-    Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of them, ``dissipated`` (J):
-    the work of `LOSSES`, or where no energies are recorded that of the actuators over the loop until it is back at the
-    displacement of its start, None if it does not come back there; ``damping``: the work of the actuators in the loop,
-    which is the same unless joints dilate or open, over 2 pi F_a u_a, of half the ranges of the force, ``weight`` times
-    V, and of the displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
+    Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of these; ``dissipated`` (J):
+    the work of `LOSSES` or, if no energies are recorded, that of the actuators until the loop is back at the
+    displacement of its start (None if it does not come back); ``damping``: the work of the actuators in the loop, which
+    is the same unless joints dilate or open, over 2 pi F_a u_a, with half the ranges of the force, ``weight`` times V,
+    and of the displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
     """
     control = scenario.control
     if not control.cyclic or not len(rows.get("load", ())):
@@ -72,7 +72,7 @@ def cycles_of(
 
 
 def _greatest_force(rows: Mapping[str, np.ndarray], V: np.ndarray) -> float:
-    """The force (N) that the out-of-balance of the rows is counted against: the greatest of a support, or of V."""
+    """Reference force (N) of the out-of-balance of the rows: the greatest reaction of a support, or V."""
     reaction = rows.get("reaction")
     most = float(np.abs(V).max())
     if reaction is None or not np.size(reaction):
@@ -85,16 +85,16 @@ def _peak(
 ) -> tuple[int, float]:
     """The row of a half cycle at which the force is furthest from that at its start, and the error bar of that force.
 
-    The bar is what is out of balance there, what the force of a plateau changes in the calmer tenth of the way beside,
-    and by how much the forces on either side, the calmer one, swing about their trend; between equilibria, what
-    the greatest force may have been beside the one that was found.
+    The bar is the sum of the out-of-balance force there, the change of a plateau's force over the calmer adjacent tenth
+    of the half cycle, and the swing of the forces about their trend on the calmer side; for equilibria, instead of the
+    swing, the difference to the nearer neighbour, as the peak may lie between rows.
     """
     half, way = V[first : last + 1], np.abs(u[first : last + 1] - u[first])
     at = int(np.argmax((np.sign(half[-1] - half[0]) or 1.0) * half))
     tenth = way[-1] / DRIFTS
     ends = [np.argmax(way >= way[at] - tenth), *np.flatnonzero(way >= way[at] + tenth)[:1]]
     drift = float(np.abs(half[ends] - half[at]).min())
-    level = drift < PLATEAU * abs(half[at])  # else it is the turning point that ends a rise
+    level = drift < PLATEAU * abs(half[at])  # else a rise that ends at the turning point
     bar = float(noise[first + at]) + (drift if level else 0.0)
     if equilibria:
         beside = [abs(half[at] - half[i]) for i in (at - 1, at + 1) if 0 < at < len(half) - 1]
@@ -105,8 +105,8 @@ def _peak(
 
 def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
     """The work (J) of a force V along a loop with its turning point at ``middle``, until it is back at its first
-    displacement, between two rows; None if it does not come back, and zero if it is less than what every second row
-    leaves out."""
+    displacement, interpolated between rows; None if it does not come back, and zero if leaving out every second
+    row changes it by as much."""
     way = 1.0 if u[0] > u[middle] else -1.0
     beyond, slack = way * (u[middle:] - u[0]), CLOSED * np.ptp(u[: middle + 1])
     back = middle + np.flatnonzero(beyond >= (0.0 if (beyond >= 0.0).any() else -slack))
@@ -121,7 +121,7 @@ def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
 
 
 def _but_for_rounding(value: float | None, size: float) -> float | None:
-    """The value; zero where rounding of numbers of that ``size`` has made it."""
+    """The value; zero if it is a rounding error of numbers of that ``size``."""
     return 0.0 if value is not None and abs(value) <= ROUNDING * size else value
 
 

@@ -1,28 +1,28 @@
-"""Error bars by refinement, for runs that have no bracket or whose bracket does not tell all.
+"""Error bars by refinement, for runs without a bracket or whose bracket does not cover all errors.
 
-A run in real time, with joints of some stiffness and driven at some rate, stands for rigid blocks and, where it drives
-to a collapse, for a rate of zero. Each is refined by itself, because the two errors may differ in sign, and a
-difference counts for an error that fades as slowly as has been seen: with the rate to the power 2/3, the time that
-what has begun to fall takes; with the stiffness to the power -1/3, at joints that press a strip along their toe, and a
-little more for the powers that follow: convex joints that rock lacked up to 2.4 % of their error. What moves and comes
-to rest again need not change steadily as joints get stiffer, and twice the stiffness may change nothing by chance:
-joints are made 16 times as stiff too, and the greater of both errors counts.
+A run in real time, with joints of finite stiffness and a finite rate, stands for rigid blocks and, if it is driven to a
+collapse, for a rate of zero. Each is refined separately, as the two errors may differ in sign, and the error is
+extrapolated from the difference with the slowest convergence observed: with the rate to the power 2/3, the time that
+blocks take to fall; with the stiffness to the power -1/3, for joints pressed on a strip along their toe, and a little
+more for the powers that follow, without which the error of rocking convex joints was up to 2.4 % too small. Motions
+that come to rest again need not converge steadily with the stiffness, and doubling it may change nothing by chance:
+joints are also made 16 times as stiff, and the greater of both errors counts.
 
-A search through equilibria knows no rate, and its forces no scale of stiffness, but the ratio of the two stiffnesses
-decides how joints are loaded on the way, and so to which limit friction without dilatancy is led. Nobody knows that
-ratio for a dry joint: the search is made for several, for both stiffnesses doubled and by steps half as long, and the
-least and greatest limit are the range that the structure's own path leaves open. Histories that lock forces in are
-tried beside them (`path_dependence.histories`).
+A search through equilibria has no rate, and its forces do not depend on the scale of stiffness. But the ratio of the
+two stiffnesses decides how joints are loaded on the path, and so which limit friction without dilatancy leads to. That
+ratio is unknown for dry joints: the search is repeated for several ratios, with both stiffnesses doubled and with steps
+half as long; the least and greatest limit are the range that the path of the structure leaves open. Load histories that
+lock forces in are tried as well (`path_dependence.histories`).
 
-Equilibria in the deformed geometry know no rate either: their error is that of the stiffness and of the steps of the
+Equilibria in the deformed geometry have no rate either: their error is that of the stiffness and of the steps of the
 path, which are halved; supports also move by half the acceleration on them.
 
-How much of a load is inertia: a remark on rates at which a run in time shows more than what the joints carry.
+Share of inertia in a load: a remark on rates at which a run in time shows more than the joints carry.
 
 A head that starts at the rate v against an actuator of stiffness k, with a mass m behind it, carries up to v sqrt(k m)
-more than the joints do while the blocks take up its speed. What V_peak is above V is that at the most. The controller
-of a pushover in real time adds v w / g to the load factor, w being the frequency of its spring. A table that tilts on
-while blocks fall shows an angle beyond the onset.
+more than the joints while the blocks take up its speed. V_peak - V is at most that. The controller of a pushover in
+real time adds v w / g to the load factor, w being the frequency of its spring. A table that keeps tilting while blocks
+fall shows an angle beyond the onset.
 """
 
 from __future__ import annotations
@@ -54,19 +54,19 @@ from dembrick.scenario.regimes import (
 )
 from dembrick.views.summary import known
 
-OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
-OF_STIFFNESS = 1.05 / (1.0 - 2.0 ** (-1.0 / 3.0))  # and twice the stiffness
-STIFFEST = 16.0  # times the stiffness, of blocks that move and come to rest
-OF_STIFFEST = 2.5  # error over that difference: 1.7 by the power -1/3, and more as change may begin late
+OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the change by halving the rate
+OF_STIFFNESS = 1.05 / (1.0 - 2.0 ** (-1.0 / 3.0))  # and by doubling the stiffness
+STIFFEST = 16.0  # times the stiffness, for blocks that move and come to rest
+OF_STIFFEST = 2.5  # error over that change: 1.7 by the power -1/3, and more as change may begin late
 
 
 RATIOS = (0.1, 0.4, 1.0, 4.0)  # shear over normal stiffness of dry joints, as far as they are known
-_SAME = 1e-9  # relative difference of two stiffnesses that is none
+_SAME = 1e-9  # relative difference below which two stiffnesses are equal
 
 
 class Refinement(NamedTuple):
-    """A refined scenario, the error over the difference that it makes, and the steps of its path over the usual.
-    ``again``: it tells of the same error as the one before, and the greater counts."""
+    """A refined scenario, the ``weight`` from its change of the answer to the error, and its steps over the usual ones.
+    ``again``: it estimates the same error as the one before, and the greater counts."""
 
     scenario: Scenario
     weight: float
@@ -75,7 +75,7 @@ class Refinement(NamedTuple):
 
 
 def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, ...]:
-    """Refinements with which ``scenario`` is compared; ScenarioError if the bracket of the limit load is the error bar.
+    """Refinements to compare ``scenario`` with; ScenarioError if the bracket of the limit load is the error bar.
 
     ``several``: several joints share the load, so that the limit of actuators may depend on the path as well.
     """
@@ -106,7 +106,7 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
 
 def error_of(scenario: Scenario, found, refined: Sequence) -> float:
     """The error of an answer, given those of the `refinements`: load factors, or displacements (n, 3), m, of which the
-    block that is least certain counts."""
+    least certain block counts."""
     errors: list[float] = []
     for refinement, other in zip(refinements(scenario), refined, strict=True):
         error = refinement.weight * float(np.linalg.norm(np.atleast_2d(np.asarray(other) - found), axis=1).max())
@@ -125,7 +125,7 @@ def _has_ratio(scenario: Scenario, ratio: float) -> bool:
 
 
 def stiffer(scenario: Scenario, times: float = 2.0) -> Scenario:
-    """The same scenario with so many times the stiffness of all joints."""
+    """The same scenario with the stiffness of all joints multiplied by ``times``."""
 
     def law(given: JointLaw) -> JointLaw:
         normal, shear = times * given.normal_stiffness, times * given.shear_stiffness
@@ -144,7 +144,7 @@ REMARKED = 0.05  # of V
 
 
 def inertia_remark(result) -> str | None:
-    """A sentence for a run whose load is inertia by more than ``REMARKED`` of V; None for all others."""
+    """Remark on a run in which inertia carries more than ``REMARKED`` of V; None for all others."""
     control = result.scenario.control
     share = inertia_share(result)
     if share is None or not share > REMARKED:
@@ -157,7 +157,7 @@ def inertia_remark(result) -> str | None:
 
 
 def inertia_share(result) -> float | None:
-    """The load of inertia over V, at its greatest; None if no load is driven at a rate."""
+    """Greatest share of V that inertia may carry; None if no load is driven at a rate."""
     control: Any = result.scenario.control
     if isinstance(result, Result) and control.regime is CONSTANT_RATE:
         V, peak = result.yield_point.V, result.yield_point.V_peak

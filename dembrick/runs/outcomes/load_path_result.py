@@ -1,5 +1,5 @@
-"""Results of equilibria in the deformed geometry: a limit load with its bracket, or whether the blocks stand;
-and of a settlement, the reaction along the motion over the displacement, and the collapse.
+"""Results of equilibria in the deformed geometry: a limit load with its bracket; whether the blocks stand;
+and for a settlement, the reaction along the motion over the displacement, and the collapse.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.run import EquilibriaRun
 
 
-LONG_WAY = 0.05  # of the least width of a block: as far as it moves where the geometry of the start gives the limit
+LONG_WAY = 0.05  # of the least width of a block: greatest motion if the geometry of the start still gives the limit
 
 
 @dataclasses.dataclass(repr=False)
 class LoadPathResult(MotionResult):
-    """A limit load in the deformed geometry: V at the last equilibrium and V at which the blocks come down bracket it.
+    """A limit load in the deformed geometry, bracketed by V at the last equilibrium and V at which blocks collapse.
 
-    ``load_error``: of V, half the bracket and what refined runs add to it, if they were asked for.
+    ``load_error``: error of V, half the bracket plus the estimate of refined runs, if they were asked for.
     """
 
     run: LoadPathRun
@@ -44,7 +44,7 @@ class LoadPathResult(MotionResult):
 
     @property
     def unlimited(self) -> bool:
-        """Whether nothing came down up to the greatest load that is tried."""
+        """Whether nothing collapsed up to the greatest load tried."""
         return self.run.bracket[1] == math.inf
 
     @property
@@ -128,9 +128,9 @@ class LoadPathResult(MotionResult):
 
     @property
     def moved(self) -> dict | None:
-        """How far a block has moved up to the limit, which may be long after the one of the start: its ``displacement``
-        (m), and its ``turn`` (rad) where that moves its corners twice as far, else None; ``far`` if the geometry of the
-        start gives another limit. After a settlement both count from there."""
+        """Motion up to the limit of the block that moved furthest, as the limit may be far from that of the undeformed
+        geometry: its ``displacement`` (m), and its ``turn`` (rad) if that moves its corners twice as far, else None;
+        ``far`` if the geometry of the start gives another limit. After a settlement both count from there."""
         if self.run.collapse is None:
             return None
         shifted, motion = np.linalg.norm(self.displacement, axis=1), self.run.motion
@@ -156,7 +156,7 @@ class DrivenPathResult(LoadPathResult):
 
     @property
     def status(self) -> str:
-        """ "completed", or "collapse" if blocks come down before the end of the travel."""
+        """ "completed", or "collapse" if blocks collapse before the end of the travel."""
         return self.run.status
 
     @property
@@ -206,7 +206,7 @@ class DeformedRestResult(RestResult, MotionResult):
 @dataclasses.dataclass(repr=False)
 class SettlementResult(MotionResult):
     """Result of a quasi-static settlement: equilibria in the deformed geometry, up to the end or to the last before the
-    structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs. ``allowed``: its
+    structure collapsed. ``reaction_error`` (N): of the reaction along the motion, from refined runs. ``allowed``: its
     least and greatest value (N) before the supports move, by limit analysis, if that was asked for."""
 
     run: EquilibriaRun
@@ -216,7 +216,7 @@ class SettlementResult(MotionResult):
     @property
     def settlement(self) -> dict:
         """The object ``settlement`` of the JSON output: displacement (m) and reaction along the motion (N) at the last
-        equilibrium, before the supports moved (``at_rest``), and where it was least and greatest of all, that at rest
+        equilibrium, before the supports moved (``at_rest``), and where the reaction was least and greatest, the start
         included."""
         path = self.run.path
         least, greatest = path[np.argmin(path[:, 1])], path[np.argmax(path[:, 1])]

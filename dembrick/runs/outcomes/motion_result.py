@@ -1,5 +1,5 @@
-"""Result of a run in real time: the twin of ``result`` for tilting, pushing, shaking and free motion.
-Of a shaken structure also: whether it stood or fell, its drift, the displacement that remains.
+"""Result of a run in real time: the counterpart of ``result`` for tilting, pushing, shaking and free motion.
+For a shaken structure also: whether it stood or fell, its drift, its residual displacement.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
 class MotionResult(RunResult):
     """Result of a run in real time: the state it ended in, and the collapse if there was one.
 
-    ``displacement`` of the rows is that of the block that has moved furthest; of a push the driven one. Forces and
-    energies are of a step before the row. Everything is seen from the supports. ``displacement_error``: error estimate
-    of how far blocks have moved (m), None if it was not asked for.
+    ``displacement`` of the rows is that of the block that has moved furthest; for a push, the driven one. Forces and
+    energies are those of a step before the row. All motion is relative to the supports. ``displacement_error``: error
+    estimate of the displacements (m), None if it was not asked for.
     """
 
     run: MotionRun
     displacement_error: float | None = None
-    yield_point = None  # a dynamic run looks for none
+    yield_point = None  # a dynamic run searches for none
 
     @property
     def status(self) -> str:
-        """ "collapse" where the run ended with one, else "completed"."""
+        """ "collapse" if the run ended with one, else "completed"."""
         return self.run.status
 
     @property
@@ -50,12 +50,12 @@ class MotionResult(RunResult):
 
     @property
     def _furthest(self) -> float:
-        """How far a free block has moved at the end, at the most (m)."""
+        """Greatest displacement of a free block at the end (m)."""
         return float(np.linalg.norm(self.displacement[self.run.motion.state.bodies.free], axis=1).max(initial=0.0))
 
     @property
     def greatest_displacement(self) -> dict[str, float]:
-        """Of the centroid of every free block, as seen at the rows (m)."""
+        """Greatest displacement (m) of the centroid of every free block, over the rows."""
         free = self.run.motion.state.bodies.free.tolist()
         return {self.assembly.names[i]: float(self.run.furthest[i]) for i in free}
 
@@ -78,8 +78,8 @@ class MotionResult(RunResult):
 
     @cached_property
     def left_out(self) -> list[LeftOut]:
-        """Remarks on impacts that the joint laws soften, and on laws that contacts know less of; empty if there is
-        nothing to say."""
+        """Remarks on impacts that the joint laws soften, and on joint laws that new contacts follow only in part; empty
+        without any."""
         handed = self.run.motion.contact_detection.left_to_joints() < 1.0
         softened = (
             [] if self.scenario.control.restitution is None else left_out.rolled_over(self.assembly, self.run.turned)
@@ -126,8 +126,8 @@ class MotionResult(RunResult):
         )
 
     def _shaken(self) -> dict:
-        """Key numbers of a structure whose supports shake; of one whose supports move, how fast its blocks are at the
-        end; empty for any other."""
+        """Key numbers of a structure whose supports shake; if supports move, the speed of its blocks at the end; empty
+        for any other."""
         control = self.scenario.control
         if not control.shakes:
             moves = control.drives == SUPPORTS and control.regime is REAL_TIME
@@ -141,7 +141,7 @@ class MotionResult(RunResult):
         }
 
     def _tied(self) -> list[dict]:
-        """The ties with their peaks (N), as seen at the rows."""
+        """The ties with their peak tensions (N) over the rows."""
         peaks = self.run.peak_tension.tolist()
         return [tie | {"peak": peak} for tie, peak in zip(super()._tied(), peaks, strict=True)]
 
@@ -150,8 +150,8 @@ STOOD, FELL = "stood", "fell"
 
 
 class Drift(NamedTuple):
-    """The greatest displacement of a centroid at any row over its height above the foot of the free blocks, and of
-    which ``block`` it is."""
+    """The greatest displacement of a centroid at any row over its height above the foot of the free blocks, and its
+    ``block``."""
 
     value: float
     block: str
@@ -163,8 +163,8 @@ def outcome(fallen: list[str], not_standing: list[str]) -> str:
 
 
 def drift(assembly: Assembly, furthest: np.ndarray) -> Drift | None:
-    """The drift of a structure whose centroids went as far as ``furthest`` (n,) m; None without gravity, which alone
-    says what is up."""
+    """The drift of a structure, from the greatest displacements ``furthest`` (n,) m of its centroids; None without
+    gravity, which defines what is up."""
     weight = float(np.linalg.norm(assembly.gravity))
     free = np.flatnonzero(~np.asarray(assembly.fixed))
     if not (weight > 0.0 and len(free)):

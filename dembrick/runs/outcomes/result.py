@@ -59,8 +59,8 @@ class RunResult:
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
     reaction (T, s, 6: F_x, F_y, F_z, M_x, M_y, M_z of every support), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2,
     slip), energy (name: (T,)). ``frames``: time (F,), displacement (F, n, 3), orientation (F, n, 4), velocity and spin
-    (F, n, 3), contact_force (F, c, 3). Only the channels of the scenario's output are there. ``history``: the file of
-    it. ``stages``: the JSON objects of the stages before it. SI units.
+    (F, n, 3), contact_force (F, c, 3). Only the channels of the scenario's output are there. ``history``: its
+    file. ``stages``: the JSON objects of earlier stages. SI units.
     """
 
     scenario: Scenario
@@ -74,7 +74,7 @@ class RunResult:
     stages: list[dict] = dataclasses.field(default_factory=list)
 
     def _dict(self, **own) -> dict:
-        """The JSON object of any run; ``own`` is what this kind of run adds."""
+        """The JSON object of any run; ``own``: entries of this kind of run."""
         return {
             **heading(self.scenario),
             **own,
@@ -110,7 +110,7 @@ class RunResult:
     @property
     def reactions(self) -> dict[str, list[float]] | None:
         """[Fx, Fy, Fz, Mx, My, Mz] of every support on the structure at the end, and of the guides on every block that
-        they hold, about its centroid (N, N m; world axes); None if blocks fall that would be at rest."""
+        they hold, about its centroid (N, N m; world axes); None if no equilibrium was found."""
         names = (name for name, own in zip(self.assembly.names, self.assembly.supporting, strict=True) if own)
         return dict(zip(names, (self.run.reactions + 0.0).tolist(), strict=True))
 
@@ -147,7 +147,7 @@ class RunResult:
 
     @property
     def results(self) -> dict:
-        """The object of ``run --json``, under the name that a history has it by."""
+        """The object of ``run --json``, named as in a history."""
         return self.as_dict()
 
     def plot(self, ax: Axes | None = None) -> Figure:
@@ -227,9 +227,9 @@ class SearchResult(RunResult):
 class Result(SearchResult):
     """Result of a search or a constant-rate test: the yield point with its bracket, and theory beside it.
 
-    ``theory`` is None where none holds. ``fallen``: what a load on every block brought down; ``path``: what stands
-    beside the limit load of an assembly, its associative bound and the range of other paths; ``others``: what is proven
-    of these (see `path_dependence`).
+    ``theory`` is None if none holds. ``fallen``: the collapse under a load on every block; ``path``: entries beside
+    the limit load of an assembly, its associative bound and the range of other paths; ``others``: what is proven of
+    these (see `path_dependence`).
     """
 
     run: Replay
@@ -240,13 +240,13 @@ class Result(SearchResult):
 
     @property
     def collapse(self) -> dict | None:
-        """The collapse under a load on every block, with what stands beside its load factor; None of actuators."""
+        """The collapse under a load on every block, with the entries beside its load factor; None for actuators."""
         return None if self.fallen is None else self.fallen | (self.path or {})
 
     @property
     def after(self) -> dict | None:
-        """Motion beyond the limit of the path, where other blocks move at its end: their names (``blocks``), by which
-        ``mechanism``, how far the furthest has moved (``displacement``, m), and the ``load`` then; else None."""
+        """Motion beyond the limit of the path, if other blocks move at its end: their names (``blocks``), their
+        ``mechanism``, the greatest ``displacement`` (m), and the ``load`` then; else None."""
         found = self.run.after
         if found is None:
             return None
@@ -300,8 +300,8 @@ class Result(SearchResult):
 
     @property
     def points_miss(self) -> float | None:
-        """The relative gap between the points of ``distributed`` joints that the program chose and the continuum, where
-        it is beyond the tolerance (as where a joint overturns, whose last edge no points reach); else None."""
+        """The relative gap between the points of ``distributed`` joints chosen by the program and the continuum, if it
+        is beyond the tolerance (as for a joint that overturns, whose edge no points reach); else None."""
         control = self.scenario.control
         if self.theory is None:
             mechanism = self.yield_point.mechanism if self.collapse is None else self.collapse["mechanism"]

@@ -34,14 +34,14 @@ class RestResult(RunResult):
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
-        """Those of the blocks at rest; None if there is no rest."""
+        """Reactions at the equilibrium; None if there is none."""
         return super().reactions if self.statics["stands"] else None
 
 
 @dataclasses.dataclass(repr=False)
 class StaticsResult(RestResult, SearchResult):
     """Whether the blocks stand in the geometry of the start. ``rows`` and ``frames`` hold the one state in which the
-    search ended: of rest, or of blocks that go on falling. SI units."""
+    search ended: an equilibrium, or blocks that keep falling. SI units."""
 
     run: Standing
 
