@@ -1,6 +1,6 @@
-"""Studies: one scenario with keys that change from case to case, run wherever there are cores, into one table.
+"""Studies: one scenario with keys that change from case to case, run in parallel, with one table of results.
 
-``sweep(study)`` runs what is still missing and writes ``table.csv`` and ``table.h5``.
+``sweep(study)`` runs the cases that are still missing and writes ``table.csv`` and ``table.h5``.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from dembrick.simulation.interrupts import Interrupted
 
 __all__ = ["Outcome", "Study", "load", "scenario_of", "sweep"]
 
-_CHUNK = 64  # cases that go to a worker at a time
-_COMPILED_BY = ("joint.formulation", "joint.pressure", "control.kind")  # keys that choose what is compiled
+_CHUNK = 64  # most cases sent to a worker at a time
+_COMPILED_BY = ("joint.formulation", "joint.pressure", "control.kind")  # keys that decide which kernels are compiled
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a sweep: how many ``cases`` the study has, how many of them this call ``ran``, have their row
-    (``finished``) and ``failed``, the tables (paths, ``csv`` and ``h5``), and the time that it took (``wall``, s).
+    """Outcome of a sweep: how many ``cases`` the study has, how many of them this call ``ran``, how many have their row
+    (``finished``) and how many ``failed``; the paths of the tables (``csv``, ``h5``), and the ``wall`` time (s).
 
     ``statistics``: a row for each combination of the keys that are not drawn at random, with the number of cases that
     gave a V (of a search: a value), its mean, its standard deviation and the standard error of the mean;
-    ``half_width``, the mean half-width of the brackets, and how many cases have no answer (``unanswered``). Of several
-    cases ``mean_error`` is how far the mean may be off: what half the brackets leave open, and with 95 % (Student's t)
-    what the scatter of the draws does; None if a bracket is open. ``digits_open``: a V depends on the path.
+    ``half_width``, the mean half-width of the brackets, and how many cases have no answer (``unanswered``). For several
+    cases ``mean_error`` is the error of the mean: that half-width plus the 95 % error by the scatter of the draws
+    (Student's t); None if a bracket is open. ``digits_open``: whether a V depends on the path by an unknown amount.
     """
 
     cases: int
@@ -74,11 +74,11 @@ def sweep(
 
     ``jobs`` local processes, or a Dask ``scheduler`` (address or file) that must answer within ``timeout`` seconds.
     ``part`` "i/n" runs every n-th case only; the shards may share the folder. ``retry`` runs failed cases again.
-    ``force``: tables may take the place of others in a folder without rows.
+    ``force``: tables may replace others in a folder without rows.
 
-    Raises ScenarioError for a study that is none, OutputError for a folder with rows of another study or tables
-    of none, ClusterError for a scheduler that does not answer. A case that fails is a row with its error, and the rest
-    goes on.
+    Raises ScenarioError for an invalid study, OutputError for a folder with rows of another study or with foreign
+    tables, ClusterError for a scheduler that does not answer. A case that fails gets a row with its error, and the
+    other cases are run.
     """
     began = time.perf_counter()
     study = study if isinstance(study, Study) else load(study)
@@ -125,12 +125,12 @@ def _run(study: Study, folder: Path, todo: list[int], jobs: int, scheduler, time
 
     run, most = run_cases, _CHUNK
     if study.search is not None:
-        run, most = partial(run_searches, study.search), 1  # a case is many runs
+        run, most = partial(run_searches, study.search), 1  # a case has many runs
     base = (study.base, study.base_path)
     if jobs == 1 and scheduler is None:
         yield from run_here(run, chunks(todo, most), *base)
         return
-    # Two processes that fill a cold cache of compiled code can bring each other down: this one fills it first.
+    # Processes that fill a cold cache of compiled code together can crash one another: this one fills it first.
     first = _first_of_each_kind(study, todo)
     yield from run_here(run, chunks(first, 1), *base)
     rest = [number for number in todo if number not in set(first)]
@@ -142,7 +142,7 @@ def _run(study: Study, folder: Path, todo: list[int], jobs: int, scheduler, time
 
 
 def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
-    """One case for every combination of the keys that choose what is compiled."""
+    """One case for every combination of the keys that decide which kernels are compiled."""
     varying = [key for key in study.keys if key in _COMPILED_BY]
     seen: dict[str, int] = {}
     for number in todo if varying else todo[:1]:
@@ -151,7 +151,7 @@ def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
     return list(seen.values())
 
 
-BAR = ("V_lower", "V_upper", "bracket", "digits_open", "half_width")  # columns that tell how far an answer is known
+BAR = ("V_lower", "V_upper", "bracket", "digits_open", "half_width")  # columns of the error bar of an answer
 _OF_SEARCHES = ("stands", "falls", "remark")
 
 
@@ -195,7 +195,7 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
 
 
 def _half_width(bar: dict, answer: float) -> float | None:
-    """How far an answer may be off by its bracket; None if that is open."""
+    """Error of an answer by its bracket; None if that is open."""
     if bar["half_width"] is not None:
         return bar["half_width"]
     lower, upper = bar["V_lower"], bar["V_upper"]

@@ -1,4 +1,4 @@
-"""One case of a study, from the base scenario and its changes to a row of plain values: nothing else goes in or out."""
+"""One case of a study, from the base scenario and its changes to a row of plain values, its only input and output."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from dembrick.scenario.model import Scenario
 from dembrick.views.summary import on_one_path, part
 
 _YES_OR_NO: dict[Any, str] = {True: "true", False: "false"}
-# Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list. Or
-# what makes the value out of that object.
+# Column, and path of its value in the JSON object of a run (a dot goes one level down, a number into a list), or a
+# function that makes the value from that object.
 COLUMNS: dict[str, str | Callable[[dict], Any]] = {
     "status": "status",
     "V": "yield_point.V",
@@ -67,7 +67,7 @@ UNANSWERED = (FAILED, UndecidedError.status)
 def run_cases(base: str, base_path: str, cases: Sequence[tuple[int, Mapping[str, Any], str | None]]) -> list[dict]:
     """The rows of several cases, each given as (number, changes, history): the TOML text ``base`` with its changes.
 
-    A case that fails is a row too, with the status "failed", or "undecided", and the error.
+    A case that fails also gets a row, with the status "failed" or "undecided" and the error.
     """
     scenarios_: list[Scenario | DembrickError] = []
     for _, changes, _ in cases:

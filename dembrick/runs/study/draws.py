@@ -1,7 +1,7 @@
 """Random numbers of a study: stated distributions, a seed, and two ways to draw.
 
 ``monte-carlo`` draws every number by itself, ``latin-hypercube`` one number from each of ``count`` equally likely
-slices of every key. Any case can be drawn without the others, so that a shard of a study draws what the whole would.
+slices of every key. Any case can be drawn without the others, so that a shard of a study draws the same numbers.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _KEYS = {
 }
 _BOUNDS = ("lower", "upper")
 _STANDARD = NormalDist()
-_WIDEST = 1e6  # of the mean, a deviation
+_WIDEST = 1e6  # of the mean: greatest deviation
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """A distribution of one number by its inverse; ``lower`` and ``upper`` cut a normal or lognormal one off.
+    """Distribution of a number by its quantile function; ``lower`` and ``upper`` truncate a normal or lognormal one.
 
-    ``mean`` and ``deviation`` are those of the number itself, before it is cut off, also for ``lognormal``.
+    ``mean`` and ``deviation`` are those of the number itself, before truncation, also for ``lognormal``.
     """
 
     kind: str
@@ -43,7 +43,7 @@ class Distribution:
     upper: float = math.inf
 
     def at(self, share: float) -> float:
-        """The number below which the ``share`` (0 to 1) of all draws lie."""
+        """Quantile: the number below which the ``share`` (0 to 1) of all draws lies."""
         if self.kind == "uniform":
             return self.lower + share * (self.upper - self.lower)
         if self.kind == "triangular":
@@ -77,7 +77,7 @@ class Distribution:
 
 
 def distribution(key: str, table: Mapping) -> Distribution:
-    """The distribution that a table of a study states; ScenarioError for one that is none."""
+    """The distribution that a table of a study states; ScenarioError for an invalid table."""
     place = f"draws.of.{key}"
     kind = table.get("distribution")
     if kind not in _KEYS:
@@ -109,7 +109,7 @@ def distribution(key: str, table: Mapping) -> Distribution:
 
 
 class Draws:
-    """``count`` sets of numbers, one for each of the distributions of ``of``; set i is made on demand."""
+    """``count`` sets of numbers, one for each of the distributions of ``of``; set i is drawn on demand."""
 
     def __init__(self, of: Mapping[str, Distribution], count: int, seed: int, method: str):
         self.of, self.count, self._seed, self._method = dict(of), count, seed, method
@@ -119,7 +119,7 @@ class Draws:
         return {key: one.at(self._share(key, k, index)) for k, (key, one) in enumerate(self.of.items())}
 
     def _share(self, key: str, number: int, index: int) -> float:
-        # Philox counts: every case has its own stream, whatever was drawn before
+        # Philox is counter-based: every case has its own stream, whatever was drawn before
         share = np.random.Generator(np.random.Philox(key=[self._seed, number], counter=[0, 0, 0, index])).random()
         if self._method == "monte-carlo":
             return float(share)

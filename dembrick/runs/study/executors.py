@@ -1,7 +1,7 @@
 """Where the cases of a study run: in this process, in local worker processes, or on an existing Dask cluster.
 
-All three do the same with a stream of chunks of cases: ``run_all`` yields the rows of a chunk as soon as it is done,
-with no more chunks on their way than keep the workers busy, so that memory does not grow with the study.
+All three take a stream of chunks of cases and yield the rows of a chunk as soon as it is done. No more chunks are
+submitted at a time than keep the workers busy, so that memory does not grow with the study.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dembrick.errors import DembrickError, MissingDependency, ScenarioError
 
 Chunk = list[tuple]
-_AHEAD = 2  # chunks on their way for each worker
+_AHEAD = 2  # chunks submitted per worker
 _ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -25,14 +25,14 @@ class ClusterError(DembrickError):
 
 
 def run_here(function: Callable, chunks: Iterable[Chunk], *arguments) -> Iterator[list[dict]]:
-    """One chunk after the other in this process."""
+    """Run one chunk after the other in this process."""
     for chunk in chunks:
         yield function(*arguments, chunk)
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Within, a process that is started computes with one thread, as workers share the cores among them."""
+    """Context in which new processes compute with one thread, as workers share the cores."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(_ONE_THREAD)
     try:
@@ -46,18 +46,18 @@ def _one_thread() -> Iterator[None]:
 
 
 def _by_one_thread(function: Callable, *arguments) -> list[dict]:
-    """In a worker of a cluster, which is started by others."""
+    """Call ``function`` with one thread, in a worker of a cluster."""
     for name, value in _ONE_THREAD.items():
         os.environ.setdefault(name, value)
     return function(*arguments)
 
 
 def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments) -> Iterator[list[dict]]:
-    """In ``jobs`` worker processes of one thread each, started afresh (spawn), so that it works on every system."""
+    """Run in ``jobs`` worker processes of one thread each, spawned so that it works on every system."""
     import multiprocessing
 
     others = set(multiprocessing.active_children())
-    # a signal from the terminal reaches every process, and the one that started them acts on it
+    # workers ignore a signal from the terminal; this process, which gets it too, acts on it
     alone = signal.SIGINT, signal.SIG_IGN
     chunks = iter(chunks)
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), signal.signal, alone) as pool:
@@ -79,7 +79,7 @@ def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments
             ) from error
         except BaseException:
             for worker in set(multiprocessing.active_children()) - others:
-                worker.terminate()  # whoever stops a study does not wait for the cases that are being run
+                worker.terminate()  # do not wait for running cases when a study is stopped
             raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -88,11 +88,10 @@ def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments
 def run_on_cluster(
     function: Callable, chunks: Iterable[Chunk], scheduler: str, timeout: float, *arguments
 ) -> Iterator[list[dict]]:
-    """On the workers of a Dask scheduler, given by address or by a scheduler file.
+    """Run on the workers of a Dask scheduler, given by address or by a scheduler file.
 
-    Dask runs a chunk again where its worker is lost; only the rows that come back are kept, so that no case is lost
-    and none counts twice. Raises ClusterError when the scheduler does not answer within ``timeout`` seconds, or no
-    worker is there by then.
+    Dask reruns a chunk if its worker is lost; only returned rows are kept, so that no case is lost and none counts
+    twice. Raises ClusterError if the scheduler does not answer, or has no worker, within ``timeout`` seconds.
     """
     try:
         from distributed import Client, as_completed

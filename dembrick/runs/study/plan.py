@@ -3,13 +3,13 @@
 A study is a TOML file::
 
     title = "Scatter of the friction coefficient"
-    base  = "set4a.toml"                     # seen from the study's own folder
+    base  = "set4a.toml"                     # relative to the folder of the study
 
     [grid]                                   # every combination
     "joint.formulation" = ["concave", "convex"]
     "control.tolerance" = { from = 1e-4, to = 1e-2, count = 3, spacing = "log" }
 
-    [list]                                   # columns of one length: a case a line; or [table] with file = "x.csv"
+    [list]                                   # columns of one length: a case per line; or [table] with file = "x.csv"
     "actuators.jack.point" = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]
 
     [draws]                                  # random numbers
@@ -19,8 +19,8 @@ A study is a TOML file::
     [draws.of]
     "joint.friction" = { distribution = "normal", mean = 0.64, deviation = 0.03, lower = 0.0 }
 
-Keys are paths into the scenario, as for ``--set``. Where a study has several of the parts, every combination of them
-is a case: all formulations above see the same thousand frictions.
+Keys are paths into the scenario, as for ``--set``. If a study has several of these parts, every combination of them
+is a case: all formulations above get the same thousand frictions.
 
 With a ``[search]`` each case is a search for the value of one more key at which a run falls: see `study.search`.
 """
@@ -56,13 +56,12 @@ _KEYS = ("title", "base", "histories", "grid", "list", "table", "draws", "search
 
 @dataclass(frozen=True)
 class Study:
-    """A study: its ``title`` and file (``path``), its ``base`` scenario as text with the file of that (``base_path``),
+    """A study: its ``title`` and file (``path``), its ``base`` scenario as text with its file (``base_path``),
     the ``keys`` that change, and its cases by number.
 
-    ``histories``: whether every case keeps its history; ``search``: the quantity that is searched for, if one is.
-    ``digest`` tells one study from another: it covers the base scenario, the files that it reads and
-    everything that makes the cases. ``reads``: all
-    these files.
+    ``histories``: whether every case keeps its history; ``search``: the search of each case, if there is one.
+    ``digest`` identifies the study: it covers the base scenario, the files that it reads and everything
+    that defines the cases. ``reads``: all these files.
     """
 
     title: str
@@ -92,7 +91,7 @@ class Study:
         return math.prod(map(len, self._grid.values())) * len(self._lines) * (self._draws.count if self._draws else 1)
 
     def changes(self, number: int) -> dict[str, Any]:
-        """The keys of case ``number`` (counted from 0) with their values; the last part of the study runs fastest."""
+        """The keys of case ``number`` (counted from 0) with their values; the last part of the study varies fastest."""
         if not 0 <= number < len(self):
             raise IndexError(number)
         found: dict[str, Any] = {}
@@ -114,7 +113,7 @@ class Study:
 
 
 def load(path: str | os.PathLike) -> Study:
-    """Read a study file and check it down to its first case; ScenarioError says what is wrong."""
+    """Read a study file and check it and its first case; ScenarioError says what is wrong."""
     path = os.fsdecode(path)
     if not os.path.exists(path):
         path = os.fspath(shipped.find(path) or path)
@@ -176,7 +175,7 @@ def _study(document: dict, path: str) -> Study:
     if len(study) > MOST_CASES:
         raise ScenarioError(f"{len(study)} cases are more than {MOST_CASES}: split the study")
     if search is None:
-        scenario_of(study, 0)  # a key that the scenario does not have shows in any case
+        scenario_of(study, 0)  # raises for a key that the scenario does not have
     else:
         for value in (search.low, search.high):
             searches.check(scenarios.varied(base, base_path, {**study.changes(0), search.key: value}))
@@ -184,8 +183,8 @@ def _study(document: dict, path: str) -> Study:
 
 
 def _files_read(study: Study) -> list[str]:
-    """The files that the first case reads, and those that the others name; what is not there, or cannot be read, is
-    left to the cases."""
+    """The files that the first case reads, and those that the others name; files that are missing or cannot
+    be read are left to the cases."""
     named = {value for case in (study._grid, *study._lines) for cell in case.values() for value in _texts(cell)}
     paths = {name: os.path.join(os.path.dirname(study.base_path), name) for name in named}
     try:
@@ -208,7 +207,7 @@ def _digests(paths: list[str], base_path: str) -> dict[str, str]:
 
 
 def _texts(value) -> Iterator[str]:
-    """The texts in a value of a study: it may be a list of others."""
+    """The texts in a value of a study, which may be a nested list."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, list | tuple):
@@ -217,8 +216,8 @@ def _texts(value) -> Iterator[str]:
 
 
 def _refuse_aliases(base: dict, keys: list[str]) -> None:
-    """ScenarioError for two keys of which one sets what the other does, under another name or as a part of it: the
-    table would state a value that was not run."""
+    """Raise ScenarioError if one key sets what another does, under another name or as a part of it: the table would
+    state a value that was not run."""
     paths = [overrides.resolved(base, key) for key in keys]
     for i, path in enumerate(paths):
         for j in range(i):
@@ -230,7 +229,7 @@ def _refuse_aliases(base: dict, keys: list[str]) -> None:
 
 
 def _check_values(changes: Mapping[str, Any]) -> None:
-    """ScenarioError for values that no table can hold: numbers that are not finite, dates and times."""
+    """Raise ScenarioError for values that no table can hold: numbers that are not finite, dates and times."""
     for key, value in changes.items():
         try:
             json.dumps(value, allow_nan=False)
@@ -241,7 +240,7 @@ def _check_values(changes: Mapping[str, Any]) -> None:
 
 
 def _rounded(value: float) -> float:
-    """A value of a range as one would write it."""
+    """A value of a range, without rounding errors."""
     return float(f"{value:.12g}")
 
 
@@ -294,7 +293,7 @@ def _grid_values(key: str, value: Any) -> list:
 
 
 def _lines(document: dict, path: str) -> list[dict[str, Any]]:
-    """The cases that are written down one by one; a single one without changes where there are none."""
+    """The cases of a [list] or [table]; a single one without changes if there is neither."""
     if "list" in document and "table" in document:
         raise ScenarioError("a study has a [list] or a [table], not both")
     if "list" in document:
@@ -316,7 +315,7 @@ def _lines(document: dict, path: str) -> list[dict[str, Any]]:
 
 
 def _read_csv(path: Path) -> list[dict[str, Any]]:
-    """Cases out of a CSV file: the header names the keys, every value is TOML or a bare word."""
+    """Cases from a CSV file: the header names the keys, every value is TOML or a bare word."""
     table = read_table(path, "a table of cases")
     if not table.lines:
         raise ScenarioError(f"{path}: a table needs a header line of keys and at least one case below it")

@@ -3,18 +3,18 @@
 A study asks for it by a table::
 
     [search]
-    key       = "control.scale"   # any key of the scenario whose number need not be whole
+    key       = "control.scale"   # any key of the scenario with a real number
     low       = 0.1
     high      = 2.0               # the run stands at one end and falls at the other
     tolerance = 0.01              # relative half-width of the bracket at which the search ends
-    scan      = 8                 # look through the range in so many steps first, from the end that stands
+    scan      = 8                 # scan the range in so many steps first, from the end that stands
 
-A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end, and no support took it
-along: its centroid has come down by more than half of its least dimension, or it has turned over by more than 45 deg.
-One that is undecided counts as neither: the search looks beside it, and ends without an answer where it finds none.
+A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end without being taken
+along by a support: its centroid is lower by more than half of its least dimension, or it has turned by more than 45
+deg. An undecided run is neither: the search tries values beside it, and ends without an answer if all are undecided.
 
-The bracket is an error bar of the runs. Where these leave more out than it is wide, as blocks rock about contact points
-that stop short of the edge, there is none, and a remark says why.
+The bracket is an error bar of the runs. If their model error exceeds it, as for blocks that rock about contact points
+which stop short of the edge, there is no error bar, and a remark says why.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 
 COLUMNS = ("status", "searched", "value", "half_width", "stands", "falls", "runs", "loop", "remark", "error")
 FOUND = "found"
-_KEYS = ("key", "low", "high", "tolerance")  # all needed
+_KEYS = ("key", "low", "high", "tolerance")  # all required
 _SCAN = "scan"
-_PARTS = (0.5, 0.25, 0.75)  # of the bracket, from where it stands: the middle, and beside one that is undecided
+_PARTS = (0.5, 0.25, 0.75)  # of the bracket, from its standing end: the middle, then others if it is undecided
 _INSIDE = ("distributed", "corrected")  # formulations whose points stop short of the edge
-_ROUNDING = 1e-9  # of the searched range: a bracket is not made narrower, as where the value is zero
+_ROUNDING = 1e-9  # of the searched range: least width of a bracket, as for a value of zero
 
 
 class Bracket(NamedTuple):
-    """The last value at which a run stands, the last at which it falls, and the number of runs."""
+    """Bracket of a search: the last values at which a run ``stands`` and ``falls``, and the number of ``runs``."""
 
     stands: float
     falls: float
@@ -65,8 +65,8 @@ class Bracket(NamedTuple):
 
 @dataclass(frozen=True)
 class Search:
-    """The searched key, the range, the relative half-width of the bracket at which the search ends, and in how many
-    steps, of equal ratio where the range is positive, it is looked through for the first change before."""
+    """A search: its key and range, the relative half-width of the bracket at which it ends, and the number of steps, of
+    equal ratio if the range is positive, of a ``scan`` for the first change before it."""
 
     key: str
     low: float
@@ -75,9 +75,9 @@ class Search:
     scan: int = 1
 
     def bisect(self, falls_at: Callable[[float], bool | None]) -> Bracket:
-        """The bracket of the value at which ``falls_at`` changes; which end stands is found out. None: undecided.
+        """Bracket of the value at which ``falls_at`` changes; it is None if undecided. Either end may stand.
 
-        Where it changes several times, one of the changes is found: the first one that `scan` meets. Raises
+        If it changes several times, one change is found: the first one that `scan` meets. Raises
         NotConvergedError if both ends stand, or both fall, and UndecidedError if that is not known or the bracket
         cannot be made as narrow as asked for.
         """
@@ -115,7 +115,7 @@ class Search:
         return Bracket(stands, falls, runs)
 
     def _between(self, first: float, last: float) -> list[float]:
-        """The values that are looked at on the way from one end to the other."""
+        """The values of the scan between one end and the other."""
         spaced = np.geomspace if self.low > 0.0 else np.linspace
         return spaced(first, last, self.scan + 1)[1:-1].tolist()
 
@@ -126,7 +126,7 @@ class Search:
 
 def read(table: Any, swept: Sequence[str]) -> Search:
     """The search that a table of a study states; ``swept``: keys that change from case to case already. ScenarioError
-    for a table that states none."""
+    for an invalid table."""
     if not isinstance(table, dict):
         raise ScenarioError(f"search must be a table with {', '.join(_KEYS)}, not {show(table)}")
     for name in table:
@@ -155,7 +155,7 @@ def read(table: Any, swept: Sequence[str]) -> Search:
 
 
 def check(scenario: Scenario) -> None:
-    """ScenarioError for a control whose runs neither stand nor fall."""
+    """Raise ScenarioError for a control whose runs neither stand nor fall."""
     control = scenario.control
     if not control.regime.stands_or_falls:
         raise ScenarioError(
@@ -198,7 +198,7 @@ def _row(search: Search, base: str, base_path: str, changes: Mapping[str, Any]) 
 
 
 def _short_of_the_edge(assembly: Assembly, result: Mapping, tolerance: float) -> str | None:
-    """Remark on blocks that fall, and not by sliding, from points that stop short of the edge by more than the
+    """Remark if blocks fall, other than by sliding, about points that stop short of the edge by more than the
     ``tolerance``; else None."""
     ways = [(result.get(name) or {}).get("mechanism") for name in ("statics", "collapse")]
     if "sliding" in ways:

@@ -1,7 +1,7 @@
-"""The rows of a study on disk: kept one by one while it runs, as one table when it is done.
+"""The rows of a study on disk: written one by one while it runs, as one table at the end.
 
-A study writes into a folder of its own. ``rows_I_of_N.jsonl`` (one a shard) takes a line a case as it is finished: a
-kill loses no more than the line being written, and finished cases are not run again. ``table.csv`` and ``table.h5``
+A study writes into its own folder. ``rows_I_of_N.jsonl`` (one per shard) gets a line for each finished case: a
+kill loses at most the line being written, and finished cases are not run again. ``table.csv`` and ``table.h5``
 are made from all these lines, in the order of the cases. The first line of every file names the study by its digest,
 so that rows of another study are never mixed in.
 """
@@ -27,7 +27,7 @@ from dembrick.scenario.checks import present
 
 FORMAT = 1
 TABLES = "table.csv", "table.h5"
-_BATCH = 4096  # rows that the tables are written by
+_BATCH = 4096  # rows that are written to the tables at a time
 _TEXT = h5py.string_dtype()
 
 
@@ -52,7 +52,7 @@ class Rows:
         self._file: TextIO | None = None
 
     def done(self, retry: bool = False) -> set[int]:
-        """Numbers of the cases that have a row, in any shard's file; with ``retry`` without the failed ones."""
+        """Numbers of the cases that have a row, in any shard's file; without the failed ones if ``retry``."""
         rows = stored(self.folder, self._columns)
         return {row["case"] for row in rows if not (retry and row["status"] in UNANSWERED)}
 
@@ -66,7 +66,7 @@ class Rows:
         return self
 
     def append(self, rows: Iterable[dict]) -> None:
-        """Add rows; they are with the system when this returns."""
+        """Add rows; they are passed to the operating system when this returns."""
         for row in rows:
             self._write(row)
 
@@ -91,13 +91,13 @@ def row_files(folder: str | os.PathLike) -> list[Path]:
 
 
 def refuse_read(folder: Path, inputs: Sequence[str]) -> None:
-    """OutputError if a table or rows of a study would take the place of a file that it reads."""
+    """Raise OutputError if a table or rows of a study would replace a file that it reads."""
     for path in (*(folder / name for name in TABLES), *row_files(folder)):
         refuse_inputs(path, str(path), inputs)
 
 
 def refuse_foreign(folder: Path) -> None:
-    """OutputError if there are tables in a folder without rows: another program, or a hand, has written them."""
+    """Raise OutputError if a folder has tables but no rows, as something other than a study has written them."""
     for name in TABLES:
         path = folder / name
         if not row_files(folder) and path.exists() and path.stat().st_size:
@@ -110,14 +110,14 @@ def refuse_foreign(folder: Path) -> None:
 def stored(folder: str | os.PathLike, columns: Sequence[str] = tuple(COLUMNS)) -> Iterator[dict]:
     """The row of each case in the folder, in their order; ``columns``: those after the case and its keys.
 
-    A line that a kill has torn, or a disk or a hand has damaged, is left out, and its case is run again. Where a case
-    was run again after it had failed, perhaps as part of another shard, the row with an answer counts.
+    A line that a kill has truncated, or that is damaged otherwise, is left out, and its case is run again. If a case
+    was run again after it had failed, perhaps in another shard, the row with an answer counts.
     """
     yield from _read(_order(Path(folder), columns))
 
 
 def _rows_of(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, dict]]:
-    """The sound rows of a file, each with the place where it begins."""
+    """The valid rows of a file, each with its offset."""
     with open(path, "rb") as file:
         head = file.readline()
         cases = (_parsed(head.decode("utf-8", "replace")) or {}).get("cases")
@@ -138,7 +138,7 @@ def _parsed(line: str) -> dict | None:
 
 
 def _row(line: str, columns: Sequence[str]) -> dict | None:
-    """The row of a case; None if the line is damaged: without a number or a column, with another type in one."""
+    """The row of a case; None if the line is damaged: without a case number or a column, or with a wrong type."""
     row = _parsed(line)
     if row is None or "\ufffd" in line or not row.keys() >= {"case", *columns[:2]}:
         return None
@@ -153,7 +153,7 @@ def _row(line: str, columns: Sequence[str]) -> dict | None:
 
 
 def _storable(row: dict) -> bool:
-    """Whether its texts can be written: no null character, no half of a pair."""
+    """Whether the texts of a row can be written: no null character, no lone surrogate."""
     try:
         return "\\u0000" not in json.dumps(row, ensure_ascii=False).encode().decode()
     except UnicodeEncodeError:
@@ -173,7 +173,7 @@ def _check_head(path: Path, head: dict) -> None:
 
 
 def _drop_torn_line(path: Path) -> None:
-    """Cut off a last line without its end."""
+    """Cut off a last line that has no line end."""
     with open(path, "rb+") as file:
         end = file.seek(0, os.SEEK_END)
         back = min(end, 1 << 20)
@@ -185,7 +185,7 @@ def _drop_torn_line(path: Path) -> None:
 def write_tables(
     folder: str | os.PathLike, digest: str, keys: Sequence[str], title: str, columns: Sequence[str] = tuple(COLUMNS)
 ) -> tuple[Path, Path, int]:
-    """``table.csv`` and ``table.h5`` of the `stored` rows; returns both paths and the number of rows."""
+    """Write ``table.csv`` and ``table.h5`` of the `stored` rows; return both paths and the number of rows."""
     folder = Path(folder)
     order = _order(folder, columns)
     names = ["case", *keys, *columns]
@@ -208,7 +208,7 @@ def write_tables(
 
 
 def _order(folder: Path, columns: Sequence[str]) -> list[tuple[Path, int]]:
-    """Where the row of each case stands (file, offset), in the order of the cases."""
+    """Place of the row of each case (file, offset), in the order of the cases."""
     place: dict[int, tuple[bool, Path, int]] = {}
     for path in row_files(folder):
         for offset, row in _rows_of(path, columns):
@@ -236,7 +236,7 @@ def _cell(value: Any) -> Any:
 
 
 def _write_columns(file, names: Sequence[str], keys: Sequence[str], order: list, check: Callable[[], None]) -> None:
-    """A dataset a column, text or float64 with NaN for nothing; a key is text where any of its values is none."""
+    """Write a dataset per column: text, or float64 with NaN for a missing value; a key with a non-number is text."""
     numeric = {name: name not in TEXTS for name in names}
     for row in _read(order):
         for key in keys:

@@ -27,9 +27,9 @@ _TARGET_KEYS = ("open", "closed", "supports", "displacement", "doubt", "paths")
 
 @dataclass(frozen=True)
 class Target:
-    """A study of causes: its scenario, and what was seen. ``open``, ``closed``: pairs of blocks, None if all others are
-    closed; ``supports`` that may have moved, empty for all; ``seen``: a block and its displacement (3,) m, or None;
-    ``doubt``: the chance that what is said of a joint is wrong; ``paths``: whether each motion is followed through
+    """A study of causes: its scenario, and what was observed. ``open``, ``closed``: joints as pairs of blocks, None
+    for all others; ``supports`` that may have moved, empty for all; ``seen``: a block and its displacement (3,) m,
+    or None; ``doubt``: probability that a joint is observed wrongly; ``paths``: whether each motion is followed through
     equilibria in the deformed geometry."""
 
     title: str
@@ -43,7 +43,7 @@ class Target:
 
 
 def asks_for_causes(path: str | os.PathLike) -> bool:
-    """Whether the file is a study with a [target]; False also for what is no TOML, of which others will say so."""
+    """Whether the file is a study with a [target]; False also for invalid TOML, which is reported elsewhere."""
     try:
         return TARGET in tomllib.loads(read_text(_found(path), "a study (TOML)"))
     except (ValueError, RecursionError, ScenarioError):

@@ -1,8 +1,8 @@
-"""Cases that are limit loads of one joint each, run together in compiled calls instead of one by one.
+"""Limit loads of cases with a single joint, found together in compiled calls instead of one by one.
 
-What two blocks with a joint between them come to is the same as in a run of their own, but for the frills: no record,
-no history, no comparison with theory. A case that does not fit, or finds no answer here, is left to a run of its own,
-which also words the error.
+The limit load of two blocks with a joint is the same as in a separate run, but without record, history and comparison
+with theory. A case that does not fit, or finds no answer here, is left to a separate run, which also reports the
+error.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 _NUMBERS = ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
-_NO_PUSH = 1e-12  # of the actuators' force times the joint's size: what pushes less pushes nothing
+_NO_PUSH = 1e-12  # of the actuators' force times the joint's size: a smaller load counts as none
 
 
 def fits(scenario: Scenario) -> bool:
-    """Whether a case may be run with others: a limit load of one free block on a fixed one, by points that are given
-    or by the area, without other strengths than friction, in the geometry of the start, with the default time step."""
+    """Whether a case may be run with others: a limit load of one free block on a fixed one, with given points or by the
+    area, with friction as the only strength, in the geometry of the start, with the default time step."""
     law = scenario.joint
     return (
         isinstance(scenario.control, YieldControl)
@@ -52,7 +52,7 @@ def fits(scenario: Scenario) -> bool:
 def limit_loads(scenarios: Sequence[Scenario]) -> dict[int, dict[str, Any]]:
     """The results, by index, of those scenarios that fit and have an answer, with the keys of a run's JSON object.
 
-    Raises ScenarioError never: what is wrong with a scenario shows when it is run by itself.
+    Never raises ScenarioError: errors of a scenario are raised by its separate run.
     """
     groups: dict[tuple, list[tuple[int, _Case]]] = {}
     for index, scenario in enumerate(scenarios):
@@ -100,7 +100,7 @@ def _case(scenario: Scenario) -> _Case | None:
 
 
 class _Geometry:
-    """The part of a scenario that its joints follow from, as a key: equal parts give equal joints."""
+    """Cache key of the part of a scenario that determines its joints: equal parts give equal joints."""
 
     def __init__(self, scenario: Scenario):
         self.scenario = scenario
@@ -143,13 +143,13 @@ def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[
     began = time.perf_counter()
     found = batch.find_limit_loads(together, threads=1)
     seconds = (time.perf_counter() - began) / len(cases)
-    # if the bracket is no proof, a run of its own follows equilibria, and comes to another V within the tolerance
+    # without a certified bracket, a separate run follows equilibria to another V within the tolerance
     answered = (found.status == "yield") & found.certified
     return {i: _result(found, i, case.name, case.reach, seconds) for i, case in enumerate(cases) if answered[i]}
 
 
 def _result(found: batch.LimitLoads, i: int, name: str, reach: float, seconds: float) -> dict[str, Any]:
-    """The JSON object of one case; its loop time is the mean of all that ran with it."""
+    """The JSON object of one case; its loop time is the mean of all cases run with it."""
     centre, how = joint_mechanism(found.twist[i], found.tilt[i], reach)
     numbers = {name: float(getattr(found, name)[i]) + 0.0 for name in _NUMBERS}
     bracket = "certified" if found.certified[i] else "indicator"
