@@ -1,4 +1,4 @@
-"""Validation cases: what a laboratory measured, the scenario that stands for it, and what was not known of the test."""
+"""Validation cases: measurements of a laboratory, the scenario of the test, and what was not known of it."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ OF_SERIES = ("title", "source", "inputs", "unknown")
 class Case:
     """One test of a laboratory, in the unit of its ``quantity`` (a key of ``UNITS``).
 
-    ``measured``: all values at that load; ``value``: the one that is compared, their mean if left out. ``u_D``: what
-    the measurement leaves open, and ``scatter_of`` the case that it was taken from if this one has a single value.
-    ``at``: displacement (m) at which V is read. ``key`` and ``between``: what is varied, and the two values tried.
-    ``paths``: the error bar holds limits on other loading paths. ``finding``: what the comparison shows.
+    ``measured``: all values at that load; ``value``: the one that is compared, by default their mean. ``u_D``:
+    uncertainty of the measurement, and ``scatter_of`` the case that it was taken from if this one has a single value.
+    ``at``: displacement (m) at which V is read. ``key`` and ``between``: the key that is varied, and its two values.
+    ``paths``: the error bar includes limits on other load paths. ``finding``: what the comparison shows.
     """
 
     name: str
@@ -64,19 +64,19 @@ class Case:
 
 
 def all_cases() -> dict[str, Case]:
-    """Name -> case, in the order of the file, each with what its measurement leaves open."""
+    """Name -> case, in the order of the file, each with the uncertainty of its measurement."""
     path = shipped.folder() / shipped.VALIDATION / "cases.toml"
     document = tomllib.loads(path.read_text(encoding="utf-8"))
     return with_scatter([_case(entry, document["series"], path) for entry in document["case"]])
 
 
 def chosen(names: list[str], quick: bool = False) -> list[Case]:
-    """The cases of these names or beginnings of names, all if none is named; ``quick``: those marked so."""
+    """The cases of these names or beginnings of names, all if none is named; ``quick``: only those marked so."""
     return [case for case in of_names(names, all_cases(), "validation") if case.quick or not quick]
 
 
 def with_scatter(cases: list[Case]) -> dict[str, Case]:
-    """The cases by name with their ``u_D``: half the range of what was measured, or, of a single value, the largest
+    """The cases by name with their ``u_D``: half the range of the measured values, or, for a single value, the largest
     relative one among the cases that have several."""
     own = {case.name: 0.5 * (max(case.measured) - min(case.measured)) for case in cases if len(case.measured) > 1}
     relative = {case.name: own[case.name] / abs(case.D) for case in cases if case.name in own}

@@ -1,6 +1,6 @@
-"""Validation cases: run them, compare E = S - D with what the measurement and the simulation leave open, and report.
+"""Validation cases: run them, compare E = S - D with the uncertainties of measurement and simulation, and report.
 
-The report is a table of text, and an HTML page that needs nothing else.
+The report is a text table, and a self-contained HTML page.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dembrick.scenario import toml
 from dembrick.scenario.checks import present
 from dembrick.scenario.model import Scenario
 
-# The error of a stiffness over the difference that half of it makes, as it fades with the stiffness to the power -1/3.
+# Error by a finite stiffness over the change by halving it, as it decreases with the stiffness to the power -1/3.
 OF_HALF_STIFFNESS = 1.0 / (2.0 ** (1.0 / 3.0) - 1.0)
 KILO = 1e-3
 
@@ -47,12 +47,12 @@ class Comparison:
 
     @property
     def open(self) -> float | None:
-        """Uncertainty of measurement and simulation together: the root of the sum of squares."""
+        """Combined uncertainty of measurement and simulation: the root of the sum of squares."""
         return None if self.u_num is None else math.hypot(self.case.u_D, self.u_num)
 
     @property
     def within(self) -> bool | None:
-        """Whether the comparison error is no larger than that; None without an answer."""
+        """Whether the comparison error is no larger than the combined uncertainty; None without an answer."""
         return None if self.E is None or self.open is None else abs(self.E) <= self.open
 
     @property
@@ -75,7 +75,7 @@ class Comparison:
 
 
 def compare(cases: Iterable[Case], report: Callable[[Case], None] | None = None) -> Iterator[Comparison]:
-    """Run the cases one after the other; ``report`` hears of each before it runs."""
+    """Run the cases one after the other; ``report`` is called with each before it runs."""
     for case in cases:
         if report is not None:
             report(case)
@@ -83,7 +83,7 @@ def compare(cases: Iterable[Case], report: Callable[[Case], None] | None = None)
 
 
 def comparison_of(case: Case) -> Comparison:
-    """Run one case. What a run refuses or cannot answer is a comparison without S, not an error."""
+    """Run one case. An error of the run makes a comparison without S and is not raised."""
     began = time.perf_counter()
     try:
         S, u_num = _SIMULATED[case.quantity](case)
@@ -93,8 +93,8 @@ def comparison_of(case: Case) -> Comparison:
 
 
 def _force(case: Case) -> tuple[float, float]:
-    """The limit load and how far its bracket reaches from it (kN); with ``paths`` also how far the limits of other
-    ratios of stiffness do, and the associative bound, above which no path ends."""
+    """The limit load and its uncertainty (kN): how far its bracket reaches from it; with ``paths`` also the limits for
+    other stiffness ratios, and the associative bound, above which no path ends."""
     scenario = toml.load(case.path, case.set)
     result = simulate(scenario, None, bound=case.paths, record=False)
     point = present(result.yield_point)
@@ -108,14 +108,14 @@ def _force(case: Case) -> tuple[float, float]:
 
 
 def _on_other_paths(scenario: Scenario) -> list[AnyResult]:
-    """The search with other ratios of shear to normal stiffness, by which joints are loaded otherwise on the way."""
+    """Results of the search with other ratios of shear to normal stiffness, which load the joints differently."""
     own = scenario.joint.shear_stiffness / scenario.joint.normal_stiffness
     others = [ratio for ratio in RATIOS if not math.isclose(ratio, own)]
     return [simulate(with_ratio(scenario, ratio), None, record=False) for ratio in others]
 
 
 def _force_at(case: Case) -> tuple[float, float]:
-    """V in the deformed geometry at the displacement ``at``, and what the stiffness of the joints leaves open (kN)."""
+    """V in the deformed geometry at the displacement ``at``, and its uncertainty by the joint stiffness (kN)."""
     at, scenario = present(case.at), toml.load(case.path, case.set)
 
     def V(one: Scenario) -> float:
@@ -130,7 +130,7 @@ def _force_at(case: Case) -> tuple[float, float]:
 
 
 def _cycle_peaks(case: Case) -> tuple[float, float]:
-    """The mean of the greatest V of all half cycles, and how far the others with their bars reach from it (kN)."""
+    """The mean of the peaks of V of all half cycles, and how far single peaks with their bars lie from it (kN)."""
     result = simulate(toml.load(case.path, case.set), None)
     cycles = present(result.cycles)
     ends = np.abs([[cycle[key] for key in ("V_lower", "peak", "V_upper")] for cycle in cycles])
@@ -139,7 +139,7 @@ def _cycle_peaks(case: Case) -> tuple[float, float]:
 
 
 def _threshold(case: Case) -> tuple[float, float]:
-    """The middle between a value at which it stands and one at which it falls, and half their distance."""
+    """The middle between a value at which the structure stands and one at which it falls, and half their distance."""
     stands, falls = case.between
     for value, expected in ((stands, False), (falls, True)):
         result = simulate(toml.load(case.path, (*case.set, f"{case.key}={value}")), None, record=False)
@@ -149,13 +149,13 @@ def _threshold(case: Case) -> tuple[float, float]:
 
 
 def _speed_ratio(case: Case) -> tuple[float, float]:
-    """Speed after the first impact over that before, over Housner's, and what the stiffness leaves open."""
+    """Speed after the first impact over that before, over Housner's, and its uncertainty by the stiffness."""
     scenario = toml.load(case.path, case.set)
     return _with_stiffness(_kept_over_housner, scenario)
 
 
 def _kept_over_housner(scenario: Scenario) -> float:
-    """From the greatest turns before and after the first impact: a rigid block turning on a corner keeps its energy."""
+    """Speed ratio over Housner's, from the greatest turns before and after the first impact, as energy is conserved."""
     result = simulate(scenario, None)
     quaternion = result.frames["orientation"][:, 1]
     turn = 2.0 * np.arctan2(quaternion[:, 2], quaternion[:, 0])
@@ -171,7 +171,7 @@ def _kept_over_housner(scenario: Scenario) -> float:
 
 
 def _with_stiffness(answer: Callable[[Scenario], float], scenario: Scenario) -> tuple[float, float]:
-    """An answer, and its error by that of joints half as stiff."""
+    """An answer, and its error estimated from joints half as stiff."""
     law = scenario.joint
     softer = replace(law, normal_stiffness=0.5 * law.normal_stiffness, shear_stiffness=0.5 * law.shear_stiffness)
     found = answer(scenario)
@@ -194,12 +194,12 @@ def verdict(found: Comparison) -> str:
 
 
 def number(value: float | None) -> str:
-    """Four digits, or a dash for what there is none of."""
+    """Four digits, or a dash for None."""
     return "-" if value is None else f"{value:.4g}"
 
 
 def small(value: float | None) -> str:
-    """Two digits, or a dash for what there is none of."""
+    """Two digits, or a dash for None."""
     return "-" if value is None else f"{value:.2g}"
 
 
@@ -225,7 +225,7 @@ def text_header() -> str:
 
 
 def summary(found: Sequence[Comparison]) -> str:
-    """How many are met, and what the columns say."""
+    """How many tests are met, and the meaning of the columns."""
     met = sum(one.within is True for one in found)
     seconds = sum(one.seconds for one in found)
     lines = [
@@ -239,7 +239,7 @@ def summary(found: Sequence[Comparison]) -> str:
 
 
 def remarks(found: Sequence[Comparison]) -> str:
-    """Inputs and what was not known, once for the cases of one series; then what single cases show or lack."""
+    """Inputs and what was not known, once for the cases of one series; then findings and failures of single cases."""
     lines, last = [], ""
     for one in found:
         case = one.case

@@ -1,4 +1,4 @@
-"""Verification cases: a scenario, what is read out of its answer, what that should be, and who says so."""
+"""Verification cases: a scenario, the quantity read from its answer, the reference value, and its source."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class Case:
     """One verification case.
 
     ``scenario``: name of a shipped scenario; ``set``: changes of it, as ``--set`` takes them. ``quantity``: a key of
-    ``UNITS``. ``reference``: what ``source`` gives for it, known to ``reference_error``. ``tolerance``: relative
-    difference that is taken.
+    ``UNITS``. ``reference``: its value by ``source``, known to ``reference_error``. ``tolerance``: accepted
+    relative difference.
     ``refine``: run with ``--refine``, for runs in real time, which have no bracket. ``quick``: part of ``--quick``.
-    ``remark``: why the error bar may leave the reference out; without one it must not.
+    ``remark``: why the reference may lie outside the error bar; without a remark it may not.
     """
 
     name: str
@@ -72,8 +72,8 @@ def all_cases() -> dict[str, Case]:
 
 
 def chosen(names: list[str], quick: bool = False) -> list[Case]:
-    """The cases of these names (a name may be the beginning of several), all if none is named; ``quick``: those marked
-    so. ScenarioError for a name that fits none."""
+    """The cases of these names (a name may be the beginning of several), all if none is named; ``quick``: only those
+    marked so. ScenarioError for a name that fits none."""
     return [case for case in of_names(names, all_cases(), "verification") if case.quick or not quick]
 
 

@@ -14,7 +14,7 @@ from dembrick.runs.verification.cases import Case
 from dembrick.scenario.checks import present
 from dembrick.views.summary import barred, rounded_up
 
-SLACK = 1e-9  # of the reference: rounding by which it may lie outside an error bar
+SLACK = 1e-9  # of the reference: rounding error by which it may lie outside an error bar
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Outcome:
 
     @property
     def bar_holds(self) -> bool | None:
-        """Whether the reference, as far as it is known, lies in the error bar; None if there is no bar."""
+        """Whether the reference, within its own error, lies in the error bar; None if there is no bar."""
         if self.lower is None or self.upper is None or self.case.relation != "equal":
             return None
         slack = SLACK * abs(self.case.reference) + self.case.reference_error
@@ -47,7 +47,7 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """Within the tolerance, and inside the error bar unless the case says why it need not be."""
+        """Whether the value is within the tolerance, and its bar holds the reference or a remark says why not."""
         if self.error is None:
             return False
         if self.case.relation == "at most":
@@ -68,7 +68,7 @@ class Outcome:
 
 
 def verify(cases: Iterable[Case], report: Callable[[Case], None] | None = None) -> Iterator[Outcome]:
-    """Run the cases one after the other; ``report`` hears of each before it runs."""
+    """Run the cases one after the other; ``report`` is called with each before it runs."""
     for case in cases:
         if report is not None:
             report(case)
@@ -76,7 +76,7 @@ def verify(cases: Iterable[Case], report: Callable[[Case], None] | None = None) 
 
 
 def outcome_of(case: Case) -> Outcome:
-    """Run one case. What a run refuses or cannot answer is an outcome that has failed, not an error."""
+    """Run one case. An error of the run makes a failed outcome and is not raised."""
     from dembrick.runs.simulate import simulate
     from dembrick.scenario import toml
 
@@ -137,14 +137,14 @@ small { color: #9aa4ae; } td.bad { color: #ff8a80; } }
 
 
 def verdict(outcome: Outcome) -> str:
-    """In a few words: ok, FAILED, or ok by the limit of the case while its own error bar leaves the reference out."""
+    """In a few words: ok, FAILED, or ok within the tolerance although the reference lies outside the error bar."""
     if not outcome.passed:
         return "FAILED"
     return "ok, but outside its bar" if outcome.bar_holds is False else "ok"
 
 
 def value_text(outcome: Outcome) -> str:
-    """Value with its half-width, as many digits as are worth it."""
+    """Value with its half-width, in significant digits."""
     if outcome.value is None:
         return "none"
     if outcome.lower is None or outcome.upper is None:
@@ -153,7 +153,7 @@ def value_text(outcome: Outcome) -> str:
 
 
 def reference_text(outcome: Outcome) -> str:
-    """The reference with its unit, and how far it is known where the bar of the value is narrower than that."""
+    """The reference with its unit, and with its error if that is larger than the error bar of the value."""
     case = outcome.case
     bar = math.inf if outcome.lower is None or outcome.upper is None else 0.5 * (outcome.upper - outcome.lower)
     known = f" +- {rounded_up(case.reference_error)}" if case.reference_error > bar else ""
@@ -161,7 +161,7 @@ def reference_text(outcome: Outcome) -> str:
 
 
 def error_text(outcome: Outcome) -> str:
-    """Relative error in per cent; of a bound how far below it the value lies."""
+    """Relative error in per cent (negative below a bound), or the plain difference if the reference is zero."""
     if outcome.error is None:
         return "-"
     return f"{100.0 * outcome.error:+.2g} %" if outcome.case.reference else f"{outcome.error:+.2g}"
@@ -183,7 +183,7 @@ def text_header() -> str:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """How many passed, and how the error bars did."""
+    """How many cases passed, and how many error bars hold the reference."""
     passed = sum(outcome.passed for outcome in outcomes)
     bars = [outcome.bar_holds for outcome in outcomes if outcome.bar_holds is not None]
     seconds = sum(outcome.seconds for outcome in outcomes)
