@@ -9,17 +9,17 @@ A study asks for it by a table::
     open     = [["arch.3", "arch.4"], ["arch.10", "arch.11"]]
     closed   = [["arch.right", "arch.20"]]                  # all other joints, if not given
     supports = ["arch.left", "arch.right"]                  # that may have moved: all, if not given
-    displacement = { block = "arch.10", value = [0.0, 0.0, -0.01] }   # m, seen as well
-    doubt    = 0.05                                         # the chance that what is said of a joint is wrong
+    displacement = { block = "arch.10", value = [0.0, 0.0, -0.01] }   # m, if observed
+    doubt    = 0.05                                         # probability that a joint is observed wrongly
 
-A support that gives way a little brings the reaction along its motion down to the least that equilibrium allows, and
-the blocks follow in the mechanism that is dual to it (`limit_analysis.reactions.first_motion`): its joints open, the
-others stay closed. Each support is moved by itself, along and about every axis and two of these at once (three in a
-plane of symmetry), and every motion is scored by the joints: hits, misses (open, and here closed) and false alarms.
+When a support yields a little, the reaction along its motion falls to the least that equilibrium allows, and the blocks
+move in the mechanism dual to it (`limit_analysis.reactions.first_motion`): its joints open, the others stay closed.
+Each support is moved by itself, along and about every axis and two of these at once (three in a plane of symmetry), and
+every motion is scored by the joints: hits, misses (observed open, here closed) and false alarms.
 
-If each joint is told wrongly with a chance p, independently, a motion with m misses and false alarms is ((1 - p) / p)^m
-times less likely than one without; the share of a cause among all that were tried is how sure it is. Motions that open
-the same joints cannot be told apart, and are one cause.
+If each joint is observed wrongly with a probability p, independently, a motion with m misses and false alarms is
+((1 - p) / p)^m times less likely than one without; the confidence in a cause is its share of the likelihood of all
+motions. Motions that open the same joints cannot be distinguished, and are one cause.
 """
 
 from __future__ import annotations
@@ -57,25 +57,25 @@ if TYPE_CHECKING:
     from dembrick.simulation.limit_analysis.programme import Structure
 
 OPENS = 0.02  # of the greatest opening: a joint that opens by less is closed
-BLURRED = 4.0  # times that, or less by so much: a joint between these may be seen open or closed
-SCATTER = 0.2  # of a displacement that was seen: how far off a motion may take its block
+BLURRED = 4.0  # factor above and below that, within which a joint may be seen open or closed
+SCATTER = 0.2  # of an observed displacement: standard deviation of the misfit of a motion
 FOLLOWED = 2e-3  # of the structure's size: the motion of a support that is followed through equilibria
-LIKELY = 0.1  # times as likely as the best: a cause to reckon with
+LIKELY = 0.1  # times as likely as the best: a likely cause
 SHOWN = 3  # causes that are printed and drawn
 _AXES = ("x", "y", "z")
 COLUMNS = ("cause", "share", "weight", "hits", "misses", "false_alarms", "support", *_AXES, "rx", "ry", "rz", "amount")
 
 
 class Motion(NamedTuple):
-    """A motion of a ``support``: ``velocity`` (6,) of its centroid and rotation (1/m), and ``amount`` (m) by which it
-    must be taken (None if no displacement was seen)."""
+    """A motion of a ``support``: ``velocity`` (6,) of its centroid and rotation (1/m), and ``amount`` (m), the
+    factor that fits an observed displacement (None without one)."""
 
     support: str
     velocity: np.ndarray
     amount: float | None
 
     def said(self) -> str:
-        """In words."""
+        """The motion in words."""
         v, w = self.velocity[:3], self.velocity[3:]
         parts = []
         if v.any():
@@ -97,9 +97,9 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class Cause:
-    """Motions that open the same joints. ``share``: how likely it is beside all that were tried; ``weight`` of its best
-    motion over the best of all; ``velocity`` (n, 6) of the blocks in that; ``opening`` (j,) of the joints over the
-    greatest; ``slides``: whether joints slide in it by so much that their rise, which stones do not have, tells."""
+    """Motions that open the same joints. ``share``: its likelihood over that of all motions; ``weight``: likelihood of
+    its best motion over the best of all; ``velocity`` (n, 6) of the blocks in that; ``opening`` (j,) of the joints over
+    the greatest; ``slides``: whether joints slide so far that their dilatancy, which stones do not have, matters."""
 
     motions: tuple[Motion, ...]
     share: float
@@ -113,7 +113,7 @@ class Cause:
 
     @property
     def supports(self) -> tuple[str, ...]:
-        """Those of its motions, each once."""
+        """Supports of its motions, each once."""
         return tuple(dict.fromkeys(motion.support for motion in self.motions))
 
     @property
@@ -142,9 +142,9 @@ class Cause:
 
 @dataclass(frozen=True)
 class Causes:
-    """Answer of a study of causes for the joints that a ``target`` says to be open, on the ``assembly``: ``causes``,
-    the likeliest first, found in so many ``seconds``. ``judged`` (j,) int8: 1 for joints that are to be open, 0
-    closed, -1 not judged; ``tried`` motions, and how many are ``locked``, which no mechanism follows."""
+    """Answer of a study of causes for the open joints of a ``target`` on the ``assembly``: ``causes``, the likeliest
+    first. ``judged`` (j,) int8: 1 for joints that are to be open, 0 closed, -1 not judged; ``tried``: number of
+    motions, ``locked``: number of those without a mechanism; ``seconds``: computing time."""
 
     target: Target
     assembly: Assembly
@@ -156,12 +156,12 @@ class Causes:
 
     @property
     def likely(self) -> tuple[Cause, ...]:
-        """Causes to reckon with: at least a tenth as likely as the best."""
+        """Causes at least a tenth as likely as the best."""
         return tuple(cause for cause in self.causes if cause.weight >= LIKELY)
 
     @property
     def ambiguous(self) -> bool:
-        """Whether what was seen does not tell one support from another."""
+        """Whether the likely causes involve more than one support."""
         return len({name for cause in self.likely for name in cause.supports}) > 1
 
     def as_dict(self) -> dict:
@@ -176,7 +176,7 @@ class Causes:
         }
 
     def write(self, path: str | os.PathLike) -> None:
-        """Write a CSV table with a line for each motion that was tried and not locked, the likeliest cause first."""
+        """Write a CSV table with a line for each motion of each cause, the likeliest cause first."""
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(COLUMNS)
@@ -221,7 +221,7 @@ class Causes:
 
 
 def find(target: Target | str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Causes:
-    """Score every motion of a support by the joints that it opens; `Causes`, the likeliest first.
+    """Score every motion of a support by the joints that it opens; return `Causes`, the likeliest first.
 
     Raises ScenarioError for a target that names no joint or contradicts itself, and if no support can move;
     NotConvergedError if the structure does not stand; MissingDependency without the extra ``limit``.
@@ -299,7 +299,7 @@ def _supports(target: Target, assembly: Assembly) -> list[int]:
 
 
 def _watched(target: Target, assembly: Assembly) -> tuple[int, np.ndarray | None]:
-    """The block whose displacement was seen, and that."""
+    """The block whose displacement was observed (-1 without one), and the displacement (3,) in m."""
     if target.seen is None:
         return -1, None
     name, value = target.seen
@@ -311,8 +311,8 @@ def _watched(target: Target, assembly: Assembly) -> tuple[int, np.ndarray | None
 
 
 def _motions(structure: Structure, support: int) -> list[np.ndarray]:
-    """Motions (6,) of a support that are tried: along and about each axis both ways, and these together, all three in a
-    plane, two in space. A turn moves the farthest corner of the support's joints by as much as a shift does."""
+    """Motions (6,) of a support to try: along and about each axis, both ways, and combinations of these: of all three
+    in a plane, of two in space. A turn moves the farthest corner of the support's joints as far as a shift does."""
     frame, joints = structure.frame, structure.assembly.joints
     own = (joints.block_a == support) | (joints.block_b == support)
     size = float(np.linalg.norm(joints.origin[own] - structure.assembly.position[support], axis=1).max(initial=0.0))
@@ -342,8 +342,8 @@ def _by_limit_analysis(
 def _followed(
     scenario: Scenario, assembly: Assembly, _: Standing, support: int, velocity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, bool] | None:
-    """The same of a path of equilibria in the deformed geometry, by a small part of the structure's size; None if the
-    structure comes down on the way or finds no rest."""
+    """As `_by_limit_analysis`, by a path of equilibria in the deformed geometry over a small part of the structure's
+    size; None if the structure collapses on the path or finds no equilibrium."""
     amount = FOLLOWED * float(np.ptp(assembly.position, axis=0).max())
     v, w = amount * velocity[:3], amount * velocity[3:]
     size = float(np.linalg.norm(w))
@@ -362,18 +362,17 @@ def _followed(
     moved = np.zeros((len(assembly.names), 6))
     moved[:, :3] = np.asarray(result.frames["displacement"][-1])
     turn = rotation_matrix(result.frames["orientation"][-1]) @ np.swapaxes(assembly.rotation, 1, 2)
-    skew = 0.5 * (turn - np.swapaxes(turn, 1, 2))  # of small turns the vector
+    skew = 0.5 * (turn - np.swapaxes(turn, 1, 2))  # rotation vector of small turns
     moved[:, 3:] = skew[:, [2, 0, 1], [1, 2, 0]]
     moved /= amount
     return moved, *_opening(assembly, joint_motions(assembly, moved), slides=False)
 
 
 def _opening(assembly: Assembly, relative: np.ndarray, slides: bool = True) -> tuple[np.ndarray, bool]:
-    """How far each joint opens at its widest corner over the widest of all (j,), by motions (j, 6) as of `Mechanism`;
-    and whether any rises by sliding as far as would be an opening.
+    """Opening (j,) of each joint at its widest corner over the widest of all, for motions (j, 6) as in `Mechanism`;
+    and whether any joint dilates by sliding as far as would count as an opening.
 
-    Limit analysis lets joints that slide rise by friction times their slip, which stones do not: that is taken off
-    if ``slides``.
+    In limit analysis joints dilate by friction times slip, which stones do not: that is subtracted if ``slides``.
     """
     joints = assembly.joints
     friction = np.array([law.friction if slides else 0.0 for law in joints.law])
@@ -389,16 +388,16 @@ def _opening(assembly: Assembly, relative: np.ndarray, slides: bool = True) -> t
 
 
 def _agreement(opening: np.ndarray, judged: np.ndarray, doubt: float) -> float:
-    """Logarithm of the chance to see the joints as they were ``judged`` (j,), if they open as in a mechanism: one that
-    opens by much less than `OPENS` is seen open with the chance ``doubt``, one by much more with 1 - doubt."""
+    """Log-likelihood of seeing the joints as ``judged`` (j,) if they open as in a mechanism: one that opens by much
+    less than `OPENS` is seen open with probability ``doubt``, one that opens by much more with 1 - doubt."""
     far = np.log(np.maximum(opening, 1e-300) / OPENS) / math.log(BLURRED)
     seen_open = doubt + (1.0 - 2.0 * doubt) * np.clip(0.5 + 0.5 * far, 0.0, 1.0)
     return float(np.log(seen_open[judged == 1]).sum() + np.log(1.0 - seen_open[judged == 0]).sum())
 
 
 def _amount(moved: np.ndarray, seen: np.ndarray) -> tuple[float | None, float]:
-    """How far (m) a support must have moved for a block to have done as was ``seen`` (3,), if a motion of one takes it
-    by ``moved`` (3,), and what is left over the whole; None if the motion takes it the other way."""
+    """Amount (m) of a support's motion that best fits the displacement ``seen`` (3,) of a block, if a unit of it moves
+    the block by ``moved`` (3,), and the relative misfit; None if it moves the block the other way."""
     square = float(moved @ moved)
     amount = float(moved @ seen) / square if square > 0.0 else 0.0
     if amount <= 0.0:
@@ -407,7 +406,7 @@ def _amount(moved: np.ndarray, seen: np.ndarray) -> tuple[float | None, float]:
 
 
 def _ranked(patterns: dict[bytes, list], judged: np.ndarray, assembly: Assembly) -> tuple[Cause, ...]:
-    """The causes by their likelihood: motions that open the same joints together."""
+    """The causes in order of likelihood, each of all motions that open the same joints."""
     if not patterns:
         return ()
     top = max(weight for found in patterns.values() for weight, *_ in found)
@@ -440,7 +439,7 @@ def _ranked(patterns: dict[bytes, list], judged: np.ndarray, assembly: Assembly)
 
 
 def _plain(velocity: np.ndarray, gravity) -> tuple:
-    """Order of motions that explain as much: along an axis before turns and what is put together, down before up."""
+    """Sort key of equally likely motions: along an axis before turns and combinations, down before up."""
     return np.count_nonzero(velocity), bool(velocity[3:].any()), -float(np.asarray(gravity) @ velocity[:3])
 
 

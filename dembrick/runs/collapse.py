@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
     """The object ``collapse`` of the JSON output.
 
-    ``load_factor`` is V of the yield point, whose bracket is its own: of the limit, or of a peak on the way that lies
-    above it; ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so at its rate, None without
-    one; both None for a pushover. ``mechanism_load_factor`` is what the blocks still carry while they come down: a peak
-    above it rests on forces locked into the joints, and so on the way they were loaded. ``displacement`` (m) is that of
-    the block that has moved most since the dead-load equilibrium. It, the mechanism and the blocks are those at the
-    limit.
+    ``load_factor`` is V of the yield point and shares its bracket: that of the limit, or of a higher peak on the path.
+    ``angle`` (deg) is the tilt at that load factor, ``time`` (s) when the table reaches it at its rate, None without a
+    rate; both are None for a pushover. ``mechanism_load_factor`` is the load that the blocks still carry during the
+    collapse: a peak above it depends on forces locked into the joints, and so on the load path. ``displacement`` (m) is
+    that of the block that has moved furthest since the dead-load equilibrium. Displacement, mechanism and blocks are
+    those at the limit.
     """
     point = run.yield_point
     V, rate = present(point.V), control.rate

@@ -1,5 +1,5 @@
 """Yield domains of one joint by theory and by simulation, side by side, as rows for tables, files and plots.
-That of a joint with cohesion that it keeps takes a search in each direction, one after the other.
+For a joint with lasting cohesion, the directions are searched one after the other.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = ["DomainJoint", "Request", "by_simulation", "by_theory", "simulate_dom
 
 @dataclass(frozen=True)
 class DomainJoint:
-    """The joint that a domain is drawn for: ``polygon`` (m, 2) about its centroid along t1 and t2 (m),
+    """Joint of a yield domain: ``polygon`` (m, 2) about its centroid along t1 and t2 (m),
     counter-clockwise; ``friction``; ``normal_force`` (N) through ``eccentricity`` (m, from the centroid); ``cohesion``
     (Pa), which the joint keeps as it slips."""
 
@@ -51,7 +51,7 @@ class DomainJoint:
             if not (math.isfinite(value) and value > 0.0):
                 raise ScenarioError(f"{name} = {value!r} is out of range: a domain needs one greater than 0")
         place = np.array([self.eccentricity], float)
-        # a joint of several feet holds N between them as well
+        # a joint of several pieces can carry N between them as well
         outside = float(polygons.distance_outside(place, theory.polygons.convex_hull(self.polygon))[0])
         if self.cohesion == 0.0 and not outside <= 1e-9 * float(np.abs(self.polygon).max()):
             raise ScenarioError(
@@ -69,7 +69,7 @@ class DomainJoint:
 
     @staticmethod
     def from_corners(corners, friction: float, normal_force: float, **options) -> DomainJoint:
-        """A convex polygon by its corners (m, 2), wherever its origin is and whichever way round it goes."""
+        """A convex polygon by its corners (m, 2), with any origin and orientation."""
         polygon = theory.polygons.as_polygon(corners)
         if not theory.polygons.is_convex(polygon):
             raise ScenarioError("the polygon is not convex: a joint between two convex faces always is")
@@ -102,15 +102,15 @@ class DomainJoint:
 
     @property
     def edges(self) -> tuple[float, float] | None:
-        """(a, b) of a rectangle along t1 and t2, None of another polygon."""
+        """(a, b) of a rectangle along t1 and t2; None for another polygon."""
         a, b = (float(edge) for edge in np.ptp(self.polygon, axis=0))
         straight = len(self.polygon) == 4 and abs(polygons.area(self.polygon) - a * b) <= 1e-9 * a * b
         return (a, b) if straight else None
 
     @property
     def has_several_feet(self) -> bool:
-        """Whether blocks of several parts touch in several polygons, here strung together."""
-        return len(np.unique(self.polygon, axis=0)) < len(self.polygon)  # the walk round them comes back to a corner
+        """Whether the joint has several pieces, of blocks of several parts, here strung together into one outline."""
+        return len(np.unique(self.polygon, axis=0)) < len(self.polygon)  # the outline passes through a corner twice
 
     def as_dict(self) -> dict:
         """As in the JSON output; a and b are null unless the joint is a rectangle."""
@@ -128,7 +128,7 @@ class DomainJoint:
 
 @dataclass(frozen=True)
 class Request:
-    """Request for a domain: ``space`` and ``shear_angle`` as of ``yield_domain.directions``, ``height`` (m) of the
+    """Request for a domain: ``space`` and ``shear_angle`` as for ``yield_domain.directions``, ``height`` (m) of the
     load above the joint, ``pressure`` of the convex joint, ``points`` of ``distributed``, ``tolerance`` of replays."""
 
     space: str = "quarter"
@@ -139,11 +139,11 @@ class Request:
     tolerance: float = 1e-3
 
     def pressure_of(self, formulation: str) -> str:
-        """The pressure, where the formulation has one."""
+        """Pressure of a formulation; "full" unless it has a choice."""
         return self.pressure if formulation == "convex" else "full"
 
     def points_of(self, formulation: str) -> tuple[int, int] | None:
-        """The points, where the formulation has a choice."""
+        """Points of a formulation; None unless it has a choice."""
         return self.points if formulation == "distributed" else None
 
 
@@ -161,7 +161,7 @@ def _check(joint: DomainJoint, formulations: Sequence[str], request: Request) ->
 
 
 def _formulation(joint: DomainJoint, name: str, request: Request, continuum: bool) -> theory.Formulation:
-    """The joint by theory; with ``continuum`` a dry distributed one is the limit that its points tend to."""
+    """Theory of the joint; with ``continuum`` a dry distributed one is the limit of infinitely many points."""
     if name == "convex" or (name == "distributed" and continuum and joint.cohesion == 0.0):
         pressure = request.pressure if name == "convex" else "linear"
         return theory.polygon_formulation(joint.polygon, joint.friction, pressure, joint.cohesion)
@@ -211,8 +211,8 @@ def simulate_domain(
 ) -> YieldDomain:
     """The yield domain of a joint by simulation: a replay in each of ``count`` directions, all in one compiled call.
 
-    The joint is a rectangle a x b or a convex ``polygon`` of corners (m, 2) in m; with ``cohesion`` (Pa), which it
-    keeps, the directions are searched one after the other. ``request``: space, shear_angle, height, pressure, points,
+    The joint is a rectangle a x b or a convex ``polygon`` of corners (m, 2) in m; with lasting ``cohesion``
+    (Pa) the directions are searched one after the other. ``request``: space, shear_angle, height, pressure, points,
     tolerance, see :class:`Request`. The result has ``points`` (V_1, V_2, M_T), the bracket
     of each in ``limits``, and ``convexity()`` and ``normality()``.
     """
@@ -253,8 +253,8 @@ def by_simulation(
     request: Request | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> tuple[list[dict], dict]:
-    """A row for each of ``count`` directions and each formulation, with its bracket and its error against theory, and
-    for each formulation what the points say of the set: convexity, normality, greatest error against theory."""
+    """Rows, one for each of ``count`` directions and each formulation, with bracket and error against theory; and
+    checks of the domain of each formulation: convexity, normality, greatest error against theory."""
     request = request or Request()
     _check(joint, formulations, request)
     rows, checks = [], {}
@@ -272,7 +272,7 @@ def by_simulation(
         expected = _limits(joint, _formulation(joint, name, request, continuum=False), domain.load, request.height)
         error = limits.V / expected - 1.0
         for i, point in enumerate(domain.points):
-            # the load keeps its direction: both components carry the same relative error
+            # the load keeps its direction: both components have the same relative error
             row = _row(name, "DEM", point, float(limits.half_width[i] * np.hypot(*domain.load[i, :2])), request)
             shear = row["V"]
             row |= {"V_lower": float(shear * limits.V_lower[i] / limits.V[i])}
@@ -291,7 +291,7 @@ def by_simulation(
 
 
 def _row(name: str, source: str, point, half: float | None, request: Request) -> dict:
-    """V is the shear along the direction of the plane; over the whole sphere its size."""
+    """Row of a point; V is the size of the shear force, signed if ``space`` is "plane"."""
     V_1, V_2, M_T = (float(value) + 0.0 for value in point)
     turned = math.radians(request.shear_angle)
     V = math.hypot(V_1, V_2)

@@ -1,13 +1,13 @@
-"""Effects that a joint law leaves out of a collapse, in numbers: laws that carry more, or less, than the stone would.
+"""Effects that joint laws leave out of a collapse, in numbers: a law may carry more, or less, than stone would.
 
-Each formulation simplifies a joint at the place where a collapse uses it. ``convex`` joints with ``full`` pressure keep
-the friction and the torsion of their whole polygon if their resultant stands at an edge, where a linear pressure has
-next to nothing left to turn against. ``corrected`` joints press at points drawn in by s, and topple at that share of
-the angle. ``distributed`` points stop short of the edge that a block rocks about. Beside each stands the bound of limit
-analysis with points at the true corners: no joint of linear pressure carries more (see `limit_analysis.strength`).
-Blocks that rock on ``convex`` or ``distributed`` joints roll over a bed of springs at each impact, and keep more of
-their speed than rigid ones that strike on a corner (Housner 1963). Contacts that take over from a joint neither crush
-nor dilate, and know no law of the user's own.
+Each formulation simplifies a joint just where a collapse uses it. ``convex`` joints with ``full`` pressure keep the
+friction and torsion strength of the whole polygon even if the resultant stands at an edge, where a linear pressure
+leaves almost no torsion strength. ``corrected`` joints press at points drawn in by the factor s, and topple at that
+share of the angle. ``distributed`` points stop short of the edge about which a block rocks. Each remark states the
+bound of limit analysis with points at the true corners: no joint of linear pressure carries more (see
+`limit_analysis.strength`). Blocks that rock on ``convex`` or ``distributed`` joints roll over a bed of springs at each
+impact, and keep more of their speed than rigid blocks that strike on a corner (Housner 1963). Contacts that replace a
+joint neither crush nor dilate, and do not follow a law of the user's own.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 AT_EDGE = 0.95  # of the way from O to an edge: a resultant beyond it stands at the edge
-ROCKS = 0.01  # rad, from where a block rocks, whatever its joints are
+ROCKS = 0.01  # rad: a greater turn is rocking, whatever the joints are
 LIFTED = 20.0  # times the depth to which all weight presses a joint, over its width: a turn with a third of it pressed
-_MOVES = 0.01  # of the greatest tilt or slip: a joint that does less does not
+_MOVES = 0.01  # of the greatest tilt or slip: a joint that moves less counts as still
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """``law``: formulation, or key of the law; ``joints``: numbers of those meant; ``bound``: load factor with points
-    at the true corners (infinite if nothing limits it, None if it was not computed); ``text``: a sentence of it."""
+    """A remark. ``law``: formulation, or key of the law; ``joints``: numbers of the joints concerned; ``bound``: load
+    factor with points at the true corners (infinite if unlimited, None if not computed); ``text``: a sentence."""
 
     law: str
     joints: np.ndarray
@@ -53,11 +53,11 @@ def left_out(
     tilt: bool,
     bounded: bool = True,
 ) -> list[LeftOut]:
-    """Remarks on what the laws of a collapse at ``load_factor`` leave out; empty if there is nothing to say.
+    """Remarks on effects that the laws leave out of a collapse at ``load_factor``; empty if there are none.
 
     ``resultants`` (j, >= 6): N, V_1, V_2, M_T, M_1, M_2 of the joints at the collapse; ``moves`` (j, 3): how far their
     rims slide, turn about the normal and tilt (m, any scale); ``tilt``: whether the factor is the tangent of a table's
-    angle. ``bounded``: whether the bound is computed. Raises MissingDependency without the extra ``limit`` then.
+    angle. ``bounded``: whether the bound is computed; it raises MissingDependency without the extra ``limit``.
     """
     joints = assembly.joints
     law = np.array([one.formulation for one in joints.law], dtype="U16")
@@ -123,8 +123,8 @@ def rolled_over(assembly: Assembly, turned: np.ndarray) -> list[LeftOut]:
 
 
 def handed_over(assembly: Assembly, joints: np.ndarray) -> list[LeftOut]:
-    """Remarks on ``joints`` (j,) of which contacts have taken over, where these leave a part of the law; empty if they
-    leave none."""
+    """Remarks on ``joints`` (j,), a mask, replaced by contacts that leave out a part of the joint law; empty without
+    any."""
     laws = assembly.joints.law
     leave = {
         "compressive_strength": ([one.compressive_strength is not None for one in laws], "do not crush"),
@@ -152,8 +152,8 @@ def _count(joints: int) -> str:
 
 
 def _towards_edge(polygon: np.ndarray, resultant: np.ndarray) -> float:
-    """How far the centre of pressure of a joint has gone from O to the edge that it is nearest to: 1 on the edge. Of
-    several pieces those edges count about which a block can rock."""
+    """Position of a joint's centre of pressure from O (0) to its nearest edge (1). For a joint of several pieces, the
+    edges about which a block can rock count."""
     centre = np.array([resultant[5], -resultant[4]]) / resultant[0]
     hull = convex_hull(polygon)
     edge = np.roll(hull, -1, axis=0) - hull

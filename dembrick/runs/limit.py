@@ -33,8 +33,8 @@ from dembrick.views.summary import listed
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-SLIDES, PRESSES = 1e-3, 1e-6  # of the greatest move, and of the greatest N: what slides, and what presses
-ROUNDING = 1e-8  # of what is carried: what the solver of cones leaves of zero
+SLIDES, PRESSES = 1e-3, 1e-6  # of the greatest motion, and of the greatest N: joints that slide, and that press
+ROUNDING = 1e-8  # of the carried weight: what the cone solver leaves of a zero
 ACROSS = 0.05  # cosine of a direction that points neither to the blocks nor away from them
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
@@ -43,9 +43,9 @@ SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 class LimitResult:
     """The limit of a ``scenario``'s load by rigid-block limit analysis of its ``assembly``, associative flow.
 
-    ``limit``: load factor with its bounds, joint forces, mechanism. ``load_factor`` is V in N where actuators push.
-    ``second_opinion``: without dilatancy, a heuristic, if it was asked for. ``left_out``: what the joint laws leave
-    out; ``remarks``: sentences on what the answer means; ``wall``: seconds.
+    ``limit``: load factor with its bounds, joint forces, mechanism. ``load_factor`` is V in N if actuators push.
+    ``second_opinion``: heuristic without dilatancy, if asked for. ``left_out``: effects that the joint laws leave out;
+    ``remarks``: sentences on the meaning of the answer; ``wall``: seconds.
     """
 
     scenario: Scenario
@@ -83,7 +83,7 @@ class LimitResult:
 
     @property
     def angle(self) -> float | None:
-        """Of a tilting table (deg); 90 where it stands at any tilt."""
+        """Angle of a tilting table (deg); 90 if the blocks stand at any tilt."""
         return self.scenario.control.angle(self.load_factor)
 
     @property
@@ -169,10 +169,10 @@ class LimitResult:
 
 @dataclass
 class ReactionResult:
-    """Reaction of ``support`` along ``direction``, what it exerts on the other blocks: its ``least`` and ``greatest``
-    value (N) in the equilibria of a ``scenario`` and its ``assembly``; ``wall``: seconds.
+    """Reaction that ``support`` exerts on the other blocks along ``direction``: its ``least`` and ``greatest`` value
+    (N) over all equilibria of a ``scenario`` and its ``assembly``; ``wall``: seconds.
 
-    ``towards``: cosine between ``direction`` and the way from the support to the centre of the free blocks.
+    ``towards``: cosine between ``direction`` and the vector from the support to the centre of the free blocks.
     """
 
     scenario: Scenario
@@ -211,9 +211,9 @@ class ReactionResult:
 
     @property
     def push(self) -> dict | None:
-        """How the support pushes the other blocks: its ``least`` and ``greatest`` size (N, None if unlimited), the
-        direction ``along`` which it does (3), and whether that is "inward", towards them, or "outward", away from them
-        (None if it is across); None if it may push either way, or not at all."""
+        """Push of the support on the other blocks: its ``least`` and ``greatest`` size (N, None if unlimited), its
+        direction (``along``, (3,)), and its ``side``: "inward", towards them, "outward", away from them, or None if it
+        is across; None if it may push either way, or not at all."""
         low, high = self.least.value, self.greatest.value
         if low < 0.0 < high or low == high == 0.0:
             return None
@@ -256,8 +256,8 @@ def limit(
     heuristic: bool = False,
     report: Callable[[str], None] | None = None,
 ) -> LimitResult | StandingResult:
-    """Rigid-block limit analysis of a scenario (or the TOML file of one): the greatest load of its control, or of
-    ``kind = "statics"``, which has none, whether it stands: a `StandingResult`, see `limit_cases.stands`.
+    """Rigid-block limit analysis of a scenario (or the TOML file of one): the greatest load of its control; or, for
+    ``kind = "statics"``, which has no load, whether it stands: a `StandingResult`, see `limit_cases.stands`.
 
     Supports, loads and joints are those of the search; ``heuristic`` adds the second opinion without dilatancy. Raises
     ScenarioError for input that is no test or has no load, NotConvergedError if it does not stand under its dead
@@ -303,7 +303,7 @@ def reaction(
 ) -> ReactionResult:
     """Least and greatest reaction of a ``support``, a fixed block or a group, along ``direction`` under the dead loads.
 
-    Of a scenario with stages that leave the geometry of the start, before the first of them. Errors as for
+    For a scenario with stages that change the geometry: before the first of these. Errors as for
     :func:`limit`.
     """
     began = time.perf_counter()
@@ -344,12 +344,12 @@ def range_along(scenario: Scenario, assembly: Assembly) -> dict:
     (path,) = scenario.control.support_paths
     moving = np.unique([i for name in path.supports for i in scenario.members(name)])
     way = np.array(path.displacement)
-    ends = reaction_range(assembly, moving, -way / np.linalg.norm(way))  # what they do to the structure is against it
+    ends = reaction_range(assembly, moving, -way / np.linalg.norm(way))  # the action on the structure is opposite
     return {name: _finite(end.value) for name, end in zip(("least", "greatest"), ends, strict=True)}
 
 
 def named(direction: Sequence[float]) -> str:
-    """A direction by the axis that it is, -x, or by its three numbers."""
+    """Text for a direction: its axis, such as -x, or its three components."""
     for axis, name in enumerate("xyz"):
         if abs(direction[axis]) == 1.0:
             return f"{'-' if direction[axis] < 0.0 else '+'}{name}"
@@ -366,7 +366,7 @@ def associative_bound(assembly: Assembly, control: Control) -> dict | None:
 
 
 def sliding_joints(assembly: Assembly, control: Control) -> int:
-    """How many joints that press slide in the mechanism of limit analysis; 0 if nothing limits the load. Raises as
+    """Number of pressed joints that slide in the mechanism of limit analysis; 0 if nothing limits the load. Raises as
     :func:`limit` does."""
     found = analysis.limit_load(assembly, tilt=control.tilt_axis is not None)
     if found.unlimited:
@@ -378,18 +378,18 @@ def sliding_joints(assembly: Assembly, control: Control) -> int:
 
 
 def cheaper_than(seconds: float, assembly: Assembly) -> bool:
-    """Whether limit analysis of an assembly is there and surely costs less than a search that took ``seconds``."""
+    """Whether limit analysis is installed and surely takes less than ``seconds`` for an assembly."""
     return expected_seconds(assembly) < seconds and solver.installed()
 
 
 def expected_seconds(assembly: Assembly) -> float:
-    """About how long limit analysis of an assembly takes (s), imports of its packages included."""
+    """Estimated time of limit analysis of an assembly (s), imports of its packages included."""
     blocks = int((~assembly.fixed).sum())
     return 0.5 + SECONDS_A_BLOCK * blocks * max(1.0, blocks / 1000.0) ** 0.5
 
 
 def _moves(assembly: Assembly, found: analysis.Limit) -> np.ndarray:
-    """How far the rims of the joints slide, turn about the normal and tilt in the mechanism (j, 3)."""
+    """Motion (j, 3) of the rims of the joints in the mechanism: by sliding, turning about the normal, and tilting."""
     moved = present(found.mechanism).relative
     reach = np.array([np.abs(joint.polygon).max() for joint in assembly.joints])
     return np.stack(
@@ -413,13 +413,13 @@ def _unlimited(control: Control) -> str:
 
 
 def _digits(found: analysis.Limit) -> int:
-    """Digits of the load factor that its bounds leave."""
+    """Significant digits of the load factor that its bounds justify."""
     gap = max(found.gap, 1e-10)
     return int(min(9, max(4, math.floor(-math.log10(gap)) + 1)))
 
 
 def _without_rounding(end: Extreme, carried: float) -> Extreme:
-    """An end whose values that are rounding beside all that is ``carried`` (N) are zero."""
+    """``end`` with values set to zero if they are rounding errors relative to the ``carried`` weight (N)."""
     reached, bound = (0.0 if abs(value) <= ROUNDING * carried else value for value in (end.reached, end.bound))
     return replace(end, reached=reached, bound=bound)
 

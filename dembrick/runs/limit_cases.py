@@ -1,4 +1,4 @@
-"""Questions to limit analysis: the scenario of a quasi-static load, its assembly and the names of blocks; and whether
+"""Preparation of limit analysis: the scenario with a quasi-static load, its assembly and names of blocks; and whether
 rigid blocks stand under their dead loads, stands(scenario) -> StandingResult.
 """
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 
 def searched(scenario: Scenario) -> Scenario:
-    """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static one,
-    in the geometry of the start. ScenarioError if a stage before leaves another geometry."""
+    """The scenario for limit analysis: in the geometry of the start, with the quasi-static load for a tilt or a push in
+    real time. ScenarioError if an earlier stage changes the geometry."""
     settled = _settled(scenario)
     if settled is not None:
         kind = show(scenario.stages[settled - 1].kind)
@@ -49,7 +49,7 @@ def searched(scenario: Scenario) -> Scenario:
 
 
 def at_start(scenario: Scenario) -> tuple[Scenario, str | None]:
-    """The scenario up to where it leaves the geometry of the start, and a remark on what that is; None if it stays."""
+    """The scenario up to the first stage that changes the geometry, and a remark on that; None if no stage does."""
     settled = _settled(scenario)
     if settled is None:
         return scenario, None
@@ -61,12 +61,12 @@ def at_start(scenario: Scenario) -> tuple[Scenario, str | None]:
 
 
 def _settled(scenario: Scenario) -> int | None:
-    """Number of the first stage that leaves another geometry."""
+    """Number of the first stage that changes the geometry; None if none does."""
     return next((k for k, stage in enumerate(scenario.stages, 1) if stage.in_deformed_geometry), None)
 
 
 def check_bound(scenario: Scenario) -> None:
-    """Refuse a run of which limit analysis has nothing to say: ScenarioError, or MissingDependency without it."""
+    """Raise ScenarioError for a run that limit analysis cannot bound, MissingDependency without its solver."""
     control = scenario.control
     if control.regime is SETTLEMENT:
         paths = control.support_paths
@@ -85,7 +85,7 @@ def check_bound(scenario: Scenario) -> None:
 def assembled(
     given: Scenario | str | os.PathLike, began: float, report: Callable[[str], None] | None
 ) -> tuple[Scenario, Assembly, float]:
-    """A scenario as limit analysis looks at it, its assembly, and the seconds that took; `report` hears warnings."""
+    """A scenario for limit analysis, its assembly, and the seconds since ``began``; ``report`` receives warnings."""
     solver.require()
     scenario = searched(given if isinstance(given, Scenario) else load(given))
     assembly = assemblies.assemble(scenario)
@@ -106,8 +106,8 @@ SQUEEZE = "forces that balance the dead loads exist; blocks find none that need 
 
 @dataclass
 class StandingResult:
-    """Result of limit analysis of the dead loads of a ``scenario`` and its ``assembly`` alone. ``found``: with the
-    least out-of-balance and the mechanism; ``wall``: seconds."""
+    """Result of limit analysis under the dead loads alone, of a ``scenario`` and its ``assembly``. ``found``:
+    the answer with the least out-of-balance force and the mechanism; ``wall``: seconds."""
 
     scenario: Scenario
     assembly: Assembly
@@ -147,7 +147,7 @@ class StandingResult:
 def stands(scenario: Scenario | str | os.PathLike, *, report: Callable[[str], None] | None = None) -> StandingResult:
     """Whether any joint forces within their strengths balance the dead loads of a scenario, whatever its control.
 
-    The static theorem: if none do, no rigid blocks stand; if some do, elastic joints may still not find them. Raises
+    By the static theorem, blocks fall if there are none; if there are some, elastic joints may not reach them. Raises
     ScenarioError for input that is no test, NotConvergedError if the solver fails, MissingDependency without the extra
     ``limit``.
     """

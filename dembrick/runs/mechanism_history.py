@@ -1,8 +1,8 @@
-"""The structure before a run, and the mechanism of limit analysis, as histories: what draws a history draws them.
+"""The structure before a run, and the mechanism of limit analysis, as histories, so that the same code draws them.
 
-A mechanism has two frames: the structure at rest, and its velocities times a time in which the farthest corner moves a
-little. Rows and joint forces are those of the limit state in both, of a table at its angle. A structure before a run
-has one frame and no force.
+A mechanism has two frames: the structure at rest, and moved by its velocities for a time in which the farthest corner
+moves a little. Rows and joint forces of both are those of the limit state; for a tilting table, at its angle. A
+structure before a run has one frame and no force.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from dembrick.scenario.controls import Control
     from dembrick.scenario.model import Scenario
 
-SEEN = 0.12  # of the largest block: how far the farthest corner moves
+SEEN = 0.12  # of the size of the largest moving block: how far the farthest corner moves
 
 
 def write(result, path: str | os.PathLike, force: bool = False) -> str:
-    """Write a history of the mechanism of a `LimitResult`; its path."""
+    """Write a history of the mechanism of a `LimitResult`; return its path."""
     from dembrick.simulation.limit_analysis.analysis import dead_wrench, live_wrench
 
     if result.limit.mechanism is None:
@@ -74,7 +74,7 @@ def write(result, path: str | os.PathLike, force: bool = False) -> str:
 
 
 def _guide(state: State, loads: np.ndarray) -> None:
-    """Have the guides of a ``state`` bear what joints and ties leave of the ``loads`` (n, 6) where they hold blocks."""
+    """Set the guide forces of a ``state`` to what balances ``loads`` (n, 6), joints and ties in held directions."""
     from dembrick.kernels.statics.record import write_reactions
 
     blocks, borne = state.blocks, np.zeros_like(loads)
@@ -85,7 +85,7 @@ def _guide(state: State, loads: np.ndarray) -> None:
 
 
 def before_a_run(scenario: Scenario, assembly: Assembly) -> AbstractContextManager[history.History]:
-    """A history of one frame that goes away again: the structure as the scenario describes it, at rest."""
+    """Context with a temporary history of one frame: the structure as the scenario describes it, at rest."""
 
     def start(path: str) -> None:
         text = scenarios.text_of(scenario)
@@ -102,7 +102,7 @@ def before_a_run(scenario: Scenario, assembly: Assembly) -> AbstractContextManag
 
 
 def _rows(assembly: Assembly, control: Control, count: int) -> dict[str, np.ndarray]:
-    """So many rows in which nothing has happened, but for joint forces and energies."""
+    """``count`` rows in which nothing has happened yet, without joint forces and energies."""
     fields = [field for field in recorded(assembly, ("frames",), control) if field.grows_by == ROWS]
     rows = {field.name: np.zeros((count, *field.shape)) for field in fields}
     return rows | {"time": np.arange(float(count))}
@@ -119,7 +119,7 @@ def _moving_supports(scenario: Scenario, assembly: Assembly) -> dict[str, list[f
 
 
 def _frames(assembly: Assembly, control: Control, displacement: np.ndarray, orientation: np.ndarray) -> dict:
-    """Frames (f, ...) of what has not been run: all bonds hold, as in limit analysis, and nothing else has happened."""
+    """Frames (f, ...) of these motions: all bonds are intact, as in limit analysis, and other channels are zero."""
     count = len(displacement)
     fields = [field for field in recorded(assembly, ("frames",), control) if field.grows_by == FRAMES]
     frames = {field.name: np.zeros((count, *field.shape)) for field in fields if field.fill is None}
@@ -129,7 +129,7 @@ def _frames(assembly: Assembly, control: Control, displacement: np.ndarray, orie
 
 
 def picture(result, path: str | os.PathLike, **look) -> str:
-    """Write a PNG of the mechanism; ``look`` as for `render.picture`; its path."""
+    """Write a PNG of the mechanism; ``look`` as for `render.picture`; return its path."""
     from dembrick.views import render
 
     with temporary(lambda file: write(result, file)) as found:
@@ -137,7 +137,7 @@ def picture(result, path: str | os.PathLike, **look) -> str:
 
 
 def _moved(assembly: Assembly, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement (n, 3) and orientation (n, 4) of every block, to the scale that is seen."""
+    """Displacement (n, 3) and orientation (n, 4) of every block, scaled so that the motion is visible."""
     size, fastest = 0.0, 0.0
     for shape, rotation, own in zip(assembly.shapes, assembly.rotation, velocity, strict=True):
         if own.any():

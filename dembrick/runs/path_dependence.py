@@ -1,11 +1,11 @@
-"""How far the limit of a search depends on the path: what other paths may bear, and how that is told.
+"""Path dependence of the limit of a search: what is proven of other load paths, and the limits found on them.
 
-Friction without dilatancy has no unique limit load: what the joints carry when a mechanism forms depends on how they
-were loaded, and a squeeze that is locked in makes contacts carry that carry nothing without it. A search follows one
-path, from a start without forces locked in (or from what its stages leave). That no path bears more is proven by its
+Friction without dilatancy has no unique limit load: the joint forces at which a mechanism forms depend on the load
+history, and locked-in forces let contacts carry that carry nothing otherwise. A search follows one path, from a start
+without locked-in forces (or from the state that its stages leave). That no path carries more is proven by its
 mechanism, if normality allows it (`simulation.statics.paths.other_paths`), or if the limit reaches the load A of limit
-analysis with associative flow, which bounds every admissible state. That none bears less takes a proof of its own:
-a path may end below A by another mechanism, and normal forces that neither the load nor a squeeze changes exclude it.
+analysis with associative flow, which bounds every admissible state. That none carries less needs a proof of its own: a
+path may end below A by another mechanism, unless neither the load nor locked-in forces can change the normal forces.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from dembrick.simulation.statics.load_system import Replay
 
 
-REACHED = 1e-6  # of V: a bound that is no higher than that above the bracket is reached
-BEYOND = 2e-3  # of a bound: how far a limit may seem to lie above it, by the tolerance of the search
-PATIENCE, LONG = 2.0, 30.0  # s that limit analysis may take whatever the search took, and if that found no upper end
+REACHED = 1e-6  # of V: a bound no higher than that above the bracket counts as reached
+BEYOND = 2e-3  # of a bound: how far a limit may lie above it within the tolerance of the search
+PATIENCE, LONG = 2.0, 30.0  # s that limit analysis may take after any search, and after one without an upper bound
 
 
 def has_paths(assembly: Assembly) -> bool:
@@ -47,8 +47,8 @@ def has_paths(assembly: Assembly) -> bool:
 
 
 class OtherPaths(NamedTuple):
-    """Knowledge of all paths to the limit load of a structure: whether none bears more than the limit that was
-    found, whether none bears less, and the associative ``bound`` if it was asked for, or why it gave ``no_bound``."""
+    """Proofs on all load paths of a structure: whether none carries more than the limit found, whether none
+    carries less, and the associative ``bound`` if it was computed, or why there is ``no_bound``."""
 
     no_path_above: bool
     no_path_below: bool
@@ -57,7 +57,7 @@ class OtherPaths(NamedTuple):
 
     @property
     def path_dependent(self) -> bool:
-        """Whether another path of the same structure may bear more or less, as far as is proven."""
+        """Whether another path of the same structure may carry more or less: False only if proven."""
         return not (self.no_path_above and self.no_path_below)
 
     def as_dict(self) -> dict:
@@ -71,10 +71,10 @@ class OtherPaths(NamedTuple):
 
 
 def other_paths(run: Replay, assembly: Assembly, control: Control, asked: bool = False) -> OtherPaths:
-    """Knowledge of all paths to the limit of a search.
+    """Find what is proven of all paths to the limit of a search.
 
-    Limit analysis is made if it is ``asked`` for, or if nothing else proves that no path bears more and it costs less
-    than the search (or little).
+    Limit analysis is run if it is ``asked`` for, or if nothing else proves that no path carries more and it costs
+    little or less than the search.
     """
     from dembrick.runs.limit import associative_bound
 
@@ -90,12 +90,12 @@ def other_paths(run: Replay, assembly: Assembly, control: Control, asked: bool =
             reason = str(error)
     reached = bound is not None and bound["lower"] <= reach_of(point)
     if bound is not None and not determinate:
-        alone = reached  # what limit analysis shows to be balanced, a path may bear
+        alone = reached  # a path may carry what limit analysis balances
     return OtherPaths(alone or reached, determinate, bound, reason)
 
 
 def _affordable(run: Replay, assembly: Assembly) -> bool:
-    """Whether limit analysis is there and costs less than the search did (or little)."""
+    """Whether limit analysis is installed and costs little or less than the search."""
     from dembrick.runs.limit import cheaper_than
 
     open_ended = run.yield_point.bracket == "open" or run.settings.get("wanders")
@@ -103,10 +103,10 @@ def _affordable(run: Replay, assembly: Assembly) -> bool:
 
 
 def within(point: YieldPoint, bound: dict | None) -> YieldPoint:
-    """``point`` with a bracket that ends at the associative ``bound``, where that is known and cuts it; V is then the
-    middle, unless it lies below the bound anyway, or the bound itself where the search proved nothing below.
+    """``point`` with its bracket cut at the associative ``bound``, if that is known and lower. V stays if it is below
+    the bound; else it is the middle of the new bracket, or the bound itself if the search has no lower bound.
 
-    BracketError if the limit lies above the bound by more than the search can be off: one of them is wrong then.
+    BracketError if the limit exceeds the bound by more than the error of the search, as one of them is then wrong.
     """
     if bound is None or point.V is None or max(point.V, point.V_upper or -math.inf) <= bound["upper"]:
         return point
@@ -122,13 +122,13 @@ def within(point: YieldPoint, bound: dict | None) -> YieldPoint:
 
 
 def reach_of(point: YieldPoint) -> float:
-    """The load up to which other loads count as that of ``point``: the end of its bracket, and rounding."""
+    """The load up to which others count as equal to that of ``point``: the end of its bracket, plus rounding."""
     return max(present(point.V), point.V_upper or -math.inf) + REACHED * abs(present(point.V))
 
 
 def _mechanism_allows_no_more(run: Replay) -> bool:
-    """Whether the mechanism at the limit proves that no path bears more; not after a peak, and not where blocks snap
-    on and on."""
+    """Whether the mechanism at the limit proves that no path carries more; False after a peak, and if blocks keep
+    snapping."""
     point = run.yield_point
     if point.V_after is not None or point.bracket == "open" or run.settings.get("wanders"):
         return False
@@ -140,15 +140,15 @@ def beside_limit(run: Replay, assembly: Assembly, scenario: Scenario, others: Ot
     """Entries beside the limit load of a search of several joints or of a collapse; None if nothing limits the
     load.
 
-    ``slides``: joints that carry slide in the mechanism, so that the stiffness of joints may move the limit.
-    ``associative``: load factor (V in N of actuators) of limit analysis with its bounds, if it was asked for; else
+    ``slides``: loaded joints slide in the mechanism, so that the joint stiffness may change the limit.
+    ``associative``: load factor (V in N of actuators) of limit analysis with its bounds, if it was computed; else
     None, and ``no_bound`` says why it failed, if it did. ``no_path_above``, ``path_dependent``: see `OtherPaths`;
-    ``digits_open``: the stiffness may move the limit, and nothing tells how far. ``locked_in``: the stages before may
-    have left forces in the joints. ``left_out``: what the joint laws leave out of the collapse. ``wanders``: from where
-    to where the load goes on rising and falling, as blocks snap from one state into another; None where it comes to a
-    limit or has passed a peak; half of that is then the ``error_estimate``. ``--refine`` adds ``path_range``, the load
-    factors that other stiffness ratios, steps and locked-in forces lead to, ``paths``, how many of them found a limit,
-    of how many, and ``error_estimate``, how far the range goes.
+    ``digits_open``: the stiffness may change the limit by an unknown amount. ``locked_in``: earlier stages may have
+    left forces in the joints. ``left_out``: effects that the joint laws leave out of the collapse. ``wanders``: range
+    in which the load keeps rising and falling as blocks snap between states, half of which is the ``error_estimate``;
+    None if the load reaches a limit or has passed a peak. ``--refine`` adds ``path_range``, the load factors found
+    with other stiffness ratios, steps and locked-in forces, ``paths``, how many paths found a limit and how many there
+    are, and ``error_estimate``, how far the range goes.
     """
     point = run.yield_point
     if point.V is None:
@@ -187,8 +187,8 @@ def _left_out(run: Replay, assembly: Assembly, control: Control) -> list[dict]:
 
 
 def ranged(beside: dict, V: float, factors: list[float], tried: int) -> dict:
-    """``beside`` with the range of V and the load ``factors`` that other paths found, of so many ``tried``; no further
-    than the associative bound, if that is known."""
+    """``beside`` with the range of V and the load ``factors`` of other paths, of which so many were ``tried``; at most
+    up to the associative bound, if that is known."""
     low, high = min(*factors, V), max(*factors, V)
     if beside.get("associative") is not None:
         high = max(V, min(high, beside["associative"]["upper"]))
@@ -197,19 +197,19 @@ def ranged(beside: dict, V: float, factors: list[float], tried: int) -> dict:
     return beside | {"path_range": [low, high], "paths": paths, "error_estimate": error}
 
 
-# the limit load of a scenario by a number of steps over the usual, of an assembly in place of its own, from a state
+# limit load of a scenario, by steps relative to the usual ones, of an assembly in place of its own, from a state
 Search = Callable[..., float]
 REVERSED = 0.9  # of the limit of the reversed load
-PRESSED = (2.0, 0.5, 0.1)  # of the weight of all blocks: what presses a joint, less if the blocks do not stand it
+PRESSED = (2.0, 0.5, 0.1)  # of the weight of all blocks: forces that press a joint, tried until the blocks stand
 
 
 class NoSuchHistory(NotConvergedError):
-    """A history that the blocks do not stand."""
+    """A load history under which the blocks do not stand."""
 
 
 def histories(run: Replay, scenario: Scenario, search: Search) -> list[Callable[[], float]]:
-    """The limit loads of ``scenario`` after other histories, to be called; each may raise NotConvergedError, and
-    NoSuchHistory if the blocks do not stand it."""
+    """Functions that find the limit load of ``scenario`` after other load histories; each may raise NotConvergedError,
+    and NoSuchHistory if the blocks do not stand under the history."""
     found: list[Callable[[], float]]
     found = [partial(_after_smooth_rest, scenario, search), partial(_after_reversed_load, scenario, search)]
     states = [run.state] if run.left is None else [run.state, run.left]
@@ -252,14 +252,14 @@ def _after_pressing(scenario: Scenario, search: Search, joints: np.ndarray) -> f
 
 
 def _let_go(assembly: Assembly, wrench: np.ndarray) -> State:
-    """The rest that is left after ``wrench`` (n, 6), N and N m, has acted on the blocks at rest and gone."""
+    """The equilibrium after ``wrench`` (n, 6), N and N m, was applied to the blocks at rest and removed."""
     force, torque = assembly.dead_force + wrench[:, :3], assembly.dead_torque + wrench[:, 3:]
     acts = replace(assembly, dead_force=force, dead_torque=torque)
     return _rest(assembly, _rest(acts, _rest(assembly)))
 
 
 def _rest(assembly: Assembly, start: State | None = None) -> State:
-    """The equilibrium under the dead loads; NotConvergedError without one."""
+    """The equilibrium under the dead loads; NoSuchHistory without one."""
     found = dead_load.find_rest(assembly, Session(start=start))
     if found.rest.stands is not True:
         raise NoSuchHistory("the blocks do not stand this history")

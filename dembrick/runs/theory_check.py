@@ -1,6 +1,6 @@
-"""Comparison with theory: undeformed geometry, N from statics, nothing from a run.
+"""Limit loads by theory, to compare with: from the undeformed geometry and N by statics, independent of a run.
 
-The engine and the search for the yield point never see this; it compares afterwards.
+The engine and the search for the yield point do not use them; the comparison comes afterwards.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ _NONE = 1e-12
 
 @dataclass(frozen=True)
 class Theory:
-    """Limit load ``V`` (N) by theory, the run's relative ``error`` against it (None before a run, or where theory is
+    """Limit load ``V`` (N) by theory, the run's relative ``error`` against it (None before a run, or if theory is
     zero), and how far the points of a joint are from the continuum that they stand for (``discretisation_error``,
-    relative; None where no continuum is meant)."""
+    relative; None if they stand for none)."""
 
     V: float
     error: float | None
     discretisation_error: float | None
 
     def compared(self, V: float) -> Theory:
-        """The same with the relative error of ``V``; None if theory is zero and the run is not."""
+        """A copy with the relative error of ``V``; None if theory is zero and ``V`` is not."""
         error = (V / self.V - 1.0) if self.V else (0.0 if V == 0.0 else None)
         return replace(self, error=error)
 
 
 def wrench(axes, arm, force, torque) -> np.ndarray:
-    """V_1, V_2, V_n, M_1, M_2, M_T about O in the joint's axes, of a force and torque at a centroid; arm to O."""
+    """V_1, V_2, V_n, M_1, M_2, M_T about O in the joint's axes, of a force and torque at a centroid; ``arm``: to O."""
     return np.concatenate([axes @ force, axes @ (torque - np.cross(arm, force))])
 
 
 def known_cohesion(law: JointLaw, after_slip: bool = False) -> float | None:
-    """The cohesion (Pa) with which theory knows a joint: of one that keeps its strength as it slips, and before slip of
-    one that has a single bond for all of its area; None of others, which break point by point, dilate or crush."""
+    """Cohesion (Pa) of a joint that theory covers: one that keeps its strength as it slips, or, before slip, one with a
+    single bond over all of its area; None for others, which break point by point, dilate or crush."""
     if law.dilation > 0.0 or law.compressive_strength is not None:
         return None
     keeps = law.cohesion_after == law.cohesion and law.friction_after == law.friction
@@ -65,7 +65,7 @@ def _continuum(polygon, friction: float, cohesion: float, normal: float, centre:
 def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
     """The limit load of the scenario by theory, or None if no theory holds: more than one joint, a joint that dilates,
     crushes, tears open or breaks point by point, a law of the user's own, ties, a load that changes the normal force,
-    or a continuum whose pressure is not found. ``after_slip``: of what a joint carries as it slides on."""
+    or a continuum whose pressure is not found. ``after_slip``: for a joint that may have slipped already."""
     if assembly.custom_law is not None:
         return None
     if len(assembly.joints) != 1 or len(assembly.ties) or assembly.supporting.sum() != 1 or len(assembly.names) != 2:
@@ -111,11 +111,11 @@ def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
         formulation = theory.point_formulation(*arms, law.friction, points.shear_arm, law.formulation, cohesion)
     V = limit(formulation)
     if not law.dry and V > theory.closed_until(formulation, normal, centre, overturning):
-        return None  # what opens before that loses its bond, or pulls by it
+        return None  # a joint that opens before that loses its bond, or is held by it
     gap = None
     if law.formulation == "distributed":
         try:
             gap = V / limit(*_continuum(polygon, law.friction, cohesion, normal, centre)) - 1.0
-        except NotConvergedError:  # by how much the points miss it is not known: no theory, rather than no gap
+        except NotConvergedError:  # the discretisation error is not known: no theory, rather than no gap
             return None
     return Theory(V, None, gap)
