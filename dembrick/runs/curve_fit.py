@@ -1,10 +1,10 @@
-"""Keys of a scenario that best explain measured curves of force over displacement, with their 95 % intervals.
+"""Fit keys of a scenario to measured force-displacement curves, with 95 % confidence intervals.
 
 Least squares on the logarithms of the keys (they are positive): sum(((V_sim(u_i) - V_i) / V_peak)^2) over all measured
 points. Intervals are those of the linearised problem (`fit_intervals`): all keys at once are within theirs with 95 %.
-Both ends are tried: the misfit there, with the other keys fitted again, must have risen as the linearised problem says.
-Where it has not, the end is searched for. A key that may go on by a factor of 100 is open at that end: the data do not
-determine it.
+Both ends are checked: the misfit there, with the other keys fitted again, must have risen as the linearised problem
+predicts; otherwise the end is searched for. An interval that reaches a factor of 100 is open at that end: the data do
+not determine the key.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from dembrick.simulation.session import Progress
 from dembrick.views.misfit import Curve, Misfit, between, compared, require_comparable, text, turns
 from dembrick.views.plot.curves import MeasuredCurve
 
-STEP = 0.01  # of the logarithm of a key, for the slope of the curve
-MOST = 60  # runs of a search, without those of the slopes
-STARTS = 5  # searches at most: one goes on where the trial of an interval finds something better
-RANGE = math.log(1e4)  # about the start, in which keys are looked for
+STEP = 0.01  # change of the logarithm of a key for the slope of the curve
+MOST = 60  # most runs of a search, without those for slopes
+STARTS = 5  # most searches: the trial of an interval may find better values, from which one starts again
+RANGE = math.log(1e4)  # of the logarithms about the start, to be searched
 OPEN = math.log(100.0)  # an interval that reaches further on one side is open there
-REACHED = 0.8  # of the measured points: what the simulated travel must reach at least
-SPARE = 1.1  # of the measured displacements, to which runs should go
-NUMERICAL = 1e-4  # of V_peak: no curve of ours is surer
-AGREES = (0.7, 1.4)  # of the rise of the misfit over the expected one at an end of an interval
-CLOSE = 0.05  # of an end that is searched for
-# A key that the data do not determine stays about its start, by weights that are small beside what determines others.
+REACHED = 0.8  # of the measured points: least share within the simulated travel
+SPARE = 1.1  # travel of the runs over the largest measured displacement
+NUMERICAL = 1e-4  # of V_peak: least error of a simulated curve
+AGREES = (0.7, 1.4)  # range of the rise of the misfit over the expected one, in which an end is accepted
+CLOSE = 0.05  # relative tolerance of an end that is searched for
+# Weights that hold keys near their start if the data do not determine them; small beside the weight of the data.
 HOLD, HOLD_OF_SCATTER = 3e-3, 0.2
 OF_THE_RUN = ("control", "output", "solver")
-APART, MIXED = 1e-2, 0.1  # of the greatest slope, and of a direction: keys that curves hardly tell apart
+APART, MIXED = 1e-2, 0.1  # of the largest singular value, and of its vector: keys that curves hardly tell apart
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ class Fitted:
 
 @dataclass(frozen=True)
 class CurveFit:
-    """``keys``: what was found of each; ``misfits`` of every curve with these values; ``scenarios`` with them."""
+    """Fitted ``keys``, the ``misfits`` of every curve with their values, and the ``scenarios`` with them."""
 
     keys: dict[str, Fitted]
     misfits: list[Misfit]
     scenarios: list[Scenario]
 
     def as_dict(self) -> dict:
-        """The JSON object of ``dembrick fit --lab CURVE SCENARIO``; of several curves the mean misfit, and each."""
+        """The JSON object of ``dembrick fit --lab CURVE SCENARIO``; for several curves the mean misfit and each one."""
         each = [one.numbers() for one in self.misfits]
         mean = {}
         for name in each[0]:
@@ -83,7 +83,7 @@ def fit_curves(
     report: Callable[[Progress], None] | None = None,
 ) -> CurveFit:
     """Fit ``keys``, paths as for ``--set``, of scenarios to measured curves: one scenario for all or one for each;
-    ``report`` is told how many runs that has taken.
+    ``report`` receives the number of runs so far.
 
     Raises ScenarioError for keys that are no positive numbers of the scenario, for fewer points than keys, for a
     control that gives no such curve; NotConvergedError if the search does not settle; MissingDependency without scipy.
@@ -131,7 +131,7 @@ def _times(value: float, end: float | None) -> float | None:
 
 
 def _searched(least_squares, runs: _Runs, start: np.ndarray, hold: float) -> np.ndarray:
-    """The best logarithms (k,) from a start; ``hold`` is the weight with which they are held there."""
+    """Best logarithms (k,) found from a start; ``hold`` is the weight that holds them near it."""
     held = hold * np.eye(len(start))
     found = least_squares(
         lambda x: np.concatenate([runs.residuals(x), held @ (x - start)]), start,
@@ -149,7 +149,7 @@ def _searched(least_squares, runs: _Runs, start: np.ndarray, hold: float) -> np.
 
 
 class _Runs:
-    """Runs of the scenarios by the logarithms x (k,) of the keys over their starts."""
+    """Runs of the scenarios as functions of x (k,), the logarithms of the keys over their start values."""
 
     def __init__(
         self,
@@ -169,8 +169,8 @@ class _Runs:
         self._reach()
 
     def _reach(self) -> None:
-        """Travel that goes on a little beyond the measured curves, as a stronger joint takes up more of it in the jack;
-        ScenarioError where they are far away."""
+        """Extend the travel to a little beyond the measured curves, as a stronger joint leaves more of it in the jack;
+        ScenarioError if they go much further."""
         at_start = np.zeros(len(self.starts))
         for i, (scenario, curve) in enumerate(zip(self.given, self.measured, strict=True)):
             travel = scenario.control.travel
@@ -195,7 +195,7 @@ class _Runs:
         return ", ".join(f"{key} = {value:.5g}" for key, value in self.values(x).items())
 
     def curves(self, x: np.ndarray) -> list[MeasuredCurve] | None:
-        """The curve of every run, None if one of them has no answer; the same runs are not run twice."""
+        """The curve of every run, None if one of them has no answer; runs are cached."""
         place = x.tobytes()
         if place not in self._known:
             values = self.values(x)
@@ -213,7 +213,7 @@ class _Runs:
         return self._known[place]
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Simulated less measured (n,), over the greatest measured force; infinite where a run has no answer."""
+        """Simulated minus measured force (n,) over the greatest measured one; infinite if a run has no answer."""
         curves = self.curves(x)
         if curves is None:
             return np.full(sum(len(curve.load) for curve in self.measured), math.inf)
@@ -221,7 +221,7 @@ class _Runs:
         return np.concatenate([_difference(ours, theirs) / self.greatest for ours, theirs in pairs])
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
-        """Of the residuals over the logarithms (n, k), by differences about x."""
+        """Derivatives (n, k) of the residuals by the logarithms, by central differences about x."""
         pairs = [(self.residuals(x + h), self.residuals(x - h)) for h in STEP * np.eye(len(x))]
         if not np.isfinite(pairs).all():
             raise NotConvergedError(
@@ -232,12 +232,12 @@ class _Runs:
 
     @property
     def ends(self) -> list[int]:
-        """Where curves end in the residuals, but for the last."""
+        """Indices in the residuals at which the curves but the last end."""
         return np.cumsum([len(curve.load) for curve in self.measured])[:-1].tolist()
 
 
 class _Better(Exception):
-    """Values that explain the curves better than the best ones so far."""
+    """Raised with values that explain the curves better than the best so far."""
 
     def __init__(self, at: np.ndarray):
         super().__init__()
@@ -245,7 +245,7 @@ class _Better(Exception):
 
 
 class _Trial:
-    """How far each key may go from the ``best`` values until the misfit has risen too much for chance."""
+    """Finds how far each key may move from its ``best`` value before the misfit rises beyond chance."""
 
     def __init__(self, runs: _Runs, best: np.ndarray):
         self.runs, self.best = runs, best
@@ -254,9 +254,9 @@ class _Trial:
         self.least = float(residuals @ residuals)
         self.scatter = max(math.sqrt(self.least / (n - k)), NUMERICAL)
         _, sizes, directions = np.linalg.svd(self.slopes, full_matrices=False)
-        alone = np.linalg.norm(directions.T / np.maximum(sizes, 1e-9), axis=1)  # by a scatter of one
+        alone = np.linalg.norm(directions.T / np.maximum(sizes, 1e-9), axis=1)  # for a scatter of one
         self.half = np.maximum(half_widths(self.slopes, residuals, runs.ends, CONFIDENCE), 2.0 * NUMERICAL * alone)
-        self.rise = (self.half / alone) ** 2  # of the misfit by then, if all is linear
+        self.rise = (self.half / alone) ** 2  # of the misfit at the ends, if all is linear
 
     def end(self, i: int, sign: float) -> float | None:
         """The end of the interval of key i, as the change of its logarithm; None if it is open."""
@@ -280,7 +280,7 @@ class _Trial:
         return sign * above if math.isfinite(risen) else None  # a run without an answer refutes nothing
 
     def _risen(self, i: int, change: float) -> float:
-        """The rise of the misfit over the greatest by chance if key i has changed and the others are fitted again."""
+        """Rise of the misfit over the greatest rise by chance, with key i changed and the others fitted again."""
         others = np.delete(np.arange(len(self.best)), i)
         own, hold = self.slopes[:, others], HOLD_OF_SCATTER * self.scatter
         back = np.linalg.solve(own.T @ own + hold**2 * np.eye(len(others)), own.T)
@@ -302,7 +302,7 @@ class _Trial:
 
 
 def _start(given: Sequence[Scenario], keys: Sequence[str]) -> list[float]:
-    """The values (k,) of the keys that the first scenario has."""
+    """Start values (k,) of the keys, those of the first scenario."""
     if not keys:
         raise ScenarioError("--vary names no key; for instance --vary joint.friction,joint.shear_stiffness")
     if len(set(keys)) < len(keys):
@@ -322,11 +322,11 @@ def _start(given: Sequence[Scenario], keys: Sequence[str]) -> list[float]:
 
 
 def _value(scenario: Scenario, key: str) -> float:
-    """The number that a scenario has under a path of keys."""
+    """The number at a key path of a scenario."""
     text = scenarios.text_of(scenario)
     document = tomllib.loads(text)
     node: object = document
-    default: object = scenario  # of a key that the text leaves out
+    default: object = scenario  # default of a key that the text leaves out
     for step in overrides.resolved(document, key):
         if isinstance(node, list) and isinstance(step, int):
             node = node[step]
@@ -342,7 +342,7 @@ def _value(scenario: Scenario, key: str) -> float:
             return float(node)
         raise ScenarioError(f"{key} = {node:g} is no start for a fit; give the scenario a value above zero")
     if node is None:
-        scenarios.varied(text, scenario.path, {key: 1.0})  # a key that there is not is named here, with the nearest one
+        scenarios.varied(text, scenario.path, {key: 1.0})  # raises for an unknown key, and names the nearest
     raise ScenarioError(f"{key} is no number of this scenario; give it a value to start from")
 
 
@@ -352,7 +352,7 @@ def _with(scenario: Scenario, text: str, values: dict[str, float]) -> Scenario:
 
 
 def _curve(scenario: Scenario, told: bool = False) -> MeasuredCurve:
-    """Displacement and force of a run; what is worth a remark is ``told`` of the first only."""
+    """Displacement and force of a run; remarks are reported if ``told``, for the first run only."""
     try:
         result = simulate(scenario, progress=False, report=None if told else _unheard)
     except DembrickError as error:
@@ -362,12 +362,12 @@ def _curve(scenario: Scenario, told: bool = False) -> MeasuredCurve:
 
 
 def _unheard(_: str) -> None:
-    """A remark that the first run has made."""
+    """Ignore a remark, as the first run has made it."""
 
 
 def _difference(ours: Curve, theirs: Curve, beyond: bool = True) -> np.ndarray:
-    """Simulated less measured force (k,) at all measured points, those ``beyond`` the simulated travel, which have its
-    last force, too or not."""
+    """Simulated minus measured force (k,) at the measured points; with ``beyond`` also at those beyond the simulated
+    travel, with its last force."""
     if turns(np.asarray(theirs.displacement)) > turns(np.asarray(ours.displacement)):
         raise ScenarioError(
             "the measured curve turns more often than the simulated one: sort its lines by displacement if it was "
@@ -393,7 +393,7 @@ def lines_of(found: CurveFit) -> list[str]:
 
 
 def write(scenario: Scenario, path: str | os.PathLike, source: str) -> None:
-    """Write a fitted scenario; ``source`` names the curves, for a remark at its head."""
+    """Write a fitted scenario; ``source`` names the curves, for a comment at its head."""
     from dembrick import history
 
     text = f"# fitted to {source}\n{scenarios.dumps(scenario)}"

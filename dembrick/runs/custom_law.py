@@ -1,4 +1,4 @@
-"""Runs with a joint law of the user's own: which scenarios can have one, and what their histories say of it."""
+"""Runs with a joint law of the user's own: which scenarios allow one, and how their histories record it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from dembrick.history import History
     from dembrick.scenario.model import Scenario
 
-SETTING = "custom_law"  # of a history: what `CustomLaw.as_dict` says
-REGIMES = (LIMIT_LOAD, CONSTANT_RATE, REAL_TIME)  # whose loops call it step by step
+SETTING = "custom_law"  # of a history: holds `CustomLaw.as_dict`
+REGIMES = (LIMIT_LOAD, CONSTANT_RATE, REAL_TIME)  # whose loops call the law step by step
 
 
 def with_law(assembly: Assembly, scenario: Scenario, law: Any, refine: bool = False, bound: bool = False) -> Assembly:
-    """The assembly whose joints follow a ``law``, a `CustomLaw` or a function that is one without parameters; as it is
-    without any. ScenarioError where no step-by-step loop would call it."""
+    """The assembly with joints that follow ``law``: a `CustomLaw`, or a function as a law without parameters; unchanged
+    if it is None. ScenarioError if no step-by-step loop would call it."""
     if law is None:
         return assembly
     law = law if isinstance(law, CustomLaw) else CustomLaw(law)
@@ -33,7 +33,7 @@ def with_law(assembly: Assembly, scenario: Scenario, law: Any, refine: bool = Fa
 
 
 def _refuse(assembly: Assembly, scenario: Scenario, name: str) -> None:
-    """ScenarioError for what a law of the user's own cannot be given to."""
+    """Raise ScenarioError for a scenario that cannot have a law of the user's own."""
     if scenario.control.regime not in REGIMES:
         raise ScenarioError(
             f'control.kind = "{scenario.control.kind}" of this scenario goes from equilibrium to equilibrium, and a '
@@ -59,7 +59,7 @@ def _refuse(assembly: Assembly, scenario: Scenario, name: str) -> None:
 
 
 def settings_of(assembly: Assembly) -> dict:
-    """Settings of a history that tell of the law; empty without one."""
+    """Settings of a history that describe the law; empty without one."""
     return {} if assembly.custom_law is None else {SETTING: assembly.custom_law.as_dict()}
 
 

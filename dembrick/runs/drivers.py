@@ -1,7 +1,7 @@
-"""How each regime of control is carried out: a driver plans a run, makes it, and says what came of it.
+"""Drivers of the regimes of control: a driver plans a run, executes it, and makes its result.
 
-A control names its regime (`scenario.controls`), and `driver_of` gives the driver that registers for it here.
-What moves blocks in real time is imported when a run needs it and not before.
+A control names its regime (`scenario.controls`), and `driver_of` returns the driver registered for it here.
+Modules for motion in real time are imported only when a run needs them.
 """
 
 from __future__ import annotations
@@ -57,16 +57,16 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.run import EquilibriaRun, MotionRun
 
 
-SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to tell how long a run will be
+SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to estimate the cost of a run
 
 
 class Driver(NamedTuple):
-    """Functions that carry out a regime.
+    """Functions that execute a regime.
 
-    ``plan`` says what a run will take, without making it; ``run`` makes it, with the surroundings of a session;
-    ``result`` says what came of it, given the fields of a `RunResult`; ``refined`` is the answer of a refined scenario,
-    for an error estimate, if it is not found as any other. ``place`` puts contact points where a run wants them, and
-    counts the seconds of that.
+    ``plan`` estimates the cost of a run without executing it; ``run`` executes it within a session; ``result`` makes
+    its result from the fields of a `RunResult`; ``refined`` gives the answer of a refined scenario for an error
+    estimate, if an ordinary run does not. ``place`` places the contact points for a run, and returns the seconds that
+    took.
     """
 
     plan: Callable[[Scenario, Assembly], Plan]
@@ -77,7 +77,7 @@ class Driver(NamedTuple):
 
 
 def driver_of(control: Control) -> Driver:
-    """The driver that registers for the regime of a control."""
+    """The driver registered for the regime of a control."""
     return DRIVERS[control.regime.name]
 
 
@@ -90,7 +90,7 @@ def _tolerance(scenario: Scenario) -> float:
 
 
 def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, float]:
-    """The points of a lone distributed joint where they suit its limit load; those of all stages if there are any.
+    """Place the points of a lone distributed joint to suit its limit load; with stages they stay the same in all.
     Raises Interrupted."""
     if assembly.custom_law is not None or scenario.stages:
         return assembly, 0.0
@@ -122,7 +122,7 @@ def _plan_rate(scenario: Scenario, assembly: Assembly) -> Plan:
 
 
 def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
-    """The plan of a search, by the joints that slide in the mechanism of limit analysis if that takes seconds."""
+    """Plan of a search by the joints that slide in the mechanism of limit analysis if that takes only seconds."""
     from dembrick.runs import limit
 
     plan = limit_load.plan(assembly, cast(YieldControl, scenario.control), scenario.output)
@@ -130,7 +130,7 @@ def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
         return plan
     plan = replace(plan, within=WITHIN)
     longest, most = longest_search(len(assembly.names), len(assembly.joints))
-    if not limit.cheaper_than(SECONDS_OF_CHECK, assembly):  # whether joints slide in it, nobody knows
+    if not limit.cheaper_than(SECONDS_OF_CHECK, assembly):  # not known whether joints slide
         return replace(plan, seconds_snapping=most)
     try:
         sliding = limit.sliding_joints(assembly, scenario.control)
@@ -148,15 +148,15 @@ def _has_convex(assembly: Assembly) -> bool:
 
 
 def _searched(bound: bool = False, **fields) -> Result:
-    """The yield point of a run compared with theory, if one holds, what stands beside it, and the collapse of a load on
-    every block; ``bound``: with the associative bound, whatever it costs."""
+    """Result of a search: the yield point, compared with theory if one holds, the entries beside it, and the collapse
+    under a load on every block; ``bound``: with the associative bound, whatever it costs."""
     run, assembly, scenario = fields["run"], fields["assembly"], fields["scenario"]
     control = scenario.control
     unbounded = control.regime is CONSTANT_RATE or assembly.custom_law is not None
     others = None if unbounded else other_paths(run, assembly, control, bound)
     if others is not None:
         run.yield_point = within(run.yield_point, others.bound)
-    slid = control.regime is CONSTANT_RATE or bool(scenario.stages or scenario.among)  # perhaps in a stage before
+    slid = control.regime is CONSTANT_RATE or bool(scenario.stages or scenario.among)  # perhaps in an earlier stage
     expected = theory_check.theory_of(assembly, slid)
     if expected is not None and run.yield_point.V is not None:
         expected = expected.compared(run.yield_point.V)
@@ -168,8 +168,8 @@ def _searched(bound: bool = False, **fields) -> Result:
 
 
 def _settled(bound: bool = False, **fields) -> SettlementResult:
-    """Equilibria of supports that move; ``bound``: with the reactions that limit analysis allows at the start."""
-    from dembrick.runs import limit  # and its solver: where it is asked for only
+    """Result of a settlement; ``bound``: with the range of reactions at the start by limit analysis."""
+    from dembrick.runs import limit  # imports its solver, only if asked for
 
     allowed = limit.range_along(fields["scenario"], fields["assembly"]) if bound else None
     return SettlementResult(**fields, allowed=allowed)
@@ -179,8 +179,8 @@ def _settled(bound: bool = False, **fields) -> SettlementResult:
 
 
 def _refuse_stresses(scenario: Scenario, assembly: Assembly) -> None:
-    """ScenarioError for a tilt, whose load grows by the tangent of its angle while gravity stays, with strengths in Pa
-    or in ties: they would grow by 1 / cos with it, as prestress would."""
+    """Raise ScenarioError for a quasi-static tilt with strengths in Pa or in ties, or with prestress: the load grows
+    with the tangent of the angle under constant gravity, so they would have to grow by 1 / cos."""
     if scenario.control.tilt_axis is None:
         return
     laws = {id(law): law for law in assembly.joints.law}.values()
@@ -200,7 +200,7 @@ def _plan_path(scenario: Scenario, assembly: Assembly) -> Plan:
 
 
 def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
-    control: Any = scenario.control  # of any kind that follows a path: with a tolerance and a displacement
+    control: Any = scenario.control  # any kind that follows a path: has a tolerance and a displacement
     _refuse_stresses(scenario, assembly)
     if session is not None:
         expected = newton_steps(_has_convex(assembly))
@@ -214,8 +214,8 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
 
 
 def _other_path(follow: Callable[..., Replay]) -> Callable[..., float]:
-    """The limit load of a scenario by ``follow``, as a function of it and of steps over the usual ones; also of another
-    assembly than its own, or from a state to start from."""
+    """Function that finds the limit load of a scenario by ``follow``, with steps relative to the usual ones; optionally
+    of another assembly than its own, or from a given start state."""
 
     def found(scenario: Scenario, steps: float, assembly: Assembly | None = None, start: State | None = None) -> float:
         session = None if start is None else Session(start=start)
@@ -231,7 +231,7 @@ def _other_path(follow: Callable[..., Replay]) -> Callable[..., float]:
 
 
 def _set_up(scenario: Scenario, assembly: Assembly, session: Session | None = None) -> tuple[Motion, Driving]:
-    """Blocks that can move, where ``session`` lets them start, and what drives them: reads the scenario's files."""
+    """Blocks that can move, in the start state of ``session``, and what drives them; reads the scenario's files."""
     from dembrick.simulation.dynamics import checkpoint, loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
@@ -250,8 +250,8 @@ def _plan_motion(scenario: Scenario, assembly: Assembly) -> Plan:
 
 
 def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
-    """About the load factor of a collapse in real time, by limit analysis if that takes seconds; None if it does not,
-    or finds none."""
+    """Estimated load factor of a collapse in real time, by limit analysis; None if that takes longer or finds no
+    limit."""
     from dembrick.runs import limit
     from dembrick.runs.limit_cases import searched
 
@@ -269,7 +269,7 @@ def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> M
 
     moving, driving = _set_up(scenario, assembly, session)
     plan = run.plan(moving, scenario.control, driving, scenario.output)
-    if plan.at_most and present(plan.seconds) > LONG:  # of the longest such run; this one is worth a closer look
+    if plan.at_most and present(plan.seconds) > LONG:  # by the longest such run: worth a closer estimate
         factor = _expected_factor(scenario, assembly)
         plan = run.plan(moving, scenario.control, driving, scenario.output, factor)
     most = present(plan.seconds) if plan.seconds_falling is None else plan.seconds_falling
@@ -308,7 +308,7 @@ def _find_equilibria(scenario: Scenario, assembly: Assembly, session: Session, s
 
 
 def _path_of(control: Control):
-    """The kind of a path of equilibria in the deformed geometry."""
+    """Class of the path of equilibria in the deformed geometry that a control follows."""
     from dembrick.simulation.dynamics.paths.driven_path import DrivenPath, ForcePath
     from dembrick.simulation.dynamics.paths.load_path import LoadPath, Settlement
 
@@ -318,8 +318,8 @@ def _path_of(control: Control):
 
 
 def _refined_path(scenario: Scenario, steps: float) -> float:
-    """Number that an error estimate compares, of a path by ``steps`` times the usual ones: a load, the settlement at
-    the collapse (m), or the reaction at the end (N)."""
+    """Number that an error estimate compares, of a path with ``steps`` times the usual steps: a load, the settlement
+    at collapse (m), or the reaction at the end (N)."""
     assembly = build.assemble(scenario)
     run = _find_equilibria(scenario, assembly, Session(), steps)
     result = driver_of(scenario.control).result

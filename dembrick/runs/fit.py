@@ -1,18 +1,18 @@
 """The friction coefficient that best explains measured yield points, under each contact formulation.
 
-The measurements come as a CSV file, one test a line::
+The measurements are read from a CSV file, one test per line::
 
     test,scenario,V [N],deviation [N],formulation
     2a,set2a.toml,108,,
 
-``scenario`` is the test as a scenario file, seen from the folder of the CSV; its own friction is not looked at, so that
-all its joints must have one. ``V [N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's actuators.
-``deviation``, of all lines or of none, and ``formulation`` may be left out: without the first every test counts by its
-relative error, with the second a line stands for that formulation only. mu solves
+``scenario`` is the scenario file of the test, relative to the folder of the CSV; its friction is ignored, and all its
+joints must share one. ``V [N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's actuators.
+``deviation`` (in all lines or in none) and ``formulation`` are optional: without deviations every test is weighted by
+its relative error; a line with a formulation counts for that one only. mu solves
 
     sum((V_i - V) V' / s_i^2) = 0,    s_i the deviation, or V itself,
 
-with V(mu) simulated and its slope V'. Errors over the measured V_i would favour tests that came out low.
+with V(mu) simulated and its slope V'. Errors relative to the measured V_i would favour tests with low results.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from dembrick.scenario.csv_tables import Table, cells_by_name, name_of, read_tab
 from dembrick.scenario.model import FORMULATIONS, DisplacementControl, Scenario, YieldControl
 
 CONFIDENCE = 0.95
-_NORMAL = NormalDist().inv_cdf(0.5 * (1.0 + CONFIDENCE))  # deviations, if they are known
+_NORMAL = NormalDist().inv_cdf(0.5 * (1.0 + CONFIDENCE))  # half-width in standard deviations, if these are known
 _COLUMNS = {"test": True, "scenario": True, "V": True, "deviation": False, "formulation": False}  # needed or not
-_SCANNED = tuple(0.04 * 2.0 ** (k / 2.0) for k in range(14))  # mu looked at first: V has kinks where a block tips over
+_SCANNED = tuple(0.04 * 2.0 ** (k / 2.0) for k in range(14))  # mu tried first: V has kinks where a block tips over
 _STEP = 0.01  # relative change of mu for the slope of V
-_TELLS = 1e-6  # of V: a test whose V changes less with mu, relative change for relative change, does not slip
+_TELLS = 1e-6  # d ln V / d ln mu below which a test does not slip
 _TOLERANCE = 1e-5  # of the simulated limit loads
 _ITERATIONS = 20
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -48,7 +48,7 @@ _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured yield point: V, its standard deviation (None: not known) and what its last digit is worth, in N."""
+    """A measured yield point: V, its standard deviation (None if unknown) and the value of its last digit, in N."""
 
     test: str
     scenario: Scenario
@@ -63,7 +63,7 @@ class Fit:
     """mu under one formulation (or, "as stated", each line under its own).
 
     ``half_width`` is half the 95 % confidence interval: by Student's t from the scatter of the tests about the fit, and
-    no less than the stated deviations make it, or the rounding of what was read; None for a single test without
+    no less than the stated deviations, or the rounding of the measurements, make it; None for a single test without
     deviation. ``tests`` has V measured and fitted (N), their difference in % of the measured, and the mu
     that this test alone implies.
     """
@@ -76,7 +76,7 @@ class Fit:
 
 
 def read(path: str | os.PathLike) -> list[Measurement]:
-    """Measurements out of a CSV file, or of a shipped one by its name; ScenarioError names the line and the column."""
+    """Read measurements from a CSV file, or a shipped one by its name; ScenarioError names the line and the column."""
     path = shipped.table(path)
     table = read_table(path, "a file of measured yield points")
     hint = "; of a measured curve, name the SCENARIO too"
@@ -95,7 +95,7 @@ def read(path: str | os.PathLike) -> list[Measurement]:
         V = _positive(table, number, row, *columns["V"])
         deviation = _positive(table, number, row, *columns["deviation"]) if cells.get("deviation") else None
         scenario = scenarios.load(path.parent / cells["scenario"], regular=True)
-        if not isinstance(scenario.control, YieldControl | DisplacementControl):  # the limit of its jacks counts
+        if not isinstance(scenario.control, YieldControl | DisplacementControl):  # only these have jacks with a limit
             raise ScenarioError(
                 f"{place}: {scenario.path} has control.kind = {show(scenario.control.kind)}, and so no yield point; "
                 'give it "yield", or "displacement"'
@@ -120,7 +120,7 @@ def read(path: str | os.PathLike) -> list[Measurement]:
 
 
 def _positive(table: Table, number: int, row: Sequence[str], column: int, size: float) -> float:
-    """A number greater than 0 in SI."""
+    """A number greater than 0, in SI units."""
     value = table.number(number, table.titles[column], row[column])
     if not value > 0.0:
         name = name_of(table.titles[column])
@@ -129,7 +129,7 @@ def _positive(table: Table, number: int, row: Sequence[str], column: int, size: 
 
 
 def _last_digit(text: str) -> float:
-    """Worth of the last digit of a finite number in a text."""
+    """Value of the last digit of a finite number in a text."""
     return 10.0 ** int(Decimal(text.replace(",", ".")).as_tuple().exponent)
 
 
@@ -157,8 +157,8 @@ def fit(
 
 
 def _fitted(name: str, group: list[Measurement]) -> Fit:
-    """mu by Gauss and Newton from the best of `_SCANNED`: two simulations of every test a round; V is proportional to
-    mu where a block slides, so that few are needed. At a kink they go to and fro, and golden sections find it."""
+    """Fit by Gauss-Newton from the best mu of `_SCANNED`: two simulations of every test per iteration, and few
+    iterations, as V of sliding blocks is proportional to mu. If they oscillate at a kink, golden sections follow."""
     measured = np.array([m.V for m in group])
     stated = None if group[0].deviation is None else np.array([m.deviation for m in group], float)
 
@@ -199,7 +199,7 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
         raise ScenarioError(f"{name}: the best friction coefficient lies outside of what strengths allow, {ends}")
     V = V + slope * change
     scatter = half = None
-    alone = 1.0 / math.sqrt(float(weight @ weight))  # of mu, by a scatter of one
+    alone = 1.0 / math.sqrt(float(weight @ weight))  # of mu, for a scatter of one
     if len(group) > 1:
         scatter = math.sqrt(float((((V - measured) / scale) ** 2).sum()) / (len(group) - 1))
         read = np.array([m.digit for m in group]) / (math.sqrt(12.0) * scale)
@@ -222,7 +222,7 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
 
 
 def _allowed(group: list[Measurement]) -> tuple[float, float]:
-    """Least and greatest friction coefficient that the other strengths of the joints leave room for."""
+    """Least and greatest friction coefficient that the other strengths of the joints allow."""
     laws = [law for m in group for law in (m.scenario.joint, *(one.law for one in m.scenario.joints))]
     least = max(max(law.residual_friction or 0.0, law.dilation) for law in laws)
     most = min((law.cohesion / law.tensile_strength for law in laws if law.tensile_strength), default=math.inf)
@@ -230,13 +230,13 @@ def _allowed(group: list[Measurement]) -> tuple[float, float]:
 
 
 def _with_slope(simulated: Callable[[float], np.ndarray], mu: float) -> tuple[np.ndarray, np.ndarray]:
-    """V of the tests, and how it grows with mu."""
+    """V of the tests, and its derivative by mu."""
     V = simulated(mu)
     return V, (simulated(mu * (1.0 + _STEP)) - V) / (mu * _STEP)
 
 
 def _least(cost: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function is least between two numbers, by golden sections."""
+    """Minimiser of a function between two numbers, by golden-section search."""
     left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     of_left, of_right = cost(left), cost(right)
     while high - low > _TOLERANCE * high:
@@ -264,7 +264,7 @@ def _simulated(group: list[Measurement], name: str, mu: float) -> np.ndarray:
 
 
 def student(confidence: float, freedom: int) -> float:
-    """The t that a Student variable stays within, on both sides, with this probability.
+    """Quantile t of Student's distribution: the variable lies within -t and t with this probability.
 
     With t = sqrt(freedom) tan(angle) the density becomes a power of the cosine on a finite interval.
     """

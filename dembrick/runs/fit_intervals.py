@@ -1,11 +1,10 @@
-"""How far the keys of a least-squares fit are known: half-widths of their intervals from the scatter about the fit.
+"""Confidence intervals of the keys of a least-squares fit: half-widths from the scatter about the fit.
 
-A key is a weighted sum of the measured forces near the fit, by the rows of (J^T J)^-1 J^T. How far scatter takes it is
-estimated for scatter that is alike and independent at all points, for scatter that differs from point to point
-(jackknife: every point left out once), and for scatter that runs on from point to point, as the error of a model does
-(Newey and West, 1987: autocovariances of the residuals, tapered linearly up to some share of the curve). The greatest
-one counts: the first always, another if it is greater than chance would have it. Student's t has the degrees of freedom
-that are left of each.
+Near the fit a key is a weighted sum of the measured forces, by the rows of (J^T J)^-1 J^T. Its variance is estimated
+for scatter that is equal and independent at all points, for scatter that differs from point to point (jackknife: every
+point left out once), and for scatter that is correlated along the curve, as a model error is (Newey and West, 1987:
+autocovariances of the residuals, tapered linearly up to some share of the curve). The greatest estimate counts: the
+first always, another if it is greater than chance would make it. Student's t has the degrees of freedom of each.
 """
 
 from __future__ import annotations
@@ -19,18 +18,18 @@ from dembrick.errors import needed
 
 SHARES = tuple(1.0 / (3 * 2**power) for power in range(9))  # of a curve, up to which autocovariances are followed
 LAGS = 1.5  # degrees of freedom times the share (of Bartlett's taper)
-FEWEST = 2.0  # degrees of freedom of an estimate that counts
-CHANCE = 0.7  # of estimates of scatter that is alike and independent are less far above the first one
-STRONGEST = 0.99  # correlation of neighbours
-ALONE = 1e-6  # what others than a point tell of where the fit goes through it: at least so much is taken
+FEWEST = 2.0  # least degrees of freedom of an estimate that counts
+CHANCE = 0.7  # quantile of the ratio to the first estimate, for equal and independent scatter
+STRONGEST = 0.99  # greatest correlation of neighbours
+ALONE = 1e-6  # least value of one minus the leverage of a point
 
 _Estimate = tuple[np.ndarray, np.ndarray]  # variances (k,), degrees of freedom (k,)
 
 
 def half_widths(slopes: np.ndarray, residuals: np.ndarray, ends: Sequence[int], confidence: float) -> np.ndarray:
-    """Half-widths (k,) of the intervals in which all k keys are at once with that ``confidence`` (Bonferroni).
+    """Half-widths (k,) of the intervals that contain all k keys at once with that ``confidence`` (Bonferroni).
 
-    ``slopes``: of the residuals (n, k); ``ends``: where in the n points curves end, but the last.
+    ``slopes`` (n, k) of the residuals; ``ends``: indices in the n points at which the curves but the last end.
     """
     special = needed("scipy.special", "a fit of curves")
     n, k = slopes.shape
@@ -48,14 +47,14 @@ def half_widths(slopes: np.ndarray, residuals: np.ndarray, ends: Sequence[int], 
 
 
 def _neighbours(residuals: np.ndarray, parts: Sequence[slice]) -> float:
-    """Correlation of neighbouring residuals on a curve, as far as it makes the data say less."""
+    """Correlation of neighbouring residuals on a curve: 0 if negative, at most `STRONGEST`."""
     total = float(residuals @ residuals)
     found = sum(float(residuals[own][1:] @ residuals[own][:-1]) for own in parts) / total if total > 0.0 else 0.0
     return min(max(found, 0.0), STRONGEST)
 
 
 def _unequal(slopes: np.ndarray, weights: np.ndarray, residuals: np.ndarray) -> _Estimate:
-    """Of scatter that is independent and differs from point to point."""
+    """Estimate for independent scatter that differs from point to point."""
     n, k = slopes.shape
     others = np.maximum(1.0 - np.einsum("ni,in->n", slopes, weights), ALONE)
     freedom = np.sum(weights**2 / others, axis=1) ** 2 / np.sum((weights**2 / others) ** 2, axis=1)
@@ -63,7 +62,7 @@ def _unequal(slopes: np.ndarray, weights: np.ndarray, residuals: np.ndarray) -> 
 
 
 def _running(weights: np.ndarray, residuals: np.ndarray, parts: Sequence[slice]) -> Iterator[_Estimate]:
-    """Of scatter that is alike and runs on, for `SHARES` of the curves."""
+    """Estimates for equal scatter that is correlated along each of `SHARES` of the curves."""
     k, n = weights.shape
     for share in SHARES:
         variance = np.zeros(k)

@@ -1,8 +1,7 @@
-"""A run that goes on from a moment of another one, under other laws, loads and ties.
+"""Continue the run of a history from a given time, with other joint laws, loads and ties.
 
-A history holds what its run showed, not all that it remembers. So the run of the history is repeated up to the moment,
-which leads to the same state, and its rows begin the new history. From there the changed scenario goes on as from a
-checkpoint.
+A history holds the record of its run, not its full state. The run is therefore repeated up to that time, which leads to
+the same state, and its rows begin the new history. From there the changed scenario continues as from a checkpoint.
 """
 
 from __future__ import annotations
@@ -35,22 +34,22 @@ if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
 REGIMES = (REAL_TIME, SETTLEMENT, LOAD_PATH, DRIVEN_PATH, CONSTANT_RATE)
-AS_IT_WAS = (DRIVEN_PATH, CONSTANT_RATE)  # regimes that go on only without a change
-_SHOWN = ("title", "text", "path", "files")  # fields of a scenario that no run asks for
+AS_IT_WAS = (DRIVEN_PATH, CONSTANT_RATE)  # regimes that continue only unchanged
+_SHOWN = ("title", "text", "path", "files")  # fields of a scenario that no run uses
 _CHANGING = ("joint", "joints", "loads", "ties", "pressures", "fills", "control")
 _SHAKEN = ("duration", "file", "columns", "sine", "pulse", "scale", "quantity", "direction")
 _OF_CONTROLS = {"dynamic": ("duration",), "base-motion": _SHAKEN, "tilt": ("displacement",)}
-PART_OF_TIES = ("tension", "yielded")  # channels of rows with a column a tie
+PART_OF_TIES = ("tension", "yielded")  # channels of rows with a column per tie
 
 
 class _Reached(Exception):
-    """The moment has come; nobody but `repeat` sees it."""
+    """Raised when the time is reached; only `repeat` catches it."""
 
 
 class Moment:
-    """Watches a run until a row of the time ``at``, or the first one after it.
+    """Follows a run up to its first row at or after the time ``at``, less the slack ``frozen``.
 
-    Hands rows and frames on to ``observe``, and keeps a copy of the ``state`` at the end.
+    Passes rows and frames on to ``observe``, and keeps a copy of the ``state`` at the end.
     """
 
     def __init__(self, at: float, observe: Callable[[Mapping, Mapping], None], frozen: float):
@@ -66,7 +65,7 @@ class Moment:
             self.row = {name: float(rows[name][-1]) for name in ("time", "load", "displacement")}
 
     def keep(self, arrays: Mapping[str, np.ndarray], where: str) -> None:
-        """Stop the run if its state is that of a row whose time has come."""
+        """Stop the run if its state is that of a row at or after the time."""
         if self._new and self.time >= self._at - self._slack:
             self.state, self.where = Kept(arrays, path="the state at that time"), where
             raise _Reached
@@ -74,7 +73,7 @@ class Moment:
 
 
 def check_kind(scenario: Scenario, file: str) -> None:
-    """ScenarioError for runs that have no state to go on from."""
+    """Raise ScenarioError for runs without an intermediate state to continue from."""
     if scenario.control.regime not in REGIMES:
         raise ScenarioError(
             f"{file}: a run of kind {show(scenario.control.kind)} in the geometry of the start has no state on its way "
@@ -83,7 +82,7 @@ def check_kind(scenario: Scenario, file: str) -> None:
 
 
 def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly, file: str) -> RestartChanges:
-    """Differences of the scenario that goes on; ScenarioError for those that cannot be made on the way."""
+    """Changes in the scenario that continues; ScenarioError for those that cannot be made during a run."""
     for key in (field.name for field in fields(old) if field.init and field.name not in _SHOWN):
         if getattr(old, key) != getattr(new, key) and key not in _CHANGING:
             listed = ", ".join(_CHANGING)
@@ -116,7 +115,7 @@ def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly
 def _loads(
     one: Assembly, other: Assembly, old: Scenario, new: Scenario
 ) -> tuple[tuple[int, ...] | None, tuple[tuple[int, int], ...]]:
-    """Which rows of the work of loads and pressures stay, as `RestartChanges` has them, and those that go."""
+    """Rows of the work of loads and pressures that are kept, as `RestartChanges` states them, and those that are dropped."""
     before, now = _rows_of_loads(one, old), _rows_of_loads(other, new)
     if [key for key, _ in before] == [key for key, _ in now]:
         return None, ()
@@ -140,7 +139,7 @@ def _rows_of_loads(assembly: Assembly, scenario: Scenario) -> list[tuple[Any, in
 
 
 def _ties(old: Scenario, new: Scenario) -> TiesBefore | None:
-    """Which ties of the new scenario the old one has, alike in all; None if they are the same."""
+    """Ties of the new scenario that equal one of the old; None if all ties are the same."""
     left: list[Any] = list(old.ties)
     of = []
     for tie in new.ties:
@@ -161,7 +160,7 @@ def repeat(
     goes_on: RestartChanges,
     session,
 ) -> Moment:
-    """Run the scenario of a history again until a time, its rows into a new record. ScenarioError if it ends before."""
+    """Repeat the run of a history up to the time ``at``, recorded in ``store``. ScenarioError if it ends before."""
     last = float(history.time[-1]) if history.n_row else 0.0
 
     def observe(rows: Mapping, frames: Mapping) -> None:
@@ -189,7 +188,7 @@ def repeat(
 
 
 def _with_ties(rows: Mapping, before: TiesBefore | None) -> Mapping:
-    """Rows with a column for every tie of the new run: zero as long as it is not there."""
+    """Rows with a column for every tie of the new run, zero for ties that the old run lacks."""
     if before is None:
         return rows
     of = np.array(before.of, np.int64)
@@ -201,7 +200,7 @@ def _with_ties(rows: Mapping, before: TiesBefore | None) -> Mapping:
 
 
 def check_repeated(moment: Moment, history: History) -> str:
-    """A remark if the run that was repeated is not, to the last bit, the one that the history is of."""
+    """Remark if the repeated run differs from the history in any bit; empty if not."""
     row = int(np.argmin(np.abs(history.time - moment.time)))
     told = {name: float(getattr(history, name)[row]) for name in moment.row}
     if told == moment.row:
@@ -216,7 +215,7 @@ def check_repeated(moment: Moment, history: History) -> str:
 def prepared(
     history: History, at: float, overrides: tuple[str, ...], file: str
 ) -> tuple[Scenario, Scenario, Assembly, Assembly, RestartChanges]:
-    """The scenario of a history and the one that goes on, their assemblies, and what changes between them."""
+    """The scenario of a history and the one that continues it, their assemblies, and the changes between them."""
     if not (math.isfinite(at) and at >= 0.0):
         raise ScenarioError(f"--at {at:g}: the time of a row, 0 or more")
     custom_law.refuse_alone(history)
@@ -238,7 +237,7 @@ def prepared(
 
 
 def _check_time_step(old: Scenario, one: Assembly, new: Scenario, other: Assembly, file: str) -> None:
-    """ScenarioError if the time step of the run is too long for the ties that come."""
+    """Raise ScenarioError if the time step of the run is too long with the new ties."""
     from dembrick.simulation.dynamics import run
 
     step = run.prepare(one, old.control, old.solver.step_factor).time_step

@@ -1,4 +1,4 @@
-"""The record of a run that is still in memory, as a history: for pictures of a result without a file."""
+"""The record of a run in memory as a history, to draw a result that has no file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dembrick.scenario import toml as scenarios
 
 @contextmanager
 def temporary(write: Callable[[str], object], name: str = "run.h5") -> Iterator[history.History]:
-    """The history that ``write(path)`` writes into a temporary file, which goes away again."""
+    """Context with the history that ``write(path)`` writes into a temporary file, which is removed at the end."""
     with tempfile.TemporaryDirectory(prefix="dembrick-") as folder:
         path = os.path.join(folder, name)
         write(path)
@@ -24,7 +24,7 @@ def temporary(write: Callable[[str], object], name: str = "run.h5") -> Iterator[
 
 @contextmanager
 def recording(result) -> Iterator[history.History]:
-    """The history of a result: its file where it has one, else a temporary file that goes away again.
+    """Context with the history of a result: its file if it has one, else a temporary file, removed at the end.
 
     Raises HistoryError if the run kept no record.
     """

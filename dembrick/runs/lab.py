@@ -32,8 +32,8 @@ from dembrick.views.plot import style
 from dembrick.views.summary import bar_to
 
 TABLE_1_FORMULATIONS = ("convex", "concave")
-# What a second process compiles beside the first replays, of concave joints: all of convex joints, as kernels of one
-# family have most of their parts in common, which a process compiles once; then what takes longest of the rest.
+# Compiled by a second process during the first replays, which have concave joints: all of convex joints, as kernels of
+# one family share most of their parts, which a process compiles once; then the slowest of the rest.
 AHEAD = (("set2a", "convex"), ("set2a_curve", "convex"), ("set2a_curve", "concave"))
 
 
@@ -43,7 +43,7 @@ def _base(name: str) -> Scenario:
 
 
 def refuse_foreign_folder(folder: str | os.PathLike) -> None:
-    """OutputError if a folder holds something and no history of an earlier lab replay: nothing of it is replaced."""
+    """Raise OutputError if a folder is not empty and holds no history of an earlier lab replay."""
     found = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
     for name in found:
         if name.startswith("set") and name.endswith(".h5"):
@@ -96,8 +96,8 @@ def replay_lab(
 ) -> LabReplay:
     """Replay the lab tests; histories go to ``folder``, and with ``curves`` the constant-rate tests too.
 
-    ``told`` hears the rows as soon as all are there, before the constant-rate tests. An interrupt carries the rows that
-    were done as its ``answer``, the object of ``lab --json``.
+    ``told`` is called with the rows once all are done, before the constant-rate tests. An interrupt carries the rows
+    done so far as its ``answer``, the object of ``lab --json``.
     """
     for name in sets:
         if name not in SETS:
@@ -143,7 +143,7 @@ def replay_lab(
             if told:
                 paused = time.perf_counter()
                 told(LabReplay(rows, rows_table_1, wall, agrees))
-                began += time.perf_counter() - paused  # what is done with them is no part of the replay
+                began += time.perf_counter() - paused  # the time of told is no part of the replay
             for set_name in sets if curves else ():
                 for formulation in formulations:
                     stem = f"set{set_name}_curve_{formulation}"
@@ -161,7 +161,7 @@ def replay_lab(
 
 
 def _rehearse(wanted: Sequence[tuple[str, str]]) -> None:
-    """Run scenarios in these formulations for the kernels that they compile; nothing else is kept."""
+    """Run scenarios in these formulations to compile their kernels; results are not kept."""
     for name, formulation in wanted:
         simulate(lab_scenario(name, formulation))
 
@@ -187,7 +187,7 @@ def _row(set_name: str, formulation: str, height: float, result: Result) -> dict
 
 
 def _row_table_1(joint, formulation: str, result: Result) -> dict:
-    """V of the couple times its arm is the torsion strength."""
+    """Row of Table 1: the torsion strength is V of the couple times its arm."""
     actuators = result.assembly.actuators
     arm = abs(float((actuators.at.arm[:, 0] * actuators.direction[:, 1] * actuators.weight).sum()))
     point, expected = result.yield_point, present(result.theory)
@@ -207,7 +207,7 @@ def _row_table_1(joint, formulation: str, result: Result) -> dict:
 
 
 def write_csv(rows: Iterable[dict], path: str | os.PathLike) -> None:
-    """The rows as comma-separated text, SI units, one header line."""
+    """Write rows as comma-separated text in SI units, with one header line."""
     rows = list(rows)
     target = check_output(path)
     with writing(path, "table"), replacing(target) as part, open(part, "w", newline="", encoding="utf-8") as file:
@@ -324,8 +324,8 @@ def _saved(figure, folder: str, name: str) -> list[str]:
 
 
 def draw_curves(replayed: LabReplay, folder: str, console) -> tuple[list[str], list[str]]:
-    """Draw the constant-rate tests into ``folder``; returns the figures, and what is exported for ParaView. A 3D
-    picture that cannot be drawn is left out, and said."""
+    """Draw the constant-rate tests into ``folder``; returns the figures and the exports for ParaView. A 3D picture that
+    cannot be drawn is left out, with a remark."""
     from dembrick.views import render
     from dembrick.views.render import screen
 
@@ -346,7 +346,7 @@ def draw_curves(replayed: LabReplay, folder: str, console) -> tuple[list[str], l
 
 
 def _curves(replayed: LabReplay):
-    """Force-displacement curves of the constant-rate tests, a panel a set, with experiment and printed values."""
+    """Force-displacement curves of the constant-rate tests, a panel per set, with experiment and printed values."""
     panels = []
     for name, test in SETS.items():
         files = [path for path in replayed.curves if f"set{name}_curve" in os.path.basename(path)]

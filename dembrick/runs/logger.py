@@ -1,4 +1,4 @@
-"""The logger ``dembrick`` of runs from Python: remarks are warnings, what is run and what came out is information.
+"""The logger ``dembrick`` of runs from Python: remarks have the level WARNING, scenarios and results INFO.
 
 It stays silent until the user sets up logging, as by ``logging.basicConfig(level="INFO")``.
 """
@@ -14,7 +14,7 @@ LOGGER.addHandler(logging.NullHandler())
 
 
 def heard_by(report: Callable[[str], None] | None) -> Callable[[str], None] | None:
-    """Function that takes the remarks of a run: ``report``, else the logger if anybody listens to it, else nothing."""
+    """Function that receives the remarks of a run: ``report``, else the logger if it has a handler, else None."""
     if report is not None:
         return report
     logger: logging.Logger | None = LOGGER

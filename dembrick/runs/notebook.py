@@ -1,4 +1,4 @@
-"""A bar in a notebook, while a run goes on."""
+"""Progress bar of a run in a notebook."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def notebook_bar() -> Callable[[Progress], None] | None:
 
 
 def as_html(progress: Progress) -> str:
-    """A bar and a line of text."""
+    """HTML of a bar with a line of text."""
     share = f' value="{progress.done}" max="{progress.total}"' if progress.total else ""
     of = "" if progress.total is None else f" of {'at most ' if progress.at_most else ''}{progress.total}"
     at = "" if progress.time is None else f", t = {progress.time:.4g} s"

@@ -1,4 +1,4 @@
-"""Scenarios from files: TOML, the names of shipped ones, and histories, which hold their scenario and what it reads."""
+"""Read scenarios: TOML files, shipped ones by name, and histories, which hold their scenario and the files it reads."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ if TYPE_CHECKING:
     from dembrick.history import History
     from dembrick.scenario.model import Scenario
 
-WENT_ON = "went_on"  # a setting of a history: the file that its run went on from, and when
+WENT_ON = "went_on"  # setting of a history: the history that its run continued, and from what time
 
 
 def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool = False) -> Scenario:
     """Read a scenario: a TOML file, a history (with the files that its run read), or a shipped scenario by its name if
     there is no such file.
 
-    ``overrides`` are ``key.path=value`` texts, as for ``--set``. ``regular``: refuse a pipe, which a user may well read
-    from, but which no other file may name.
+    ``overrides`` are ``key.path=value`` texts, as for ``--set``. ``regular``: refuse a pipe, which a user may name, but
+    no other file may.
     """
     path = os.fsdecode(path)
     if not is_hdf5(path):
         return toml.load(path, overrides, regular)
-    from dembrick.history import read  # and h5py: for histories only
+    from dembrick.history import read  # imports h5py, for histories only
 
     with read(path) as history:
         refuse_alone(history)
@@ -35,13 +35,13 @@ def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool =
 
 
 def came_from(settings: Mapping) -> dict:
-    """Settings of a history that name the one from which it went on; empty if it began by itself."""
+    """Settings of a history that name the history that its run continued; empty if none."""
     found = settings.get(WENT_ON)
     return {WENT_ON: found} if isinstance(found, dict) else {}
 
 
 def refuse_alone(history: History) -> None:
-    """HistoryError if a run went on from another, so that its scenario alone does not lead where it was, or followed a
+    """Raise HistoryError if a run cannot be repeated from its scenario alone: it continued another run, or followed a
     joint law of the user's own."""
     custom_law.refuse_alone(history)
     found = came_from(history.settings).get(WENT_ON)
@@ -54,11 +54,11 @@ def refuse_alone(history: History) -> None:
 
 
 def is_hdf5(path: str) -> bool:
-    """Whether a file is a history and not a text, by its first bytes; a pipe gives them once, and is none."""
+    """Whether a file is a history, by its first bytes; False for a pipe, which can be read only once."""
     if not os.path.isfile(path):
         return False
     try:
         with open(path, "rb") as file:
             return file.read(8) == b"\x89HDF\r\n\x1a\n"
     except OSError:
-        return False  # whoever reads the scenario says why
+        return False  # reading the scenario reports why

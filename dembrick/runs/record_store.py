@@ -1,4 +1,4 @@
-"""Where the record of a run goes: into memory, or into a history with its checkpoints. Energy is audited on the way."""
+"""Stores for the record of a run: in memory, or in a history with checkpoints. Both audit the energy."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dembrick.history import Checkpoint, HistoryWriter
 
 
-TOGETHER = 64  # chunks that the writer gets at once, at the most
+TOGETHER = 64  # most chunks passed to the writer at once
 MOST_WAITING = 1 << 20  # bytes of their rows
 
 
@@ -39,37 +39,37 @@ class Memory:
         self.place(assembly)
 
     def place(self, assembly: Assembly) -> None:
-        """The assembly with its contact points where they stay, before anything is recorded."""
+        """Set the assembly with its final contact points, before anything is recorded."""
         output, self._assembly = self._scenario.output, assembly
         self._fields = recorded(assembly, output.channels, self._scenario.control)
 
     def observe(self, rows: Mapping, frames: Mapping) -> None:
-        """Take what a chunk brought."""
+        """Record the rows and frames of a chunk."""
         self.auditor.observe(rows)
         self._rows.append(followed(rows, self._fields, ROWS, self._assembly))
         if frames:
             self._frames.append(followed(frames, self._fields, FRAMES, self._assembly))
 
     def session(self, output: Output) -> Session:
-        """The surroundings of the run."""
+        """Session of a run that records into this store."""
         return Session(self.observe, output)
 
     @property
     def rows(self) -> Mapping:
-        """All rows, one array a name."""
+        """All rows, one array per name."""
         return joined(self._rows)
 
     @property
     def frames(self) -> Mapping:
-        """All frames, one array a name."""
+        """All frames, one array per name."""
         return joined(self._frames)
 
 
 class RecordStore:
-    """Passes the record on to a history writer, few rows together; writes checkpoints beside the history.
+    """Passes the record to a history writer, several rows at a time; writes checkpoints beside the history.
 
-    ``text`` is that of the scenario; ``left``: a history file that was left behind, to go on with, else a new one is
-    made.
+    ``text`` is that of the scenario; ``left``: the history of an interrupted run to continue; without it a new history
+    is created.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class RecordStore:
         self.path, self._auditor = os.fspath(path), Auditor()
         self.checkpoint: Checkpoint | Kept | None = None
         self.goes_on: RestartChanges | None = None
-        self.where = ""  # the checkpoint is of
+        self.where = ""  # position in the run of the checkpoint
         self._writer: HistoryWriter | None = None
         self._recorded, self._assembly = history.recorded, assembly
         self._waiting: list[tuple[Mapping, Mapping]] = []
@@ -95,14 +95,14 @@ class RecordStore:
             self._checkpoints.discard()
         else:
             rows, frames = self._take_checkpoint(left)
-            # opened when the first record comes: until then the checkpoint may turn out not to fit
+            # opened at the first record: until then the checkpoint may turn out not to fit
             resume = history.HistoryWriter.resume
             self._open = lambda: resume(left, self._assembly, settings, channels, rows, frames, control)
         self.write_seconds = time.perf_counter() - began
 
     @property
     def auditor(self) -> Auditor:
-        """The audit of all that was observed."""
+        """The audit of everything observed."""
         self._pass_on()
         return self._auditor
 
@@ -118,7 +118,7 @@ class RecordStore:
             self._writer.place(assembly)
 
     def _take_checkpoint(self, left) -> tuple[int, int]:
-        """The last good checkpoint, and how many rows and frames there were then."""
+        """Take the last good checkpoint; return how many rows and frames there were then."""
         found, faults = self._checkpoints.newest(left.run or "")
         remedy = f"run it again from the start: dembrick run {self.path} --force"
         if found is None and faults:
@@ -147,7 +147,7 @@ class RecordStore:
         return Session(self.observe, output, self.keep, self.checkpoint, goes_on=self.goes_on)
 
     def observe(self, rows: Mapping, frames: Mapping) -> None:
-        """Take what a chunk brought; a row by itself waits for others, as each call of the writer takes its time."""
+        """Record the rows and frames of a chunk, several at a time, as each call of the writer takes its time."""
         began = time.perf_counter()
         if self._waiting and rows["energy"].keys() != self._waiting[0][0]["energy"].keys():
             self._pass_on()  # the dead-load equilibrium has none
@@ -158,7 +158,7 @@ class RecordStore:
         self.write_seconds += time.perf_counter() - began
 
     def _pass_on(self) -> None:
-        """Hand the writer all that waits."""
+        """Pass all waiting rows and frames to the writer."""
         if not self._waiting:
             return
         rows, frames = [rows for rows, _ in self._waiting], [frames for _, frames in self._waiting if frames]
@@ -170,7 +170,7 @@ class RecordStore:
             self.writer.append_frames(**joined(frames))
 
     def keep(self, arrays: Mapping[str, np.ndarray], where: str) -> None:
-        """Flush the history, then write a checkpoint that says how much of it was there, and how far the run was."""
+        """Flush the history, then write a checkpoint with its numbers of rows and frames, and ``where`` the run was."""
         began = time.perf_counter()
         self._pass_on()
         self.writer.flush()
@@ -180,22 +180,22 @@ class RecordStore:
         self.write_seconds += time.perf_counter() - began
 
     def flush(self) -> None:
-        """Bring all that was observed to the file."""
+        """Write everything observed to the file."""
         self._pass_on()
         self.writer.flush()
 
     def abandon(self) -> bool:
-        """Leave no history behind if nothing was recorded; returns whether."""
+        """Remove the history if nothing was recorded; return whether."""
         self._pass_on()
         return self._writer is not None and self._writer.abandon()
 
     @property
     def has_checkpoint(self) -> bool:
-        """Whether there is something to go on from."""
+        """Whether there is a checkpoint to restart from."""
         return bool(self._checkpoints.existing())
 
     def finish(self, status: str, results: Mapping, settings: Mapping | None = None) -> None:
-        """Make the final history; checkpoints stay where the run may go on."""
+        """Finish the history; checkpoints are kept only if the run may be restarted."""
         self._pass_on()
         self.writer.finish(status, results, settings)
         if status != "interrupted":
@@ -203,15 +203,15 @@ class RecordStore:
 
     @property
     def rows(self) -> Mapping:
-        """All rows, read from the file as they are asked for."""
+        """All rows, read from the file on demand."""
         return self._recorded.Rows(self.path)
 
     @property
     def frames(self) -> Mapping:
-        """All frames, read from the file as they are asked for."""
+        """All frames, read from the file on demand."""
         return self._recorded.Frames(self.path)
 
 
 def _bytes(record: Mapping) -> int:
-    """Memory of the arrays of a record, but for those in mappings of it."""
+    """Bytes of the arrays of a record, without those in nested mappings."""
     return sum(array.nbytes for array in record.values() if isinstance(array, np.ndarray))

@@ -72,13 +72,13 @@ class Options(TypedDict, total=False):
 
 
 class Asked(NamedTuple):
-    """Options of a run beside its answer: an error estimate, and what limit analysis says."""
+    """Additions to the answer of a run: an error estimate (``refine``), and a bound of limit analysis (``bound``)."""
 
     refine: bool = False
     bound: bool = False
 
     def check(self, scenario: Scenario, assembly: Assembly) -> None:
-        """Refuse what a scenario cannot give, before anything runs: ScenarioError, or MissingDependency."""
+        """Raise ScenarioError or MissingDependency for what a scenario does not allow, before anything runs."""
         if self.refine:
             refinements(scenario, has_paths(assembly))
         if self.bound:
@@ -128,21 +128,21 @@ def simulate(
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
 ) -> AnyResult:
-    """Run a scenario (or its TOML file, or a history of it) and return its Result, or its MotionResult where blocks
+    """Run a scenario (or its TOML file, or a history of it) and return its Result, or its MotionResult if blocks
     move in time.
 
-    ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
-    scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
-    runs it a few times more, for the range of limits that other paths lead to, or for an error estimate of a collapse
-    in real time or of how far blocks have moved, see `error_estimate`. ``bound`` asks for the associative bound of a
-    search, whatever limit analysis costs; of a settlement for the reactions that it allows at the start. ``law``
-    is a joint law of your own, see `joint_law`. ``report`` gets warnings, which without it go to the logger
-    ``dembrick``; ``progress`` hears ten times a second how far the run is (see `simulation.session.Progress`). None
-    shows a bar in a notebook, False nothing.
+    ``history`` is the HDF5 file to write; ``force`` allows it to replace any file, or with "own" a finished history of
+    the same scenario. Without ``record`` and ``history`` only the yield point is kept, which suits a batch. ``refine``
+    runs the scenario a few more times, for the range of limits on other paths, or for an error estimate of a collapse
+    in real time or of displacements, see `error_estimate`. ``bound`` adds the associative bound of a search, whatever
+    limit analysis costs, or the range of reactions at the start of a settlement. ``law`` is a joint law of your own,
+    see `joint_law`. ``report`` receives warnings, which otherwise go to the logger ``dembrick``; ``progress`` is called
+    ten times a second with the progress of the run (see `simulation.session.Progress`). None shows a bar in a notebook,
+    False nothing.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
-    and DivergedError if there is no answer; the history then is kept, with the status "failed". Interrupted, which
-    is a KeyboardInterrupt, leaves the status "interrupted", and `restart` goes on from there.
+    and DivergedError if there is no answer; the history is then kept with the status "failed". Interrupted, which
+    is a KeyboardInterrupt, leaves the status "interrupted", from which `restart` continues.
     """
     began, start_up, report = time.perf_counter(), _start_up(), heard_by(report)
     if not isinstance(scenario, Scenario):
@@ -153,7 +153,7 @@ def simulate(
     if history is None:
         memory = Memory(scenario, assembly) if record else None
         return _run(scenario, assembly, memory, (began, start_up), asked, progress, report)
-    from dembrick.history import claimed  # and h5py: for runs with a file only
+    from dembrick.history import claimed  # imports h5py, for runs with a file only
 
     with claimed(history):
         settings = {"scenario": scenario.path or "", **custom_law.settings_of(assembly)}
@@ -171,11 +171,11 @@ def restart_at(
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
 ) -> AnyResult:
-    """Go on from the time ``at`` (s, or the number of an equilibrium) of the run of a history, which may be over.
+    """Continue the run of a history, which may have ended, from the time ``at`` (s, or the number of an equilibrium).
 
     ``changes`` are ``key.path=value`` texts, as for ``--set``: joint laws, loads, ties. The new history ``out`` holds
-    the whole: what was before, and what comes; that of before stays as it is. Its run is repeated up to the first row
-    that is not before ``at``. Raises ScenarioError for what cannot change on the way.
+    the whole run, before and after ``at``; the old one stays as it is. The old run is repeated up to its first row at
+    or after ``at``. Raises ScenarioError for keys that cannot change during a run.
     """
     from dembrick.history import claimed, read, refuse_inputs
     from dembrick.runs import going_on
@@ -207,11 +207,11 @@ def restart(
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
 ) -> AnyResult:
-    """Go on with a run that was killed or interrupted, from its last good checkpoint; returns the Result of the whole.
+    """Continue a run that was killed or interrupted from its last good checkpoint; return the Result of the whole run.
 
-    What the history holds beyond the checkpoint is dropped and comes again; rows, frames and result are to the last bit
-    those of a run that was never stopped. Without a checkpoint the run starts again. Raises HistoryError if the file
-    is not a history, its run is over, or its checkpoints do not fit it.
+    Records after the checkpoint are dropped and computed again; rows, frames and result are bit for bit those of an
+    uninterrupted run. Without a checkpoint the run starts from the beginning. Raises HistoryError if the file is not a
+    history, its run has ended, or its checkpoints do not fit it.
     """
     from dembrick.history import claimed, read
 
@@ -246,7 +246,7 @@ def _start_up() -> float:
 
 
 def _built(scenario: Scenario, report: Callable[[str], None] | None):
-    """The assembly, its warnings reported."""
+    """Build the assembly and report its warnings."""
     LOGGER.info("%s: %r", scenario.path or "a scenario of Python", scenario)
     assembly = assemblies.assemble(scenario)
     if report:
@@ -264,7 +264,7 @@ def _run(
     progress: Callable[[Progress], None] | bool | None = None,
     report: Callable[[str], None] | None = None,
 ) -> AnyResult:
-    """Replay, audit and judge. ``times``: when the work on it began, and the seconds of processor time before."""
+    """Run, audit the energy and make the result. ``times``: when work began, and the processor time (s) before."""
     began, start_up = times
     path, driver = store.path if isinstance(store, RecordStore) else None, driver_of(scenario.control)
     with ExitStack() as until_written:
@@ -281,8 +281,8 @@ def _run(
                     session = stages.run(session)
                 run = driver.run(at_stage(scenario, len(scenario.stages) + 1), assembly, session)
             audit = store.auditor.result(run.energy, custom) if store and run.energy is not None else None
-            until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
-        except WriteError as error:  # the disk has what it has
+            until_written.enter_context(interrupts.deferred())  # a signal must not lose the answer
+        except WriteError as error:  # what is on the disk stays there
             kept = isinstance(store, RecordStore) and store.has_checkpoint
             remedy = f"; once there is room again: dembrick restart {path}" if kept else ""
             failed = WriteError(f"{error}{remedy}")
@@ -291,7 +291,7 @@ def _run(
         except HistoryError:
             raise  # the checkpoint does not fit; nothing was written
         except DembrickError as error:
-            # an input that cannot be run leaves nothing in the way of the one that is mended
+            # an input that cannot be run leaves no file that its corrected version would have to replace
             file = store if isinstance(store, RecordStore) else None
             if file is not None and error.exit_code != 1 and file.abandon():
                 file = None
@@ -317,7 +317,7 @@ def _run(
 
 
 def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, asked: Asked) -> AnyResult:
-    """The result of a run that came to its end, compared with theory, and written."""
+    """The result of a finished run, compared with theory and written to its history."""
     began, placing, done = times["began"], times["placing"], time.perf_counter()
     path = store.path if isinstance(store, RecordStore) else None
     write = store.write_seconds if store else 0.0
@@ -363,7 +363,7 @@ def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, 
 
 
 def _estimate_error(result: Result | MotionResult) -> BaseException | None:
-    """Give a run its error estimate; or return what came in between, which the run itself does not suffer from."""
+    """Add the error estimate to a result; return the error that prevented it, which leaves the result itself valid."""
     scenario, fallen = result.scenario, result.collapse
     try:
         if isinstance(result, Result):
@@ -383,10 +383,10 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
 
 
 def _range_paths(result: Result) -> None:
-    """Give a search the range of load factors that other paths of the same structure lead to, by other stiffness, steps
-    and forces locked in, side by side where cores are free; its bracket then holds them all.
+    """Add to a search the range of load factors on other paths of the same structure: with other stiffness, steps and
+    locked-in forces, run in parallel on free cores. The bracket is widened to hold them all.
 
-    Paths that find no limit are counted. Raises NotConvergedError if none but the search itself found one, and
+    Paths without a limit are counted as well. Raises NotConvergedError if no other path found a limit, and
     Interrupted.
     """
     from concurrent.futures import ThreadPoolExecutor
@@ -421,7 +421,7 @@ def _range_paths(result: Result) -> None:
 
 
 def _refined(one: Refinement) -> Any:
-    """Number that an error estimate compares, of a refined scenario."""
+    """Run a refined scenario; return the number that the error estimate compares."""
     refined = driver_of(one.scenario.control).refined
     if refined is not None:
         return refined(one.scenario, one.steps)

@@ -1,8 +1,8 @@
-"""Stages of a scenario: quasi-static controls one after the other, each on the state that the last one left.
+"""Stages of a scenario: controls executed in sequence, each from the state that the last one left.
 
-A checkpoint holds the number of the stage, the results of those before it and the state that they left, beside what the
-stage itself goes on from. Between two stages it is that state alone. Joint laws may change from one stage to the next,
-but for numbers that would need a new joint.
+A checkpoint holds the number of the stage, the results of the stages before it and the state that they left, beside the
+checkpoint of the stage itself, which is missing between two stages. Joint laws may change from one stage to the next,
+except for numbers that would need a new joint.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 
 
 _NUMBER, _RESULTS, _AUDIT, _LEFT = "stages.number", "stages.results", "stages.audit", "stages.left."
-_BETWEEN = "stages.between"  # what a checkpoint between two stages has, and no other
-_LONGEST = 1 << 24  # bytes of the results of all stages
+_BETWEEN = "stages.between"  # only a checkpoint between two stages has it
+_LONGEST = 1 << 24  # bytes, at most, of the results of all stages
 
 
 @contextmanager
 def _named(number: int, scenario: Scenario) -> Iterator[None]:
-    """Context in which what is raised names the stage."""
+    """Context in which errors name the stage."""
     try:
         yield
     except DembrickError as error:
@@ -52,8 +52,8 @@ def _named(number: int, scenario: Scenario) -> Iterator[None]:
 
 
 def warnings_before(scenario: Scenario) -> list[str]:
-    """Warnings on the stages before the last. Whatever their assembly or plan refuses is raised, and names its stage;
-    so is a law that any stage cannot go on with."""
+    """Warnings on the stages before the last. Errors of their assembly or plan are raised and name the stage; so are
+    errors for joint laws with which a stage cannot continue."""
     found = []
     for number, control in enumerate(scenario.stages, 1):
         own = at_stage(scenario, number)
@@ -78,10 +78,10 @@ class Stages:
     auditor: Auditor = field(default_factory=Auditor)
 
     def run(self, session: Session) -> Session:
-        """Carry out the stages that are not done yet; the surroundings of the last one.
+        """Execute the stages that are not done yet; return the session of the last control.
 
-        Raises ScenarioError if a stage falls, on which no other can start, UndecidedError
-        if that is not known; what a stage itself raises names it.
+        Raises ScenarioError if blocks fall in a stage, as no other can start from that, UndecidedError
+        if that is not known; errors of a stage name it.
         """
         if session.resumed is not None:
             session = replace(session, resumed=self._resumed(session.resumed))
@@ -148,7 +148,7 @@ class Stages:
         self.auditor.observe(rows)
 
     def _keeping(self, session: Session, between: bool = False):
-        """Function that writes a checkpoint of a stage, with what the stages before it have left."""
+        """Function that writes a checkpoint of a stage, with the results and the state that earlier stages left."""
         keep = session.keep
         if keep is None:
             return None
@@ -167,7 +167,7 @@ class Stages:
         return kept
 
     def _resumed(self, snapshot: Snapshot) -> Snapshot | None:
-        """Take the stages before from a snapshot; what the stage that was running goes on from, None between two."""
+        """Restore earlier stages from a snapshot; return it for the stage that was running, None between two."""
         done, size = snapshot.array(_NUMBER, np.zeros(2)).tolist()
         if not (done in range(len(self.scenario.stages) + 1) and size in range(_LONGEST)):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no stage of this run")
@@ -181,7 +181,7 @@ class Stages:
         self.done, self.results = int(done), results
         self.auditor.worst[:] = snapshot.array(_AUDIT, self.auditor.worst)
         if self.done and controls_of(self.scenario)[self.done - 1].regime.real_time:
-            self.left = Kept({}, Prefixed(snapshot, _LEFT))  # read as the stage after it begins
+            self.left = Kept({}, Prefixed(snapshot, _LEFT))  # read when the next stage begins
         elif self.done:
             state = initial_state(assemblies.assemble(at_stage(self.scenario, self.done)))
             self.left = restored_state(state, Prefixed(snapshot, _LEFT))
@@ -189,7 +189,7 @@ class Stages:
 
 
 def _bonds_at_limit(assembly: Assembly, run) -> str | None:
-    """A remark on the bonds that break at the limit of a search, and are handed on."""
+    """Remark on bonds that break at the limit of a search, and how the next stage inherits them."""
     left, limit = getattr(run, "left", None), getattr(run, "state", None)
     if isinstance(left, State) and isinstance(limit, State) and broke(left, limit):
         return "the bonds that break at its limit are broken in what comes after it"
@@ -202,8 +202,8 @@ MAY = ("friction", "residual_friction", "cohesion", "tensile_strength", "residua
 
 
 def check_laws(scenario: Scenario, number: int, deformed: bool) -> None:
-    """ScenarioError if the stage ``number`` gives a joint a law that what it remembers of the stage before cannot go on
-    with; ``deformed``: that one has left a deformed geometry."""
+    """Raise ScenarioError if stage ``number`` gives a joint a law that cannot continue its history of the stage before;
+    ``deformed``: whether that stage left a deformed geometry."""
     if number == 1 or not laws_change(scenario):
         return
     one, other = (assemblies.assemble(at_stage(scenario, n)) for n in (number - 1, number))
@@ -211,8 +211,8 @@ def check_laws(scenario: Scenario, number: int, deformed: bool) -> None:
 
 
 def check_change(scenario: Scenario, one: Assembly, other: Assembly, when: str, deformed: bool) -> None:
-    """ScenarioError if joints cannot go on with the laws that they have in the ``other`` assembly of the same blocks;
-    ``when`` they change, for a message; ``deformed``: in a deformed geometry."""
+    """Raise ScenarioError if joints cannot continue with their laws in the ``other`` assembly of the same blocks;
+    ``when`` they change, for a message; ``deformed``: whether in a deformed geometry."""
     before, now = one.joints.law, other.joints.law
     if len(before) != len(now):
         refuse(scenario, f"the formulation of joints stays as it is {when}")
@@ -245,7 +245,7 @@ _LISTED = f"{', '.join(MAY[:-1])} and {MAY[-1]}"
 
 
 def _sorted(laws: list[JointLaw]) -> list[list[int]]:
-    """How laws lie in the memory of a run in the deformed geometry, that sorts them by their numbers."""
+    """Places of the laws in the tables of a run in the deformed geometry, which sorts them by their numbers."""
     if not laws:
         return []
     tables = [np.array([(law.normal_stiffness, law.shear_stiffness, law.friction) for law in laws])]

@@ -1,4 +1,4 @@
-"""A run in real time as a loop of Python: the state every so often, loads set meanwhile, an end at any time."""
+"""A run in real time as a Python loop: the state at intervals, loads set in the loop, an end at any time."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Step:
     """The state of n blocks at a ``time`` (s), seen from the supports: SI units, world axes.
 
     ``position``, ``displacement`` from the start, ``velocity`` and ``spin`` (n, 3) of the centroids in the order of
-    ``names``, ``orientation`` (n, 4) quaternions (w, x, y, z); ``load``: what grows in the record of such a run;
+    ``names``, ``orientation`` (n, 4) quaternions (w, x, y, z); ``load`` as in the record of such a run;
     ``joint_forces`` (j, 7): N, V_1, V_2, M_T, M_1, M_2 and slip of each joint.
     """
 
@@ -56,12 +56,12 @@ def steps(
     every: float,
     loads: Callable[[Step], Forces | None] | None = None,
 ) -> Iterator[Step]:
-    """Live through a scenario and give its state at the start and then about ``every`` seconds (whole time steps).
+    """Run a scenario in real time; yield its state at the start and then every ``every`` seconds (whole time steps).
 
-    ``loads`` is called with each state and gives forces on the centroids of free blocks (N, by name), which hold until
-    the next one; blocks that it leaves out have none. Leave the loop to end the run early; a tilt ends by itself when a
-    block has moved by ``control.displacement``. Nothing is written. Raises ScenarioError for a control that is not in
-    real time, and what a run raises.
+    ``loads`` is called with each state and returns forces on the centroids of free blocks (N, by name), which act
+    until the next state; blocks that it leaves out have none. Leave the loop to end the run early; a tilt ends by
+    itself when a block has moved by ``control.displacement``. Nothing is written. Raises ScenarioError for a control
+    that is not in real time, and the errors of a run.
     """
     if not isinstance(scenario, Scenario):
         scenario = load(scenario)
@@ -108,12 +108,12 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
                 if name not in rows:
                     raise ScenarioError(f"loads name {show(name)}, which is no free block")
                 force[rows[name]] = given
-            driving = replace(driving, force=force)  # another one, whose loads are not those found ahead for the last
+            driving = replace(driving, force=force)  # a new object: the old one may hold loads found ahead
         status = advance(moving, driving, min(stride, total - moving.steps), limits)
 
 
 def _forces(given) -> dict[str, np.ndarray]:
-    """Forces from a callback, checked: three finite numbers (N) a block. ScenarioError else."""
+    """Checked forces of a callback: three finite numbers (N) per block, else ScenarioError."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):
