@@ -115,7 +115,8 @@ def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly
 def _loads(
     one: Assembly, other: Assembly, old: Scenario, new: Scenario
 ) -> tuple[tuple[int, ...] | None, tuple[tuple[int, int], ...]]:
-    """Rows of the work of loads and pressures that are kept, as `RestartChanges` states them, and those that are dropped."""
+    """Rows of the work of loads and pressures that are kept, as `RestartChanges` states them, and those that are
+    dropped."""
     before, now = _rows_of_loads(one, old), _rows_of_loads(other, new)
     if [key for key, _ in before] == [key for key, _ in now]:
         return None, ()
