@@ -105,8 +105,8 @@ def fit_curves(
     runs = _Runs(given, curves, dict(zip(keys, start, strict=True)), report)
     at = np.zeros(len(keys))
     for _ in range(STARTS):
-        trial = _Trial(runs, _searched(least_squares, runs, at, HOLD))
-        trial = _Trial(runs, _searched(least_squares, runs, trial.best, HOLD_OF_SCATTER * trial.scatter))
+        trial = _IntervalSearch(runs, _searched(least_squares, runs, at, HOLD))
+        trial = _IntervalSearch(runs, _searched(least_squares, runs, trial.best, HOLD_OF_SCATTER * trial.scatter))
         try:
             ends = [(trial.end(i, -1.0), trial.end(i, 1.0)) for i in range(len(keys))]
         except _Better as better:
@@ -244,7 +244,7 @@ class _Better(Exception):
         self.at = at
 
 
-class _Trial:
+class _IntervalSearch:
     """Finds how far each key may move from its ``best`` value before the misfit rises beyond chance."""
 
     def __init__(self, runs: _Runs, best: np.ndarray):

@@ -63,7 +63,7 @@ def settings_of(assembly: Assembly) -> dict:
     return {} if assembly.custom_law is None else {SETTING: assembly.custom_law.as_dict()}
 
 
-def refuse_alone(history: History) -> None:
+def require_repeatable(history: History) -> None:
     """HistoryError if a run followed a law of the user's own, which no file holds."""
     found = history.settings.get(SETTING)
     if isinstance(found, Mapping):

@@ -108,7 +108,7 @@ class DomainJoint:
         return (a, b) if straight else None
 
     @property
-    def has_several_feet(self) -> bool:
+    def has_several_pieces(self) -> bool:
         """Whether the joint has several pieces, of blocks of several parts, here strung together into one outline."""
         return len(np.unique(self.polygon, axis=0)) < len(self.polygon)  # the outline passes through a corner twice
 
@@ -153,7 +153,7 @@ def _check(joint: DomainJoint, formulations: Sequence[str], request: Request) ->
             raise ScenarioError(f"unknown formulation {name!r}: {nearest(name, FORMULATIONS)}")
     if request.pressure not in PRESSURES:
         raise ScenarioError(f"unknown pressure {request.pressure!r}: {nearest(request.pressure, PRESSURES)}")
-    if joint.has_several_feet and (joint.cohesion > 0.0 or set(formulations) != {"convex"}):
+    if joint.has_several_pieces and (joint.cohesion > 0.0 or set(formulations) != {"convex"}):
         raise ScenarioError(
             "the domain of a joint of several feet is known for the convex formulation without cohesion alone: give "
             "--formulation convex without cohesion, or find single limits of the scenario by a run"
@@ -229,7 +229,7 @@ def simulate_domain(
 def _simulated(joint, formulation, count, request, threads=None, progress=None) -> YieldDomain:
     _check(joint, [formulation], request)
     if joint.cohesion > 0.0:
-        return bonded_yield_domain(joint, formulation, count, request, progress)
+        return cohesive_yield_domain(joint, formulation, count, request, progress)
     return yield_domain(
         joint.polygon,
         formulation,
@@ -304,7 +304,7 @@ def _row(name: str, source: str, point, half: float | None, request: Request) ->
 STIFFNESS = 1e10  # Pa/m; a limit load does not depend on it
 
 
-def bonded_yield_domain(
+def cohesive_yield_domain(
     joint: DomainJoint, formulation: str, count: int, request: Request, progress: Callable[[int, int], None] | None
 ) -> YieldDomain:
     """As `simulation.statics.yield_domain.yield_domain`, of a ``joint`` with cohesion; brackets are indicators. Raises

@@ -24,7 +24,7 @@ from dembrick.runs.outcomes.load_path_result import (
 from dembrick.runs.outcomes.motion_result import MotionResult
 from dembrick.runs.outcomes.result import Result
 from dembrick.runs.outcomes.statics_result import StaticsResult
-from dembrick.runs.path_dependence import beside_limit, has_paths, other_paths, within
+from dembrick.runs.path_dependence import beside_limit, cut_at_bound, has_paths, other_paths
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import Control, DisplacementControl, YieldControl
 from dembrick.scenario.model import Scenario
@@ -147,7 +147,7 @@ def _has_convex(assembly: Assembly) -> bool:
     return any(law.formulation == "convex" for law in assembly.joints.law)
 
 
-def _searched(bound: bool = False, **fields) -> Result:
+def _search_result(bound: bool = False, **fields) -> Result:
     """Result of a search: the yield point, compared with theory if one holds, the entries beside it, and the collapse
     under a load on every block; ``bound``: with the associative bound, whatever it costs."""
     run, assembly, scenario = fields["run"], fields["assembly"], fields["scenario"]
@@ -155,7 +155,7 @@ def _searched(bound: bool = False, **fields) -> Result:
     unbounded = control.regime is CONSTANT_RATE or assembly.custom_law is not None
     others = None if unbounded else other_paths(run, assembly, control, bound)
     if others is not None:
-        run.yield_point = within(run.yield_point, others.bound)
+        run.yield_point = cut_at_bound(run.yield_point, others.bound)
     slid = control.regime is CONSTANT_RATE or bool(scenario.stages or scenario.among)  # perhaps in an earlier stage
     expected = theory_check.theory_of(assembly, slid)
     if expected is not None and run.yield_point.V is not None:
@@ -167,7 +167,7 @@ def _searched(bound: bool = False, **fields) -> Result:
     return Result(**fields, theory=expected, fallen=fallen, path=path, others=others)
 
 
-def _settled(bound: bool = False, **fields) -> SettlementResult:
+def _settlement_result(bound: bool = False, **fields) -> SettlementResult:
     """Result of a settlement; ``bound``: with the range of reactions at the start by limit analysis."""
     from dembrick.runs import limit  # imports its solver, only if asked for
 
@@ -264,7 +264,7 @@ def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
     return None if found is None else found["upper"]
 
 
-def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> MotionRun:
+def _run_in_real_time(scenario: Scenario, assembly: Assembly, session: Session) -> MotionRun:
     from dembrick.simulation.dynamics import run
 
     moving, driving = _set_up(scenario, assembly, session)
@@ -327,9 +327,9 @@ def _refined_path(scenario: Scenario, steps: float) -> float:
 
 
 DRIVERS = {
-    LIMIT_LOAD.name: Driver(_plan_search, _limit_load, _searched, _other_path(_limit_load), _place_points),
-    CONSTANT_RATE.name: Driver(_plan_rate, _constant_rate, _searched),
-    PATH_FOLLOWING.name: Driver(_plan_path, _follow_path, _searched, _other_path(_follow_path)),
+    LIMIT_LOAD.name: Driver(_plan_search, _limit_load, _search_result, _other_path(_limit_load), _place_points),
+    CONSTANT_RATE.name: Driver(_plan_rate, _constant_rate, _search_result),
+    PATH_FOLLOWING.name: Driver(_plan_path, _follow_path, _search_result, _other_path(_follow_path)),
     DEAD_LOAD.name: Driver(
         lambda _, assembly: dead_load.plan(assembly),
         lambda _, assembly, session: dead_load.find_rest(assembly, session),
@@ -338,6 +338,6 @@ DRIVERS = {
     LOAD_PATH.name: Driver(_plan_equilibria, _find_equilibria, LoadPathResult, _refined_path),
     DRIVEN_PATH.name: Driver(_plan_equilibria, _find_equilibria, DrivenPathResult, _refined_path),
     DEFORMED_REST.name: Driver(_plan_equilibria, _find_equilibria, DeformedRestResult),
-    SETTLEMENT.name: Driver(_plan_equilibria, _find_equilibria, _settled, _refined_path),
-    REAL_TIME.name: Driver(_plan_motion, _live_through, MotionResult),
+    SETTLEMENT.name: Driver(_plan_equilibria, _find_equilibria, _settlement_result, _refined_path),
+    REAL_TIME.name: Driver(_plan_motion, _run_in_real_time, MotionResult),
 }

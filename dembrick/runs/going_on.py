@@ -46,7 +46,7 @@ class _Reached(Exception):
     """Raised when the time is reached; only `repeat` catches it."""
 
 
-class Moment:
+class RunUntil:
     """Follows a run up to its first row at or after the time ``at``, less the slack ``frozen``.
 
     Passes rows and frames on to ``observe``, and keeps a copy of the ``state`` at the end.
@@ -160,14 +160,14 @@ def repeat(
     store: RecordStore,
     goes_on: RestartChanges,
     session,
-) -> Moment:
+) -> RunUntil:
     """Repeat the run of a history up to the time ``at``, recorded in ``store``. ScenarioError if it ends before."""
     last = float(history.time[-1]) if history.n_row else 0.0
 
     def observe(rows: Mapping, frames: Mapping) -> None:
         store.observe(_with_ties(rows, goes_on.ties), frames)
 
-    moment = Moment(at, observe, 1e-12 * max(abs(at), last))
+    moment = RunUntil(at, observe, 1e-12 * max(abs(at), last))
     output = replace(scenario.output, checkpoint=0.0)
     watched = Session(
         moment.observe, output, moment.keep, keep_last=moment.keep, tell=session.tell, report=session.report
@@ -200,7 +200,7 @@ def _with_ties(rows: Mapping, before: TiesBefore | None) -> Mapping:
     return found
 
 
-def check_repeated(moment: Moment, history: History) -> str:
+def check_repeated(moment: RunUntil, history: History) -> str:
     """Remark if the repeated run differs from the history in any bit; empty if not."""
     row = int(np.argmin(np.abs(history.time - moment.time)))
     told = {name: float(getattr(history, name)[row]) for name in moment.row}
@@ -219,7 +219,7 @@ def prepared(
     """The scenario of a history and the one that continues it, their assemblies, and the changes between them."""
     if not (math.isfinite(at) and at >= 0.0):
         raise ScenarioError(f"--at {at:g}: the time of a row, 0 or more")
-    custom_law.refuse_alone(history)
+    custom_law.require_repeatable(history)
     if history.settings.get(WENT_ON):
         raise HistoryError(f"{file}: this run went on from another one; go on from that one, or run it to its end")
     if not history.n_row or at > float(history.time[-1]) * (1.0 + 1e-12):

@@ -98,7 +98,7 @@ def left_out(
     ]  # fmt: skip
 
 
-def rolled_over(assembly: Assembly, turned: np.ndarray) -> list[LeftOut]:
+def softened_impacts(assembly: Assembly, turned: np.ndarray) -> list[LeftOut]:
     """Remarks on impacts of blocks that rocked on beds of springs; empty if none did.
 
     ``turned`` (n,) rad: the greatest turn of each block in a run in real time.
@@ -122,7 +122,7 @@ def rolled_over(assembly: Assembly, turned: np.ndarray) -> list[LeftOut]:
     return found
 
 
-def handed_over(assembly: Assembly, joints: np.ndarray) -> list[LeftOut]:
+def replaced_joints(assembly: Assembly, joints: np.ndarray) -> list[LeftOut]:
     """Remarks on ``joints`` (j,), a mask, replaced by contacts that leave out a part of the joint law; empty without
     any."""
     laws = assembly.joints.law

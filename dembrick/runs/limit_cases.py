@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def searched(scenario: Scenario) -> Scenario:
     """The scenario for limit analysis: in the geometry of the start, with the quasi-static load for a tilt or a push in
     real time. ScenarioError if an earlier stage changes the geometry."""
-    settled = _settled(scenario)
+    settled = _first_deformed_stage(scenario)
     if settled is not None:
         kind = show(scenario.stages[settled - 1].kind)
         raise ScenarioError(
@@ -50,7 +50,7 @@ def searched(scenario: Scenario) -> Scenario:
 
 def at_start(scenario: Scenario) -> tuple[Scenario, str | None]:
     """The scenario up to the first stage that changes the geometry, and a remark on that; None if no stage does."""
-    settled = _settled(scenario)
+    settled = _first_deformed_stage(scenario)
     if settled is None:
         return scenario, None
     kind = show(scenario.stages[settled - 1].kind)
@@ -60,7 +60,7 @@ def at_start(scenario: Scenario) -> tuple[Scenario, str | None]:
     )
 
 
-def _settled(scenario: Scenario) -> int | None:
+def _first_deformed_stage(scenario: Scenario) -> int | None:
     """Number of the first stage that changes the geometry; None if none does."""
     return next((k for k, stage in enumerate(scenario.stages, 1) if stage.in_deformed_geometry), None)
 
@@ -70,7 +70,7 @@ def check_bound(scenario: Scenario) -> None:
     control = scenario.control
     if control.regime is SETTLEMENT:
         paths = control.support_paths
-        if len(paths) > 1 or paths[0].rotation is not None or _settled(scenario) is not None:
+        if len(paths) > 1 or paths[0].rotation is not None or _first_deformed_stage(scenario) is not None:
             raise ScenarioError(
                 "--bound of a settlement is for supports that move along one line from the geometry of the start; "
                 "ask 'dembrick limit SCENARIO --reaction SUPPORT --direction X,Y,Z' for any direction"

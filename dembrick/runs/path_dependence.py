@@ -102,7 +102,7 @@ def _affordable(run: Replay, assembly: Assembly) -> bool:
     return cheaper_than(max(LONG if open_ended else PATIENCE, run.loop_seconds), assembly)
 
 
-def within(point: YieldPoint, bound: dict | None) -> YieldPoint:
+def cut_at_bound(point: YieldPoint, bound: dict | None) -> YieldPoint:
     """``point`` with its bracket cut at the associative ``bound``, if that is known and lower. V stays if it is below
     the bound; else it is the middle of the new bracket, or the bound itself if the search has no lower bound.
 
@@ -203,13 +203,13 @@ REVERSED = 0.9  # of the limit of the reversed load
 PRESSED = (2.0, 0.5, 0.1)  # of the weight of all blocks: forces that press a joint, tried until the blocks stand
 
 
-class NoSuchHistory(NotConvergedError):
+class UnstableHistory(NotConvergedError):
     """A load history under which the blocks do not stand."""
 
 
 def histories(run: Replay, scenario: Scenario, search: Search) -> list[Callable[[], float]]:
     """Functions that find the limit load of ``scenario`` after other load histories; each may raise NotConvergedError,
-    and NoSuchHistory if the blocks do not stand under the history."""
+    and UnstableHistory if the blocks do not stand under the history."""
     found: list[Callable[[], float]]
     found = [partial(_after_smooth_rest, scenario, search), partial(_after_reversed_load, scenario, search)]
     states = [run.state] if run.left is None else [run.state, run.left]
@@ -231,7 +231,7 @@ def _after_reversed_load(scenario: Scenario, search: Search) -> float:
     back = replace(assembly, actuators=replace(actuators, direction=-actuators.direction))
     V = search(scenario, 1.0, back)
     wrench = actuators.at.on_blocks(actuators.force, len(assembly.names))
-    return search(scenario, 1.0, start=_let_go(assembly, -REVERSED * V * wrench))
+    return search(scenario, 1.0, start=_after_load_cycle(assembly, -REVERSED * V * wrench))
 
 
 def _after_pressing(scenario: Scenario, search: Search, joints: np.ndarray) -> float:
@@ -244,14 +244,14 @@ def _after_pressing(scenario: Scenario, search: Search, joints: np.ndarray) -> f
     weight = float(np.linalg.norm(assembly.dead_force[~assembly.fixed], axis=1).sum())
     for times in PRESSED:
         try:
-            start = _let_go(assembly, times * weight * wrench)
-        except NoSuchHistory:
+            start = _after_load_cycle(assembly, times * weight * wrench)
+        except UnstableHistory:
             continue
         return search(scenario, 1.0, start=start)
-    raise NoSuchHistory("the blocks do not stand it that their joints are pressed together")
+    raise UnstableHistory("the blocks do not stand it that their joints are pressed together")
 
 
-def _let_go(assembly: Assembly, wrench: np.ndarray) -> State:
+def _after_load_cycle(assembly: Assembly, wrench: np.ndarray) -> State:
     """The equilibrium after ``wrench`` (n, 6), N and N m, was applied to the blocks at rest and removed."""
     force, torque = assembly.dead_force + wrench[:, :3], assembly.dead_torque + wrench[:, 3:]
     acts = replace(assembly, dead_force=force, dead_torque=torque)
@@ -259,8 +259,8 @@ def _let_go(assembly: Assembly, wrench: np.ndarray) -> State:
 
 
 def _rest(assembly: Assembly, start: State | None = None) -> State:
-    """The equilibrium under the dead loads; NoSuchHistory without one."""
+    """The equilibrium under the dead loads; UnstableHistory without one."""
     found = dead_load.find_rest(assembly, Session(start=start))
     if found.rest.stands is not True:
-        raise NoSuchHistory("the blocks do not stand this history")
+        raise UnstableHistory("the blocks do not stand this history")
     return found.state

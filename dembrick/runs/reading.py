@@ -30,7 +30,7 @@ def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool =
     from dembrick.history import read  # imports h5py, for histories only
 
     with read(path) as history:
-        refuse_alone(history)
+        require_repeatable(history)
         return history.scenario(path, overrides)
 
 
@@ -40,10 +40,10 @@ def came_from(settings: Mapping) -> dict:
     return {WENT_ON: found} if isinstance(found, dict) else {}
 
 
-def refuse_alone(history: History) -> None:
+def require_repeatable(history: History) -> None:
     """Raise HistoryError if a run cannot be repeated from its scenario alone: it continued another run, or followed a
     joint law of the user's own."""
-    custom_law.refuse_alone(history)
+    custom_law.require_repeatable(history)
     found = came_from(history.settings).get(WENT_ON)
     if found:
         raise HistoryError(

@@ -19,8 +19,8 @@ from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.outcomes.error_estimate import Refinement, error_of, inertia_remark, refinements
 from dembrick.runs.outcomes.result import Result, heading
 from dembrick.runs.outcomes.statics_result import StaticsResult
-from dembrick.runs.path_dependence import NoSuchHistory, has_paths, histories, ranged, within
-from dembrick.runs.reading import WENT_ON, came_from, load, refuse_alone
+from dembrick.runs.path_dependence import UnstableHistory, cut_at_bound, has_paths, histories, ranged
+from dembrick.runs.reading import WENT_ON, came_from, load, require_repeatable
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.stages import Stages
 from dembrick.scenario import toml as scenarios
@@ -71,7 +71,7 @@ class Options(TypedDict, total=False):
     progress: Callable[[Progress], None] | bool | None
 
 
-class Asked(NamedTuple):
+class Extras(NamedTuple):
     """Additions to the answer of a run: an error estimate (``refine``), and a bound of limit analysis (``bound``)."""
 
     refine: bool = False
@@ -87,7 +87,7 @@ class Asked(NamedTuple):
             check_bound(scenario)
 
 
-NOTHING_ASKED = Asked()
+NO_EXTRAS = Extras()
 
 
 @overload
@@ -148,7 +148,7 @@ def simulate(
     if not isinstance(scenario, Scenario):
         scenario = load(scenario)
     assembly = custom_law.with_law(_built(scenario, report), scenario, law, refine, bound)
-    asked = Asked(refine, bound)
+    asked = Extras(refine, bound)
     asked.check(scenario, assembly)
     if history is None:
         memory = Memory(scenario, assembly) if record else None
@@ -221,14 +221,14 @@ def restart(
             raise HistoryError(
                 f"{left.path}: this run is over (status {left.status}); dembrick run {left.path} runs it again"
             )
-        custom_law.refuse_alone(left)
+        custom_law.require_repeatable(left)
         named = left.settings.get("scenario")
         scenario = left.scenario(named if isinstance(named, str) and named else None)
         assembly = _built(scenario, report)
         settings = {"scenario": scenario.path or "", **came_from(left.settings)}
         store = RecordStore(history, scenario, left.scenario_text, assembly, settings, left=left)
         if store.checkpoint is None:
-            refuse_alone(left)
+            require_repeatable(left)
         if report:
             left_at = store.checkpoint and store.where
             report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
@@ -260,7 +260,7 @@ def _run(
     assembly: Assembly,
     store: RecordStore | Memory | None,
     times: tuple[float, float],
-    asked: Asked = NOTHING_ASKED,
+    asked: Extras = NO_EXTRAS,
     progress: Callable[[Progress], None] | bool | None = None,
     report: Callable[[str], None] | None = None,
 ) -> AnyResult:
@@ -316,7 +316,7 @@ def _run(
     return result
 
 
-def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, asked: Asked) -> AnyResult:
+def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, asked: Extras) -> AnyResult:
     """The result of a finished run, compared with theory and written to its history."""
     began, placing, done = times["began"], times["placing"], time.perf_counter()
     path = store.path if isinstance(store, RecordStore) else None
@@ -403,7 +403,7 @@ def _range_paths(result: Result) -> None:
     def found(one: Callable[[], float]) -> list[float | None]:
         try:
             return [one()]
-        except NoSuchHistory:
+        except UnstableHistory:
             return []
         except NotConvergedError:
             return [None]
@@ -417,7 +417,7 @@ def _range_paths(result: Result) -> None:
     low, high = result.path["path_range"]
     upper = None if point.V_upper is None else max(point.V_upper, high)
     wider = replace(point, V_lower=min(point.V_lower, low), V_upper=upper)
-    result.run.yield_point = within(wider, result.path["associative"])
+    result.run.yield_point = cut_at_bound(wider, result.path["associative"])
 
 
 def _refined(one: Refinement) -> Any:

@@ -73,10 +73,10 @@ def steps(
         )
     every = real("every", every)
     require(every > 0.0, "every", every, "it must be longer than 0 s")
-    return _lived_through(scenario, every, loads)
+    return _iterate(scenario, every, loads)
 
 
-def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
+def _iterate(scenario: Scenario, every: float, loads) -> Iterator[Step]:
     assembly, control = assemble(scenario), scenario.control
     moving = run.prepare(assembly, control, scenario.solver.step_factor)
     driving = loads_of.driving_of(scenario, moving)

@@ -12,7 +12,7 @@ from dembrick.cli import main
 from dembrick.cli.sweep import _answer
 from dembrick.errors import BracketError
 from dembrick.runs import path_dependence
-from dembrick.runs.path_dependence import within
+from dembrick.runs.path_dependence import cut_at_bound
 from dembrick.scenario import toml
 from dembrick.views import page, plot, summary
 from helpers.scenario_text import block, header, jack
@@ -155,11 +155,11 @@ def test_no_limit_above_a_proven_bound_is_told(tmp_path, monkeypatch):
     """What the tolerance of a search adds is cut off; a limit that contradicts the bound is an error, not an answer."""
     point = dembrick.simulate(toml.loads(SLOPE), record=False).yield_point  # friction 0.62
     for low, high in ((0.3499, 0.3503), (0.3501, 0.3506)):
-        found = within(replace(point, V=0.5 * (low + high), V_lower=low, V_upper=high, V_peak=high), BOUND)
+        found = cut_at_bound(replace(point, V=0.5 * (low + high), V_lower=low, V_upper=high, V_peak=high), BOUND)
         assert low >= found.V_lower and found.V_lower <= found.V <= found.V_upper == found.V_peak == 0.35
-    assert within(point, None) == point == within(point, BOUND | {"upper": 0.63})
+    assert cut_at_bound(point, None) == point == cut_at_bound(point, BOUND | {"upper": 0.63})
     with pytest.raises(BracketError, match="proves that none lies above 0.35, so one of them is wrong"):
-        within(point, BOUND)
+        cut_at_bound(point, BOUND)
     monkeypatch.setattr(path_dependence, "statically_determinate", lambda _: False)
     monkeypatch.setattr("dembrick.runs.limit.associative_bound", lambda *_: BOUND)
     with pytest.raises(BracketError) as failed:
@@ -175,7 +175,7 @@ def test_a_search_without_an_upper_end_takes_that_of_limit_analysis():
         dembrick.simulate(toml.loads(SLOPE), record=False).yield_point,
         V=0.4, V_lower=0.0, V_upper=0.5, V_peak=0.5, bracket="open",
     )  # fmt: skip
-    found = within(open_ended, BOUND)
+    found = cut_at_bound(open_ended, BOUND)
     assert (found.V, found.V_lower, found.V_upper, found.V_peak) == (0.35, 0.0, 0.35, 0.35)
     said = summary.limit_text(found.as_dict(), {"associative": BOUND}, "")
     assert said.kind == "at the end, at most 0.35 by limit analysis; the limit is at least 0"

@@ -9,7 +9,7 @@ import pytest
 
 from dembrick import cli, limit, simulate
 from dembrick.runs import study as studies
-from dembrick.runs.path_dependence import ranged, within
+from dembrick.runs.path_dependence import cut_at_bound, ranged
 from dembrick.scenario import toml
 from dembrick.views.key_numbers import key_numbers
 from helpers.key_lines import lines_of
@@ -203,7 +203,7 @@ def test_a_study_says_what_depends_on_the_path(tmp_path, scenario, depends):
 def test_a_bracket_ends_at_the_proven_bound():
     point = simulate(curb(), record=False).yield_point
     wide = replace(point, V=1.0, V_lower=0.9, V_upper=1.1, V_peak=1.1)
-    cut = within(wide, {"upper": 0.96})
+    cut = cut_at_bound(wide, {"upper": 0.96})
     assert (cut.V_lower, cut.V_upper, cut.V_peak) == (0.9, 0.96, 0.96) and cut.V == pytest.approx(0.93)
-    assert within(wide, {"upper": 1.05}).V == 1.0 and within(wide, {"upper": 1.05}).V_upper == 1.05
-    assert within(wide, {"upper": 1.2}) == wide and within(wide, None) == wide
+    assert cut_at_bound(wide, {"upper": 1.05}).V == 1.0 and cut_at_bound(wide, {"upper": 1.05}).V_upper == 1.05
+    assert cut_at_bound(wide, {"upper": 1.2}) == wide and cut_at_bound(wide, None) == wide

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 LOSSES = "friction", "crushing", "fracture", "yielding"  # of the energies: those that are dissipated
-WAY_BACK = 0.51  # of the way to the last turning point but one: from there on a record's end is one too
+RETURN_SHARE = 0.51  # of the way to the last turning point but one: from there on a record's end is one too
 MISSED = 1e-2  # of the dissipated energy: straight lines between rows may miss so much of a loop
 CLOSED = 1e-5  # of the way out: a loop that misses its start by less is closed
 ROUNDING = 1e-12  # of the ranges of force and displacement: smaller works and displacements are zero
@@ -48,7 +48,7 @@ def cycles_of(
     dilates = any(law.dilation for law in (scenario.joint, *(entry.law for entry in scenario.joints)))
     found = []
     for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
-        if last == len(u) - 1 and abs(u[last] - u[middle]) <= WAY_BACK * abs(u[first] - u[middle]):
+        if last == len(u) - 1 and abs(u[last] - u[middle]) <= RETURN_SHARE * abs(u[first] - u[middle]):
             break
         loop = slice(first, last + 1)
         area = _area(weight * V[loop], u[loop], middle - first)

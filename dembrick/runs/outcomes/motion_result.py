@@ -82,9 +82,11 @@ class MotionResult(RunResult):
         without any."""
         handed = self.run.motion.contact_detection.left_to_joints() < 1.0
         softened = (
-            [] if self.scenario.control.restitution is None else left_out.rolled_over(self.assembly, self.run.turned)
+            []
+            if self.scenario.control.restitution is None
+            else left_out.softened_impacts(self.assembly, self.run.turned)
         )
-        return softened + left_out.handed_over(self.assembly, handed)
+        return softened + left_out.replaced_joints(self.assembly, handed)
 
     @property
     def uncertain(self) -> np.ndarray | float:
