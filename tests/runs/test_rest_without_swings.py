@@ -101,3 +101,20 @@ def test_a_block_that_pulls_another_by_a_cable():
     drive = f'[control]\nkind = "displacement"\nrate = 1e-3\ntravel = 0.01\n{LARGE}'
     found = dembrick.simulate(scene(other + cable + push + drive, "concave"))
     assert found.yield_point.V == pytest.approx(2.0 * HOLDS, rel=1e-5)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_swing_breaks_no_bond(formulation):
+    """A block on two beds as stiff as each other: at V = 2 c A + mu W the weaker bond breaks, and the other takes twice
+    what it bore, of the 2.05 times that it can. Blocks that swing past their rest by a tenth of that would break it."""
+    beds = "".join(
+        block(name, (x, 0.0, 0.05), (0.2, 0.4, 0.1), "fixed = true") for name, x in (("a", -0.1), ("b", 0.1))
+    )
+    stone = block("stone", (0.0, 0.0, 0.15), (0.4, 0.4, 0.1), 'held = ["rx", "ry", "rz"]\n')
+    strong = '[[joints]]\nbetween = ["b", "stone"]\ncohesion = 2050.0\n'
+    push = jack("stone", (-0.2, 0.0, 0.1), (1.0, 0.0, 0.0)) + f'[control]\nkind = "yield"\n{LARGE}'
+    found = dembrick.simulate(
+        toml.loads(header(formulation, 0.1, 1e10, keys="cohesion = 1000.0\n") + beds + stone + strong + push)
+    )
+    lower, upper = found.yield_point.V_lower, found.yield_point.V_upper
+    assert lower * (1.0 - 1e-6) <= 2050.0 * 0.08 + 0.1 * W <= upper * (1.0 + 1e-6)

@@ -172,6 +172,11 @@ def bonded(faces: Faces) -> np.ndarray:
     return np.zeros(len(faces.joint)) if faces.bonds is None else faces.bonds.bonded
 
 
+def bonds(faces: Faces) -> np.ndarray:
+    """Whether the bond of each joint holds, 1 or 0 (a,)."""
+    return (bonded(faces) > 0.0).astype(np.int64)
+
+
 memory = arrays  # there are no forces that are only recorded
 
 

@@ -147,6 +147,14 @@ def bonded(state) -> np.ndarray:
     return found
 
 
+def bonds(state) -> np.ndarray:
+    """How many bonds of every joint (j,) hold: of its points, or of the whole of it."""
+    found = np.zeros(len(state.links.host), np.int64)
+    for module, joints in present(state):
+        found[joints.joint] = module.bonds(joints)
+    return found
+
+
 def contact_points(state) -> int:
     """Number of contact points of all joints."""
     return 0 if state.corners is None else int(state.corners.start[-1])

@@ -105,6 +105,13 @@ def bonded(corners: Corners) -> np.ndarray:
     return held / np.maximum(np.add.reduceat(area, starts), 1e-300)
 
 
+def bonds(corners: Corners) -> np.ndarray:
+    """How many points of each joint have a bond that holds (p,)."""
+    if corners.bonds is None:
+        return np.zeros(len(corners.joint), np.int64)
+    return np.add.reduceat(corners.field("bonded") > 0.0, corners.start[:-1], dtype=np.int64)
+
+
 def stiffness(corners: Corners) -> np.ndarray:
     """Elastic stiffness (p, 6, 6) of the closed joints, see `elastic_stiffness`."""
     arm = np.repeat(corners.shear_arm[corners.law], np.diff(corners.start))

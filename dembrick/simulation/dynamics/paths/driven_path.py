@@ -140,7 +140,7 @@ class DrivenPath(EquilibriumPath):
 
     def _whole(self) -> np.ndarray:
         """Current values of ``whole``."""
-        return np.array([slip_path(self.moving), float(joint_families.bonded(self.moving.state).sum())])
+        return np.array([slip_path(self.moving), float(joint_families.bonds(self.moving.state).sum())])
 
     @property
     def _goes_on(self) -> bool:

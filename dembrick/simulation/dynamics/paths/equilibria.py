@@ -12,8 +12,9 @@ laws remember only their state at the equilibrium (`kernels.dynamics.law_memory`
 Frames of the collapse follow that of the last equilibrium. Their times lie between its number and the next, and they
 share its row, as nothing is in equilibrium any more.
 
-Bonds are kept intact until the blocks rest; those that are overloaded then break, and the blocks come to rest again.
-So no swing breaks a bond, and the parameter at which bonds break is known to the tolerance too.
+Bonds are kept intact until the blocks rest; those that are overloaded then break, and the blocks come to rest again
+with the others intact, until none is overloaded. So no swing breaks a bond, and the parameter at which bonds break is
+known to the tolerance too.
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ TOLERANCE = 1e-3  # relative, of the parameter at collapse, if the control sets 
 FEWEST = 768  # time steps in which the parameter grows by an increment, at least
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
 ROUNDS = 5  # each of as many steps as a dead-load equilibrium may take: sliding blocks come to rest slowly
+INTACT = 0.05  # of a round: if blocks do not rest within it after a bond broke, the other bonds may break on the swing
 DRIFTING = 2.0  # displacement from a quarter of a round to its end over that to its middle: blocks drift if it is more
 DROPPED = 0.5  # of a block's least dimension: a block that has moved so far since the last equilibrium has collapsed
 FALL = 8  # frames of a collapse, equally far apart
@@ -94,7 +96,7 @@ class EquilibriumPath(ABC):
         self.past, self.tolerance = Past(moving, None), control.tolerance or TOLERANCE
         self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
         moving.laws = SEARCHING
-        self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
+        self.broken, self.bonds = math.inf, joint_families.bonds(moving.state)
         self.bonded = joint_families.has_strengths(moving.state)
         self.from_where = 0.0, places(moving.state.bodies)
         self.pace, self.at_last = math.inf, self.from_where[1]
@@ -181,20 +183,27 @@ class EquilibriumPath(ABC):
         joint_families.keep_bonds_intact(self.moving.state, self.bonded)
         return None if falls_in(self, driving, steps, before) else self._rest_and_break(parameter, before)
 
-    def _rest_and_break(self, parameter: float, before: np.ndarray) -> float | None:
-        """`_rest` with all bonds intact; those that are overloaded then break, and the blocks come to rest again."""
-        joint_families.keep_bonds_intact(self.moving.state, self.bonded)
-        ratio = self._rest(parameter, before)
-        if not self.bonded or ratio is None:
-            return ratio
-        joint_families.keep_bonds_intact(self.moving.state, False)
-        return self._rest(parameter, before)
+    def _rest_and_break(self, parameter: float, before: np.ndarray, intact: float = math.inf) -> float | None:
+        """`_rest` with all bonds intact; those that are overloaded then break, and the blocks come to rest again with
+        the others intact, since which bonds a swing breaks would depend on rounding."""
+        while True:
+            joint_families.keep_bonds_intact(self.moving.state, self.bonded)
+            ratio = self._rest(parameter, before, intact)
+            joint_families.keep_bonds_intact(self.moving.state, False)
+            if not self.bonded or ratio is None:
+                return ratio
+            bonds, intact = joint_families.bonds(self.moving.state), INTACT
+            self.advance(self._at(parameter), 1)
+            if not (joint_families.bonds(self.moving.state) < bonds).any():
+                return ratio
 
-    def _rest(self, parameter: float, before: np.ndarray) -> float | None:
-        """Relax blocks whose `places` were ``before`` at the last equilibrium; returns as `_go`."""
-        still = self._at(parameter)
-        balanced, chunks, passed, ratio = 0, most_steps(self.moving) // CHUNK, {}, 1.0
+    def _rest(self, parameter: float, before: np.ndarray, intact: float) -> float | None:
+        """Relax blocks whose `places` were ``before`` at the last equilibrium; returns as `_go`. Bonds stay ``intact``
+        for that part of a round."""
+        still, balanced, chunks, passed, ratio = self._at(parameter), 0, most_steps(self.moving) // CHUNK, {}, 1.0
         for chunk in range(ROUNDS * chunks):
+            if chunk >= intact * chunks:
+                joint_families.keep_bonds_intact(self.moving.state, False)
             if falls_in(self, still, CHUNK, before):
                 return None
             down = self.down(before)
@@ -300,7 +309,7 @@ class EquilibriumPath(ABC):
             pace = float(self._away(self.at_last).max()) / step
             self.pace = min(pace, FASTER * self.pace) if self.pace > 0.0 else pace
         self.at_last = now
-        self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()
+        self.reached, self.bonds = parameter, joint_families.bonds(self.moving.state)
         self.recorder.driving = self._at(parameter)
         self.reaction = self.moving.reactions
         self.path.append((*self.recorder.curve(self.reaction), ratio))
@@ -351,7 +360,7 @@ class EquilibriumPath(ABC):
                 ratio = self._go(target)
                 if ratio is not None:
                     jumped, far = self.jumped(target), target - self.reached > self.close(target)
-                    broke = (joint_families.bonded(self.moving.state) < self.bonds).any() or jumped
+                    broke = (joint_families.bonds(self.moving.state) < self.bonds).any() or jumped
                     if broke and far and self.equilibria < self.room - 2 * LEFT and target < self.broken:
                         self.broken = target  # approach it in smaller steps: which bonds break first, is it a jump?
                         self._go_back()
@@ -432,7 +441,7 @@ class EquilibriumPath(ABC):
         self.reached, failed, broken, count, careful, since, pace = numbers
         self.pace, self.at_last = (pace if pace >= 0.0 else math.inf), places(self.moving.state.bodies)
         self.failed, self.broken = (end or math.inf for end in (failed, broken))
-        self.bonds = joint_families.bonded(self.moving.state).copy()
+        self.bonds = joint_families.bonds(self.moving.state)
         sound = 0.0 <= since <= self.reached <= self.greatest and self.reached < math.inf and min(failed, broken) >= 0.0
         if not (sound and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")

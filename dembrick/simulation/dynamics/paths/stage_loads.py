@@ -77,10 +77,10 @@ def rest_by_increments(
     if not to_come.on_others:
         path.path_error = math.inf  # blocks that fall onto one another swing open
         return rest()
-    slip, bonds, ratio = slip_path(moving), joint_families.bonded(moving.state), 1.0  # type: float, np.ndarray, float | None
+    slip, bonds, ratio = slip_path(moving), joint_families.bonds(moving.state), 1.0  # type: float, np.ndarray, float | None
 
     def gave_way() -> bool:
-        return slip_path(moving) != slip or bool((joint_families.bonded(moving.state) < bonds).any())
+        return slip_path(moving) != slip or bool((joint_families.bonds(moving.state) < bonds).any())
 
     if to_come.part <= LITTLE:
         ratio = rest()
