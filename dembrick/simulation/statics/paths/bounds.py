@@ -67,6 +67,26 @@ def pushed_bounds(pushes: list[Seen], strips: bool) -> tuple[float, float, bool]
     return lower, max(upper, pushes[-1][1] + (MISSING if strips else 1.0) * grown), True
 
 
+def let_go_bounds(seen: list[Seen], strips: bool) -> tuple[float, float, bool]:
+    """The same where blocks were let go again and again and nothing pushes them on, from all equilibria of the path.
+
+    V is at least what it fell to since the blocks had given way half as far, and at most what the mechanisms since then
+    take; half of how far V went up and down meanwhile is added at either end. It must have risen by little against all
+    before, and as much again may be missing, or more where there are ``strips``.
+    """
+    half = _when(seen, 0.5 * seen[-1][0]) + 1
+    before, recent = seen[:half], seen[half:]
+    if sum(s[4] for s in recent) < PUSHES:
+        return 0.0, NEVER, False
+    loads = [s[1] for s in recent]
+    more, grown = BEYOND * (max(loads) - min(loads)), max(loads) - max(s[1] for s in before)
+    lower = max(0.0, min(s[2] for s in recent) - more)
+    if grown > STILL_GROWS * max(loads):
+        return lower, NEVER, False
+    upper = max(s[3] if s[3] < NEVER else s[1] for s in recent)
+    return lower, upper + max(more, (MISSING if strips else 1.0) * grown), True
+
+
 def peak_bounds(seen: list[Seen], compliance: float) -> tuple[float, float]:
     """Bounds of the greatest V on the path ``seen``: the load that its best equilibrium certainly carried, and the peak
     between its neighbours, extrapolated linearly from both sides. ``compliance``: elastic, m/N."""

@@ -31,8 +31,8 @@ from dembrick.simulation.expected_cost import LEAST_WASTED, WASTED
 from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.newton import HELD, Equilibria
+from dembrick.simulation.statics.paths import bounds
 from dembrick.simulation.statics.paths.bond_breaking import BondBreaking
-from dembrick.simulation.statics.paths.bounds import PUSHES, go_on_rocking, limit_bounds, peak_bounds, pushed_bounds
 from dembrick.simulation.statics.paths.driven_relaxation import DrivenRelaxation
 from dembrick.simulation.statics.paths.instant_bounds import HIDDEN, LEAST_BALANCED, NOTHING, InstantBounds
 from dembrick.simulation.statics.paths.limit_state import LimitState
@@ -141,10 +141,12 @@ class PathFollower:
                     way.drift, way.wasted, more = None, int(self.patience) + 1, True
                 if V is not None and self._went_to(V) and self._moved() >= goal:
                     converged, more = True, False
-                elif way.pushes >= PUSHES and self.certificate.bracket[1] < NEVER and self._moved() >= goal:
+                elif way.pushes >= bounds.PUSHES and self.certificate.bracket[1] < NEVER and self._moved() >= goal:
                     wanders, more = True, False
                 elif way.pushes >= MOST_PUSHES:
                     more = False
+                elif not (more or self.certificate.strict) and way.jumps > MOST_JUMPS and self._moved() >= goal:
+                    *self.certificate.bracket[:], wanders = bounds.let_go_bounds(way.seen, self.search.smooth)
                 elif V is not None and V > UNLIMITED * self.dead > 0.0:
                     unlimited, more = True, False
         self.limit.record_end(self.recorder, self.state, way)
@@ -153,7 +155,7 @@ class PathFollower:
             phases["driven_relaxation"] = self.relaxation.seconds
         beside = self.elsewhere + self.relaxation.compile_seconds
         phases["path"] = time.perf_counter() - began - beside - sum(phases.values())
-        peak = peak_bounds(way.seen, self.compliance / self.weight)
+        peak = bounds.peak_bounds(way.seen, self.compliance / self.weight)
         if peak[0] <= NOTHING * self.dead:
             peak = 0.0, 0.0
         # any smaller inelastic displacement is rounding of the elastic one
@@ -300,7 +302,7 @@ class PathFollower:
         if way.tried and joint_families.has_areas(self.state):
             tangent, along = self.search.mechanism(math.inf), inner(self.search.load, secant) / self.weight
             if tangent is not None and along > 0.0:  # exactly per metre: a rounding error would double at every step
-                go_on_rocking(way, tangent * self.weight, secant / along, slope)
+                bounds.go_on_rocking(way, tangent * self.weight, secant / along, slope)
         return judged
 
     def _judged_limit(self) -> bool:
@@ -415,9 +417,9 @@ class PathFollower:
             bracket[:] = max(bracket[0], self.way.seen[-1][2]), min(bracket[1], self.way.seen[-1][3])
             limit = True
         elif self.way.pushes:
-            *bracket[:], limit = pushed_bounds(self.way.seen[-self.way.pushes :], joint_families.has_areas(self.state))
+            *bracket[:], limit = bounds.pushed_bounds(self.way.seen[-self.way.pushes :], self.search.smooth)
         else:
-            *bracket[:], limit = limit_bounds(self.way.seen, self.weight / self.compliance, self.grip.rocks_on)
+            *bracket[:], limit = bounds.limit_bounds(self.way.seen, self.weight / self.compliance, self.grip.rocks_on)
         if (limit := limit and not self.ties_hold) and bracket[1] <= NOTHING * self.dead:
             bracket[:] = 0.0
         self._record()
