@@ -5,12 +5,14 @@ b / 2 (f_c A / N - 1) from the middle.
 """
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
+from dembrick.simulation.dynamics.paths.falls import SEEN_FALLING, seen_falling
 from helpers.scenario_text import block, header, jack
 
 B, D = 0.3, 0.5  # m, of the bed
@@ -67,6 +69,20 @@ def test_a_fall_that_is_over_before_one_looks(formulation, kn):
     for e, says in ((0.02, "stands"), (0.3, "falls")):
         scene = column('kind = "statics"\n', 0.88, 0.06, (0.1,), e * B, formulation, kn=kn)
         assert simulate(scene, record=False).status == says
+
+
+@pytest.mark.parametrize("gravity", [9.81 / 6.0, 4.0 * 9.81, 0.0])
+def test_looks_at_a_fall_are_as_far_apart_as_it_is_slow(gravity):
+    """A quarter of the time sqrt(2 h / g) in which a block falls by its size h, whatever planet it falls on; without
+    gravity as on earth."""
+    looks: list[int] = []
+    moving = SimpleNamespace(smallest=0.2, assembly=SimpleNamespace(gravity=(0.0, 0.0, -gravity)))
+    path = SimpleNamespace(
+        moving=moving, dt=1e-5, often=SEEN_FALLING, advance=lambda _, n: looks.append(n), down=lambda _: 0.0
+    )
+    seen_falling(path, None, 100_000, None)
+    assert looks[0] == int(0.25 * math.sqrt(0.4 / (gravity or 9.81)) / 1e-5)
+    assert sum(looks) == 100_000
 
 
 PUSHES = {  # each with the height of what acts (m)

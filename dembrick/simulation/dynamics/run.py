@@ -253,7 +253,12 @@ def _falling_time(moving: Motion) -> float:
     """sqrt(extent / g) (s) of the scene: the time scale in which unbalanced blocks topple."""
     assembly = moving.assembly  # as drawn, so that a restarted run ends when an uninterrupted one would
     extent = float(np.ptp(assembly.position, axis=0).max() + moving.state.bodies.reach.max())
-    return math.sqrt(extent / (float(np.linalg.norm(moving.assembly.gravity)) or G))
+    return math.sqrt(extent / falls_by(moving))
+
+
+def falls_by(moving: Motion) -> float:
+    """Acceleration (m/s2) of what falls: that of gravity, or `G`."""
+    return float(np.linalg.norm(moving.assembly.gravity)) or G
 
 
 def run(moving: Motion, control: Control, driving: Driving, session: Session) -> MotionRun:

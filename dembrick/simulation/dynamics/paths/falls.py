@@ -11,7 +11,7 @@ import numpy as np
 from dembrick.errors import DivergedError
 from dembrick.simulation.dynamics.integrator import PressedTooDeep, in_shorter_steps
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.run import G
+from dembrick.simulation.dynamics.run import falls_by
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
@@ -36,7 +36,7 @@ def in_resolved_steps(
 def falls_in(path: EquilibriumPath, driving: Driving, steps: int, before: np.ndarray) -> bool:
     """Advance a path by so many ``steps``; whether its blocks, whose `places` were ``before``, were seen to collapse.
     Checked at intervals of ``path.often`` times the time in which the smallest block falls by its size."""
-    few = max(1, int(min(path.often * math.sqrt(2.0 * path.moving.smallest / G) / path.dt, steps)))
+    few = max(1, int(min(path.often * math.sqrt(2.0 * path.moving.smallest / falls_by(path.moving)) / path.dt, steps)))
     for done in range(0, steps, few):
         path.advance(driving, min(few, steps - done))
         if path.often < math.inf and path.down(before) > 1.0:
