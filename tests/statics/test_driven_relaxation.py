@@ -23,7 +23,7 @@ from dembrick.simulation.session import Session
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.elastic_factor import elastic_factor, rounded_inertia
 from dembrick.simulation.statics.paths import driven_relaxation, path_following
-from dembrick.simulation.statics.paths.bounds import let_go_bounds, pushed_bounds
+from dembrick.simulation.statics.paths.bounds import bounds_after_jumps, pushed_bounds
 from dembrick.simulation.statics.state import initial_state
 from dembrick.views.structure_numbers import of_path
 from helpers.key_lines import lines_of
@@ -173,11 +173,11 @@ def test_bounds_of_blocks_that_were_let_go():
     """Loads that fell to 7.25 and rose to 8 after half of the way, over .75; a mechanism that takes 8.5 at most."""
     before = [(0.0, 0.0, 0.0, NEVER, False), (1.0, 5.0, 5.0, 9.0, False), (2.0, 7.75, 7.75, 9.0, False)]
     recent = [(2.5, 8.0, 7.75, NEVER, True), (3.0, 7.25, 7.25, NEVER, True), (4.0, 7.5, 7.5, 8.5, True)]
-    assert let_go_bounds([*before, *recent[1:]], False) == (0.0, NEVER, False)
-    assert let_go_bounds([*before, *recent], False) == (7.25 - 0.375, 8.5 + 0.375, True)
-    assert let_go_bounds([*before, *recent], True) == (7.25 - 0.375, 8.5 + 3.0 * 0.25, True)
+    assert bounds_after_jumps([*before, *recent[1:]], False) == (0.0, NEVER, False)
+    assert bounds_after_jumps([*before, *recent], False) == (7.25 - 0.375, 8.5 + 0.375, True)
+    assert bounds_after_jumps([*before, *recent], True) == (7.25 - 0.375, 8.5 + 3.0 * 0.25, True)
     risen = [*before[:2], (2.0, 7.5, 7.5, 9.0, False), *recent]
-    assert let_go_bounds(risen, False) == (7.25 - 0.375, NEVER, False)
+    assert bounds_after_jumps(risen, False) == (7.25 - 0.375, NEVER, False)
 
 
 def crushing_wall():

@@ -2,9 +2,9 @@
 
 One parameter drives the blocks: the share of their displacement that supports have gone through, or a load. It grows by
 a small increment, slowly compared with gravity, and stays constant until the blocks rest, by dynamic relaxation with
-local damping. Finite rotations, opening and sliding joints and new contacts are treated as in a run in real time. If
-the blocks collapse instead, the structure returns to its last equilibrium and the increment is repeated so slowly that
-inertia is negligible, then with half the step, until the parameter at collapse is known to the tolerance.
+local damping. Finite rotations, opening and sliding joints and new contacts are treated as in a run in real time. After
+a collapse the increment is repeated from the last equilibrium, so slowly that inertia is negligible, then by halves
+until the parameter at collapse is known to the tolerance.
 
 Blocks swing past their equilibrium. Sliding, yielding, crushing and uplift on that swing would be irreversible, so the
 laws remember only their state at the equilibrium (`kernels.dynamics.law_memory`).
@@ -13,8 +13,7 @@ Frames of the collapse follow that of the last equilibrium. Their times lie betw
 share its row, as nothing is in equilibrium any more.
 
 Bonds are kept intact until the blocks rest; those that are overloaded then break, and the blocks come to rest again
-with the others intact, until none is overloaded. So no swing breaks a bond, and the parameter at which bonds break is
-known to the tolerance too.
+until none is overloaded. So no swing breaks a bond, and the parameter at failure is known to the tolerance too.
 """
 
 from __future__ import annotations
@@ -269,9 +268,8 @@ class EquilibriumPath(ABC):
         ratio: float | None = float(past.unbalanced[0])
         joint_families.keep_bonds_intact(moving.state, self.bonded)
         detect_initial_contacts(moving)
-        if (
-            self.bonded or moving.settled or moving.contact_detection.met
-        ):  # bonds may break now, and new contacts or the loads of a new stage move blocks
+        if self.bonded or moving.settled or moving.contact_detection.met:
+            # bonds may break now, and new contacts or the loads of a new stage move blocks
             ratio = self._rest_again(0.0)
         else:
             self.advance(self._at(0.0), CHUNK)
@@ -280,8 +278,7 @@ class EquilibriumPath(ABC):
 
     def _rest_again(self, parameter: float) -> float | None:
         """Relax the blocks at the same parameter under laws, loads and ties that differ from those of the last
-        equilibrium; return the out-of-balance over the joint forces, None if they collapse
-        (`refuse_collapse_under_dead_loads`)."""
+        equilibrium; return the out-of-balance over the joint forces, None if they collapse."""
         stood = standing(self.moving.state.bodies)
         joint_families.keep_bonds_intact(self.moving.state, self.bonded)
         rest, still = partial(self._rest_and_break, parameter, places(stood)), partial(self._at, parameter)

@@ -67,12 +67,12 @@ def pushed_bounds(pushes: list[Seen], strips: bool) -> tuple[float, float, bool]
     return lower, max(upper, pushes[-1][1] + (MISSING if strips else 1.0) * grown), True
 
 
-def let_go_bounds(seen: list[Seen], strips: bool) -> tuple[float, float, bool]:
-    """The same where blocks were let go again and again and nothing pushes them on, from all equilibria of the path.
+def bounds_after_jumps(seen: list[Seen], strips: bool) -> tuple[float, float, bool]:
+    """Bounds of V as `pushed_bounds`, if the blocks jumped again and again and no relaxation drives them on.
 
-    V is at least what it fell to since the blocks had given way half as far, and at most what the mechanisms since then
-    take; half of how far V went up and down meanwhile is added at either end. It must have risen by little against all
-    before, and as much again may be missing, or more where there are ``strips``.
+    They come from all equilibria since half of the inelastic displacement: from the least V to the greatest upper bound
+    of the mechanisms, extended at either end by half the range of V. V must have grown by little compared with before;
+    as much again may still be missing, or more if joints rock on shrinking ``strips``.
     """
     half = _when(seen, 0.5 * seen[-1][0]) + 1
     before, recent = seen[:half], seen[half:]

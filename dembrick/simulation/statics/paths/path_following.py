@@ -146,7 +146,7 @@ class PathFollower:
                 elif way.pushes >= MOST_PUSHES:
                     more = False
                 elif not (more or self.certificate.strict) and way.jumps > MOST_JUMPS and self._moved() >= goal:
-                    *self.certificate.bracket[:], wanders = bounds.let_go_bounds(way.seen, self.search.smooth)
+                    *self.certificate.bracket[:], wanders = bounds.bounds_after_jumps(way.seen, self.search.smooth)
                 elif V is not None and V > UNLIMITED * self.dead > 0.0:
                     unlimited, more = True, False
         self.limit.record_end(self.recorder, self.state, way)
