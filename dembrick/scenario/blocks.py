@@ -95,7 +95,7 @@ class Mesh:
     """
 
     file: str = field(metadata=naming("a path", "STL, OBJ, PLY, .msh or .vtu file, beside the scenario"))
-    scale: float = field(default=1.0, metadata=positive("1", "factor of these lengths"))
+    scale: float = field(default=1.0, metadata=positive("1", "factor on the lengths in the file"))
     unit: str = field(default="m", metadata=choice(tuple(LENGTHS), "unit of the lengths in the file"))
 
     def __post_init__(self):
@@ -145,7 +145,7 @@ class Block:
     """
 
     name: str = field(
-        metadata=declare("text without control characters", "its name; what stands before a dot names a group")
+        metadata=declare("text without control characters", "its name; the part before a dot names a group")
     )
     material: str = field(metadata=declare("a material", "what it is made of"))
     box: Vector | None = field(default=None, metadata=BOX)
@@ -172,7 +172,7 @@ class Block:
     )
     held: tuple[str, ...] | None = field(
         default=None,
-        metadata=declare("names of x, y, z, rx, ry, rz", "directions of the world in which a rig holds the block"),
+        metadata=declare("names of x, y, z, rx, ry, rz", "world directions in which a rig holds the block"),
     )
 
     def __post_init__(self):
@@ -200,11 +200,11 @@ class Block:
         """Check that each name is a direction, given once, and that ``fixed`` is not set as well (it means all six)."""
         names = present(self.held)
         require_type(isinstance(names, list | tuple), f"held{label}", names, f"a list of {', '.join(DIRECTIONS)}")
-        require(len(names) > 0, f"held{label}", [], "name a direction, or leave it out")
+        require(len(names) > 0, f"held{label}", [], "name a direction, or leave the key out")
         for name in names:
             one_of(f"held{label}", name, DIRECTIONS)
         twice = [name for i, name in enumerate(names) if name in names[:i]]
-        require(not twice, f"held{label}", list(names), f"{twice[0] if twice else ''} is there twice")
+        require(not twice, f"held{label}", list(names), f"{twice[0] if twice else ''} is listed twice")
         require(not self.fixed, f"held{label}", list(names), "the block is fixed already; remove one of the two")
         every = set(names) == set(DIRECTIONS)
         assign(self, held=None if every else tuple(name for name in DIRECTIONS if name in names), fixed=every)

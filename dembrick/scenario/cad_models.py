@@ -49,14 +49,14 @@ class CadModel:
     gap_tolerance: float = field(
         default=0.0,
         metadata=not_negative(
-            "m", "faces of two solids that look at each other nearer than this come to lie on one plane"
+            "m", "faces of two solids that face each other closer than this are moved onto one plane"
         ),
     )
     position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
     heading: float = field(default=0.0, metadata=HEADING)
     group: str | None = field(default=None, metadata=GROUP)
     united: tuple[tuple[str, ...], ...] = field(
-        default=(), metadata=declare("lists of names", "solids that are one rigid block, called by the first of them")
+        default=(), metadata=declare("lists of names", "solids that form one rigid block, named after the first")
     )
 
     def __post_init__(self):
@@ -69,10 +69,10 @@ class CadModel:
         for names in self.united:
             texts = isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)
             require_type(texts, key, names, wanted)
-            require(len(names) >= 2, key, names, "a block is made of at least 2 solids")
+            require(len(names) >= 2, key, names, "a united block needs at least 2 solids")
         every = [name for names in self.united for name in names]
         twice = next((name for name in every if every.count(name) > 1), None)
-        require(twice is None, key, twice, "a solid belongs to one block, once")
+        require(twice is None, key, twice, "a solid can be named only once")
         return tuple(tuple(names) for names in self.united)
 
     def _block_of(self, solids, path: str) -> dict[str, tuple]:
@@ -103,15 +103,15 @@ class CadModel:
         remarks, who = [], f"model {show(self.name)}"
         if closed:
             remarks.append(
-                f"{who}: {_pairs(closed)} up to {_millimetres(closed)} mm apart or inside one another were put on one "
+                f"{who}: {_pairs(closed)} up to {_millimetres(closed)} mm apart or overlapping were moved onto one "
                 f"plane (gap_tolerance = {self.gap_tolerance:g} m)"
             )
         if near:
             first = max(near, key=lambda gap: gap.distance)
             a, b = solids[first.first[0]].name, solids[first.second[0]].name
             remarks.append(
-                f"{who}: {_pairs(near)} up to {_millimetres(near)} mm apart or inside one another share no joint, "
-                f"those of {show(a)} and {show(b)} among them; gap_tolerance = {_enough(first.distance):g} closes them"
+                f"{who}: {_pairs(near)} up to {_millimetres(near)} mm apart or overlapping share no joint, "
+                f"among them those of {show(a)} and {show(b)}; gap_tolerance = {_enough(first.distance):g} closes them"
             )
         return blocks, remarks
 

@@ -74,7 +74,7 @@ def nearest(word: str, known: Iterable[str], elsewhere: Sequence[str] = ()) -> s
 
     names = {name.lower(): name for name in known}
     if not names:
-        return "there is none"
+        return "there are none"
     if likely := get_close_matches(word.lower(), names, 1):
         return f"did you mean {show(names[likely[0]])}?"
     if elsewhere:

@@ -98,13 +98,13 @@ class DisplacementControl(Control):
     """
 
     rate: float | None = field(
-        default=None, metadata=positive("m/s", "speed of the actuators; none is needed with large_displacements")
+        default=None, metadata=positive("m/s", "speed of the actuators; not needed with large_displacements")
     )
-    travel: float | None = field(default=None, metadata=positive("m", "how far they move, one way"))
+    travel: float | None = field(default=None, metadata=positive("m", "how far the actuators move, one way"))
     large_displacements: bool = field(default=False, metadata=LARGE)
     protocol: tuple[float, ...] | str | None = field(
         default=None,
-        metadata=_turning("turning points of a cyclic test, or a CSV file of a measured one", "m"),
+        metadata=_turning("turning points of a cyclic test, or a CSV file of measured ones", "m"),
     )
     force_protocol: tuple[float, ...] | str | None = field(
         default=None, metadata=_turning("turning points of V, with large_displacements", "N")
@@ -121,12 +121,14 @@ class DisplacementControl(Control):
         check_keys(self)
         given = [key for key in ("travel", "protocol", "force_protocol") if getattr(self, key) is not None]
         if len(given) != 1:
-            what = " and ".join(given) if given else "none of them"
-            raise ScenarioError(f"a test by displacement has one of travel, protocol and force_protocol; given: {what}")
+            what = " and ".join(given) if given else "none"
+            raise ScenarioError(
+                f"a test by displacement needs one of travel, protocol and force_protocol; given: {what}"
+            )
         if self.force_protocol is not None and not self.large_displacements:
-            raise ScenarioError("force_protocol is for the deformed geometry; add large_displacements = true")
+            raise ScenarioError("force_protocol needs the deformed geometry; add large_displacements = true")
         if self.rate is None and not self.large_displacements:
-            what = "a test at a constant rate needs it, in m/s; without one, large_displacements = true"
+            what = "a test at a constant rate needs it, in m/s; or give large_displacements = true"
             raise ScenarioError(f"missing key 'rate': {what}")
 
     @property
@@ -170,18 +172,18 @@ class TiltControl(Control):
         default=None,
         metadata=declare(
             "0 to 10",
-            "how fast it turns, in real time; without it the limit itself is searched",
+            "how fast the table turns, in real time; left out, the limit itself is found",
             "deg/s",
             _check_tilt_rate,
         ),
     )
     displacement: float | None = field(
-        default=None, metadata=positive("m", "the run ends when a block has moved so far against the table")
+        default=None, metadata=positive("m", "the run ends when a block has moved this far relative to the table")
     )
     damping: float = field(default=0.05, metadata=DAMPING)
     quasi_static: bool | None = field(
         default=None,
-        metadata=truth("find the angle of the limit itself, without time; the default without a rate"),
+        metadata=truth("find the limit angle itself, without time; the default if rate is left out"),
     )
     tolerance: float = field(default=1.0e-3, metadata=TOLERANCE)
     large_displacements: bool = field(default=False, metadata=LARGE)
@@ -235,9 +237,11 @@ class PushoverControl(Control):
     `TiltControl`. ``large_displacements``: limit of the deformed geometry.
     """
 
-    direction: Vector = field(metadata=unit_vector("along which every block is pushed by the same share of its weight"))
+    direction: Vector = field(
+        metadata=unit_vector("direction in which every block is pushed by the same share of its weight")
+    )
     displacement: float | None = field(
-        default=None, metadata=positive("m", "the curve goes on until a block has moved so far")
+        default=None, metadata=positive("m", "the curve continues until a block has moved this far")
     )
     quasi_static: bool = field(default=True, metadata=truth("find the limit itself; false: push in real time"))
     tolerance: float = field(default=1.0e-3, metadata=TOLERANCE)
@@ -304,8 +308,8 @@ def _check_end(control: Control, end: float | None) -> None:
     """Refuse an end displacement in the deformed geometry: such a load path ends at its limit."""
     if control.in_deformed_geometry and end is not None:
         raise ScenarioError(
-            f"displacement = {end:g}: a search in the deformed geometry ends where the blocks come down; leave it out, "
-            "or take quasi_static = false"
+            f"displacement = {end:g}: a search in the deformed geometry ends at collapse; leave it out, or give "
+            "quasi_static = false"
         )
 
 

@@ -59,7 +59,9 @@ class Table:
             value = math.nan
         if not math.isfinite(value):
             what = show(name_of(title))
-            raise ScenarioError(f"{self.path}, line {line}: {show(cell.strip())} in column {what} is no finite number")
+            raise ScenarioError(
+                f"{self.path}, line {line}: {show(cell.strip())} in column {what} is not a finite number"
+            )
         return value
 
 
@@ -102,8 +104,8 @@ def _check_decimals(path: str, lines: Sequence[tuple[int, tuple[str, ...]]]) -> 
         if all(_THOUSANDS.fullmatch(cell) for _, cell in seen[mark]):
             line, cell = seen[mark][0]
             raise ScenarioError(
-                f"{path}, line {line}: {cell} may be {cell.replace(mark, '')} or {cell.replace(mark, '.')}; write "
-                "decimals with points, and no thousands"
+                f"{path}, line {line}: {cell} may mean {cell.replace(mark, '')} or {cell.replace(mark, '.')}; "
+                "write decimal points, and no thousands separators"
             )
 
 
@@ -188,7 +190,7 @@ def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | No
                 both = ", ".join(show(names[i]) for i in fitting)
                 raise ScenarioError(
                     f"{table.path}: the columns {both} all have a unit of {quantity}; call one {quantity!r}, "
-                    "or pick it by columns = [...] where a scenario reads the file"
+                    "or pick it by columns = [...] in the scenario"
                 )
             fitting = named
         if not fitting:
@@ -210,7 +212,7 @@ def _missing(table: Table, parts: Sequence[tuple[str, str | None]], quantity: st
         if unit is None:
             return (
                 f"{table.path}: the column {show(name)} has no unit; write it in brackets, as in "
-                f"{_EXAMPLES[quantity]!r}; known are {units.known(quantity)}"
+                f"{_EXAMPLES[quantity]!r}; known units: {units.known(quantity)}"
             )
         if not _is_unit(unit):
             return (
@@ -252,9 +254,9 @@ def _picked(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str
 
 def _unfit(table: Table, name: str, unit: str | None, quantity: str) -> str:
     """Message about a column whose unit does not fit the quantity."""
-    state = "has no unit" if unit is None else f"has the unit {show(unit)}, which is none of {quantity}"
+    state = "has no unit" if unit is None else f"has the unit {show(unit)}, which is not one of {quantity}"
     return (
-        f"{table.path}: the column {show(name)} {state}; write one of {units.known(quantity)} in brackets behind its "
+        f"{table.path}: the column {show(name)} {state}; write one of {units.known(quantity)} in brackets after its "
         f"name, as in {_EXAMPLES[quantity]!r}"
     )
 
@@ -305,7 +307,7 @@ def _read_peer(path: str, what: str, quantities: Sequence[str]) -> tuple[dict[st
     if quantity is None or quantity not in quantities:
         read = f"of {quantity} ({unit.group(1)})" if quantity else f"in the unit {show(unit.group(1))}"
         wanted = " or ".join(one for one in quantities if one != "time")
-        raise ScenarioError(f"{path}, line 3: the record is {read}, and {wanted} is asked for: see control.quantity")
+        raise ScenarioError(f"{path}, line 3: the record is {read}, but {wanted} is needed: see control.quantity")
     size = present(units.size_of(quantity, spelled))
     counted = re.search(r"NPTS\s*=\s*(\d+)\s*,?\s*DT\s*=\s*([0-9.eE+-]+)", lines[3], re.IGNORECASE)
     counted = counted or re.match(r"\s*(\d+)\s+([0-9.eE+-]+)\s+NPTS", lines[3], re.IGNORECASE)
@@ -325,5 +327,5 @@ def _read_peer(path: str, what: str, quantities: Sequence[str]) -> tuple[dict[st
         values += found
         numbers += [number] * len(found)
     if len(values) != count or not np.isfinite(values).all():
-        raise ScenarioError(f"{path}: {len(values)} values where line 4 says NPTS= {count}; the record is not whole")
+        raise ScenarioError(f"{path}: {len(values)} values where line 4 says NPTS= {count}; the record is incomplete")
     return {"time": step * np.arange(count), quantity: size * np.array(values)}, numbers

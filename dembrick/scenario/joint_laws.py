@@ -35,8 +35,8 @@ class JointLaw:
     formulation: str = field(
         metadata=choice(
             FORMULATIONS,
-            "how a joint carries force: at its corners, at corners shrunk towards its centre, shear alone at these, as "
-            "a whole area, or at many points",
+            "how a joint carries force: at its corners, at corners shrunk towards its centre, only shear at these, "
+            "over its whole area, or at many points",
         )
     )
     friction: float = field(metadata=not_negative("1", "coefficient of Coulomb friction, tan(phi)"))
@@ -54,37 +54,35 @@ class JointLaw:
         default="full",
         metadata=choice(
             PRESSURES,
-            "convex only: how friction follows bending: not at all, on the largest part centred on the resultant, or "
-            "by the no-tension linear pressure",
+            "convex only: where friction acts under bending: on the whole area, on the largest part centred on the "
+            "resultant, or by the no-tension linear pressure",
         ),
     )
     cohesion: float = field(
         default=0.0,
-        metadata=not_negative("Pa", "shear strength of the bond besides friction, per area; 0 is a dry joint"),
+        metadata=not_negative("Pa", "shear strength of the bond added to friction, per area; 0 is a dry joint"),
     )
     tensile_strength: float = field(
         default=0.0,
-        metadata=not_negative(
-            "Pa", "tensile strength of the bond; never regained once it broke", "cohesion / friction"
-        ),
+        metadata=not_negative("Pa", "tensile strength of the bond; never regained once broken", "cohesion / friction"),
     )
     dilation: float = field(
         default=0.0,
         metadata=not_negative(
             "1",
-            "tangent of the dilation angle: rise over slip, for slips small against asperities",
+            "tangent of the dilation angle: rise over slip, for slips much smaller than asperities",
             "residual_friction",
         ),
     )
     residual_friction: float | None = field(
         default=None,
-        metadata=not_negative("1", "friction after the first slip or opening; left out, friction stays", "friction"),
+        metadata=not_negative("1", "friction after the first slip or opening; left out, it stays the same", "friction"),
     )
     residual_cohesion: float | None = field(
         default=None,
         metadata=not_negative(
             "Pa",
-            "cohesion of what is closed after the first slip or opening; left out there is none (a brittle bond), "
+            "cohesion of the closed area after the first slip or opening; left out, none (a brittle bond); "
             "residual_cohesion = cohesion is a ductile joint",
             "cohesion",
         ),
@@ -93,8 +91,8 @@ class JointLaw:
         default=None,
         metadata=positive(
             "Pa",
-            "pressure at which the joint crushes, without hardening; left out, it never does",
-            "it must be greater than 0 Pa; leave it out where nothing crushes",
+            "pressure at which the joint crushes, without hardening; left out, it never crushes",
+            "it must be greater than 0 Pa; leave it out if nothing crushes",
         ),
     )
 
@@ -112,12 +110,12 @@ class JointLaw:
         require(mu_r <= mu, "residual_friction", mu_r, f"it must not be above friction = {mu:g}, {before}")
         require(c_r <= c, "residual_cohesion", c_r, f"it must not be above cohesion = {c:g} Pa, {before}")
         least = "friction" if self.residual_friction is None else "residual_friction"
-        bound = f"it must not be above {least} = {mu_r:g}, or slip would give work back"
+        bound = f"it must not be above {least} = {mu_r:g}, or slip would create energy"
         require(self.dilation <= mu_r, "dilation", self.dilation, bound)
         needed = mu * self.tensile_strength
         bound = (
             f"Coulomb's cone ends at cohesion / friction = {c / mu if mu else 0.0:g} Pa; "
-            f"it needs a cohesion of friction x tensile_strength = {needed:g} Pa at least"
+            f"cohesion must be at least friction x tensile_strength = {needed:g} Pa"
         )
         require(needed <= c * (1.0 + 1e-12), "tensile_strength", self.tensile_strength, bound)
 
@@ -156,7 +154,7 @@ class JointLaw:
         require_type(whole, "points", value, "a list of 2 whole numbers")
         require(len(value) == 2, "points", value, f"it must have 2 whole numbers, not {len(value)}")
         require(all(n >= 1 for n in value), "points", value, "both counts must be at least 1")
-        require(value[0] * value[1] <= 1_000_000, "points", value, "at most a million points a joint")
+        require(value[0] * value[1] <= 1_000_000, "points", value, "at most a million points per joint")
         assign(self, points=(int(value[0]), int(value[1])))
 
 
@@ -268,8 +266,8 @@ def _constants(code) -> str:
 
 def _check_names(key: str, names: tuple, taken: tuple[str, ...]) -> None:
     for name in names:
-        require_type(isinstance(name, str), key, name, "a name of Python")
+        require_type(isinstance(name, str), key, name, "a Python name")
         usable = name.isidentifier() and not keyword.iskeyword(name) and not name.startswith("_")
-        require(usable, key, name, "it must be a name of Python")
-        require(name not in taken, key, name, f"the program's own are {', '.join(taken)}")
-    require(len(set(names)) == len(names), key, list(names), "a name stands in it twice")
+        require(usable, key, name, "it must be a valid Python name")
+        require(name not in taken, key, name, f"these names are reserved: {', '.join(taken)}")
+    require(len(set(names)) == len(names), key, list(names), "a name is listed twice")

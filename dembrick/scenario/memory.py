@@ -34,17 +34,17 @@ def check_memory(asked: list[tuple[str, int]], others: int = 0) -> None:
     if total <= _CHECKED_ABOVE:
         return
     keys, count = max(asked, key=lambda pair: pair[1]) if asked else ("", others)
-    who = f"{keys} asks for {count} blocks" if count > others else f"the scenario has {others} blocks"
+    who = f"{keys} would make {count} blocks" if count > others else f"the scenario has {others} blocks"
     if total > MOST_BLOCKS:
         raise ScenarioError(
-            f"{who}: more than {MOST_BLOCKS} in a scene are not built, as that takes longer than anyone waits; ask for "
-            "fewer, or divide the structure"
+            f"{who}: at most {MOST_BLOCKS} can be built, as more would take far too long; use fewer, or divide the "
+            "structure"
         )
     there, needed = available(), total * BYTES_PER_BLOCK
     if there is not None and needed > there:
         raise ScenarioError(
-            f"{who}: the scene would take about {needed / 1e9:.3g} GB and {there / 1e9:.3g} GB are free here; "
-            "ask for fewer blocks or take a machine with more memory"
+            f"{who}: the scene would take about {needed / 1e9:.3g} GB of memory, but {there / 1e9:.3g} GB are free; "
+            "use fewer blocks or a machine with more memory"
         )
 
 

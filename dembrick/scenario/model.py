@@ -117,7 +117,7 @@ class Load:
     point: Vector | None = field(
         default=None, metadata=vector_of("m", "where it acts, world position at the start; left out, at the centroid")
     )
-    sine: Sine | None = field(default=None, metadata=table(Sine, "factor of the force in time, in runs in real time"))
+    sine: Sine | None = field(default=None, metadata=table(Sine, "factor of the force over time, in runs in real time"))
     history: str | None = field(
         default=None, metadata=naming("a path", "CSV file with the factor over time, in runs in real time")
     )
@@ -155,8 +155,8 @@ class Actuator:
     point: Vector = field(
         metadata=vector_of("m", "where it pushes, world position at the start, in the block or on a face")
     )
-    direction: Vector = field(metadata=unit_vector("along which line, in world axes; scaled to length 1"))
-    weight: float = field(default=1.0, metadata=declare("not 0", "it carries weight times V", "1", _weight))
+    direction: Vector = field(metadata=unit_vector("direction of the push, in world axes; scaled to length 1"))
+    weight: float = field(default=1.0, metadata=declare("not 0", "its force is weight times V", "1", _weight))
     stages: tuple[int, ...] | None = field(
         default=None, metadata=stages_of("the stages in which it pushes; left out, all that drive actuators")
     )
@@ -187,7 +187,7 @@ class Solver:
     """``step_factor``: time step over the critical one."""
 
     step_factor: float = field(
-        default=0.9, metadata=declare("0 to 1", "time step over the critical one", "1", _step_factor)
+        default=0.9, metadata=declare("0 to 1", "time step over the critical time step", "1", _step_factor)
     )
 
     def __post_init__(self):
@@ -235,7 +235,12 @@ class Output:
             framed = channel not in self.channels or "frames" in self.channels
             require(framed, "channels", self.channels, f'"{channel}" is recorded in frames, so "frames" must be there')
         check_keys(self)
-        require(self.frames <= self.rows, "frames", self.frames, f"a frame is taken at a row, and rows = {self.rows}")
+        require(
+            self.frames <= self.rows,
+            "frames",
+            self.frames,
+            f"it must be at most rows = {self.rows}, as frames are taken at rows",
+        )
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -284,11 +289,9 @@ class Scenario(Generic[AControl]):
     files: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     walls: tuple[Wall, ...] = field(
         default=(),
-        metadata=declare(
-            "tables", "walls of coursed blocks; where two lie in one another with their ends they meet in bond"
-        ),
+        metadata=declare("tables", "walls of coursed blocks; two whose ends overlap meet in bond"),
     )
-    stacks: tuple[Stack, ...] = field(default=(), metadata=declare("tables", "equal blocks on one another"))
+    stacks: tuple[Stack, ...] = field(default=(), metadata=declare("tables", "equal blocks on top of one another"))
     arches: tuple[Arch, ...] = field(default=(), metadata=declare("tables", "circular arches"))
     domes: tuple[Dome, ...] = field(default=(), metadata=declare("tables", "spherical domes"))
     supports: tuple[str, ...] = field(default=(), metadata=declare("names", "blocks and groups that are fixed"))
@@ -301,7 +304,7 @@ class Scenario(Generic[AControl]):
     stages: tuple[Control, ...] = field(
         default=(),
         metadata=declare(
-            "tables", "controls that are carried out before [control], one after the other; keys as there"
+            "tables", "controls carried out before [control], one after the other; they have the same keys"
         ),
     )
     ties: tuple[Tie, ...] = field(
@@ -340,7 +343,9 @@ class Scenario(Generic[AControl]):
             if control.tilt_axis is not None:
                 along = abs(sum(a * g for a, g in zip(control.tilt_axis, self.gravity, strict=True)))
                 crosses = along < (1.0 - 1e-12) * math.hypot(*self.gravity)
-                require(crosses, "control.axis", control.tilt_axis, "it lies along gravity, which a tilt has to turn")
+                require(
+                    crosses, "control.axis", control.tilt_axis, "it is parallel to gravity, which a tilt has to turn"
+                )
         *before, last = in_deformed_geometry(controls_of(self))
         assign(self, stages=tuple(before), control=last)
         check_stages(self)

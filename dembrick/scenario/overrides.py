@@ -89,7 +89,7 @@ def _assign(document: dict, path: list[str], value: object) -> None:
             node[step] = {}  # a table that the file omits, such as [solver]; the decoder reports wrong names
         inner = node[step]
         if not isinstance(inner, dict | list):
-            raise ScenarioError(f"{'.'.join(path[: depth + 1])} = {show(inner)} has no parts to set")
+            raise ScenarioError(f"{'.'.join(path[: depth + 1])} = {show(inner)} has no keys to set")
         node[step] = inner = inner.copy()  # documents may share tables, which stay unchanged
         node = inner
     node[_find(node, path[-1], path[:-1])] = value

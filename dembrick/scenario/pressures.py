@@ -77,7 +77,7 @@ NONE, AT_REST, ACTIVE, PASSIVE = STATES = ("none", "at-rest", "active", "passive
 
 def _angle(key: str, value, label: str) -> float:
     found = real(key + label, value)
-    require(0.0 <= found < 60.0, key + label, found, "it lies between 0 and 60 deg")
+    require(0.0 <= found < 60.0, key + label, found, "it must lie between 0 and 60 deg")
     return found
 
 
@@ -93,14 +93,17 @@ class Fill:
     ``stages``: numbers of the stages in which it acts, None for all.
     """
 
-    block: str = field(metadata=naming("a block or group", "whose bare faces that look up bear the fill"))
+    block: str = field(metadata=naming("a block or group", "whose bare upward faces bear the fill"))
     surface: float = field(metadata=number("m", "height of its surface"))
     weight: float = field(metadata=positive("N/m3", "its weight per volume"))
     pressure: str | None = field(
-        default=None, metadata=choice(STATES, "its state, which decides how it presses sideways")
+        default=None, metadata=choice(STATES, "its state, which decides its sideways pressure")
     )
     friction_angle: float | None = field(
-        default=None, metadata=declare("0 to 60", "of the fill; needed for at-rest, active and passive", "deg", _angle)
+        default=None,
+        metadata=declare(
+            "0 to 60", "friction angle of the fill; needed for at-rest, active and passive", "deg", _angle
+        ),
     )
     coefficient: float | None = field(
         default=None, metadata=not_negative("1", "in place of pressure: horizontal over vertical stress")
@@ -120,11 +123,11 @@ class Fill:
         earth = self.pressure not in (None, NONE)
         if earth and self.friction_angle is None:
             raise ScenarioError(
-                f"the fill on {show(self.block)} presses {show(self.pressure)} and needs friction_angle (deg), or give "
-                "coefficient in place of pressure"
+                f"the fill on {show(self.block)} with pressure = {show(self.pressure)} needs friction_angle (deg); or "
+                "give coefficient in place of pressure"
             )
         if self.friction_angle is not None:
-            how = "it goes with pressure = at-rest, active or passive only"
+            how = "it belongs to pressure = at-rest, active or passive only"
             require(earth, f"friction_angle{label}", self.friction_angle, how)
 
     @property

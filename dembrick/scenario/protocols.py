@@ -62,9 +62,9 @@ def checked(key: str, value: object) -> tuple[float, ...] | str:
     require(len(points) <= MOST, key, len(points), f"at most {MOST} turning points")
     ways = [b - a for a, b in pairwise((0.0, *points[1:]) if points[:1] == (0.0,) else (0.0, *points))]
     differ = bool(ways) and all(ways)
-    require(differ, key, list(points), "every turning point must differ from the last")
+    require(differ, key, list(points), "every turning point must differ from the one before")
     turns = len(ways) > 1 and all(math.copysign(1.0, a) != math.copysign(1.0, b) for a, b in pairwise(ways))
-    what = "it must turn at each of its points, and at one at least; a way without a turn is control.travel"
+    what = "it must have a turn, and reverse at each of its points; for a path without a turn use control.travel"
     require(turns, key, list(points), what)
     return points
 
@@ -102,13 +102,15 @@ def _measured(path: str, rate: float, by_force: bool) -> Protocol:
     at = turning_points(np.concatenate([[0.0], values]))
     turns = np.concatenate([[0.0], values])[at]
     if len(turns) < 3:
-        raise ScenarioError(f"{path}: this protocol has no turning point; a way without a turn is control.travel")
+        raise ScenarioError(f"{path}: this protocol has no turning point; for a path without a turn use control.travel")
     seconds = np.abs(np.diff(turns)) / rate
     if timed:
         times = np.concatenate([[found["time"][0]], found["time"]])[at]
         seconds = np.diff(times)
         if not (seconds > 0.0).all():
-            raise ScenarioError(f"{path}: the times of this protocol do not grow from one turning point to the next")
+            raise ScenarioError(
+                f"{path}: the times of this protocol do not increase from one turning point to the next"
+            )
     return Protocol(turns, seconds, by_force)
 
 

@@ -117,14 +117,14 @@ def _loads(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:
             yield Fault(message, "loads", i)
         if all(scenario.all_blocks[k].fixed for k in scenario.groups.get(load.block) or (numbers[load.block],)):
             message = (
-                f"load number {i} acts on {show(load.block)}, which is fixed, so that nothing feels it; remove the "
-                "load, or name a block that can move"
+                f"load number {i} acts on {show(load.block)}, which is fixed, so it has no effect; remove the load, "
+                "or name a block that can move"
             )
             yield Fault(message, "loads", i)
         if load.varies and not scenario.control.loads_vary:
             message = (
                 f"load number {i} on {show(load.block)} varies with time, which a test of kind "
-                f"{show(scenario.control.kind)} does not know; remove its {'history' if load.history else 'sine'}"
+                f"{show(scenario.control.kind)} does not allow; remove its {'history' if load.history else 'sine'}"
             )
             yield Fault(message, "loads", i)
 
@@ -141,15 +141,15 @@ def _support_paths(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Faul
                 block, way = scenario.all_blocks[i], (path.displacement, path.rotation)
                 if not block.fixed:
                     message = (
-                        f"the control moves {show(block.name)}, which is no support: give it fixed = true, or name "
+                        f"the control moves {show(block.name)}, which is not a support: give it fixed = true, or name "
                         "it in supports at the top of the scenario"
                     )
                     yield Fault(message, "control")
                     break
                 if moved.setdefault(i, way) != way:
                     message = (
-                        f"support {show(block.name)} is to move in two ways at once; name it in one of the motions "
-                        "of the control"
+                        f"support {show(block.name)} has two motions at once; name it in only one of the motions of "
+                        "the control"
                     )
                     yield Fault(message, "control")
 
@@ -185,6 +185,6 @@ def _others(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:
         later = (other for other in scenario.joints[i:] if other.stages == override.stages)
         if any(sorted(other.between) == sorted(override.between) for other in later):
             message = (
-                f"between = {show(override.between)}: a later entry names the same joints, so this one does nothing"
+                f"between = {show(override.between)}: a later entry names the same joints, so this one has no effect"
             )
             yield Fault(message, "joints", i)

@@ -96,14 +96,14 @@ TOLERANCE = within(
     "it is a relative error between 1e-8 and 0.1; 1e-3 is usual",
 )  # fmt: skip
 DAMPING = within(
-    0.0, 0.9, "1", "dashpot of a contact, as a part of critical damping (real time)",
+    0.0, 0.9, "1", "dashpot of a contact, as a fraction of critical damping (real time)",
     "it must lie between 0 and 0.9 of critical",
 )  # fmt: skip
 LARGE = truth("from equilibrium to equilibrium in the deformed geometry; true after a settlement")
 DURATION = positive("s", "how long the run lasts", "it must be longer than 0 s")
 RESTITUTION = within(
-    0.14, 1.0, "1", "speed after over speed before an impact face to face",
-    "the speed after over the speed before an impact lies between 0.14 (critically damped) and 1",
+    0.14, 1.0, "1", "speed after over speed before a face-to-face impact",
+    "the speed after over the speed before an impact must lie between 0.14 (critically damped) and 1",
 )  # fmt: skip
 
 

@@ -71,19 +71,19 @@ def check_stages(scenario: Scenario) -> None:
             if missing is not None:
                 what = f"stages of {key.removesuffix('s')} number {number}"
                 how = f"{last} with [control]" if last > 1 else "1, which is [control]; add [[stages]]"
-                raise ScenarioError(f"{what} = {show(list(entry.stages))}: there is no stage {missing}, but {how}")
+                raise ScenarioError(f"{what} = {show(list(entry.stages))}: there is no stage {missing}, only {how}")
     if last == 1:
         return
     for number, control in enumerate(controls, 1):
         pressures = any(pressure.actuator for pressure in _of_stage(scenario.pressures, number))
         if control.drives == ACTUATORS and not (pressures or _of_stage(scenario.actuators, number)):
             raise ScenarioError(
-                f"stage {number} of kind {show(control.kind)} drives actuators and none acts in it; add its number to "
-                "the stages of one"
+                f"stage {number} of kind {show(control.kind)} drives actuators, but none acts in it; add its number "
+                "to the stages of an actuator"
             )
         if not control.loads_vary and any(load.varies for load in _of_stage(scenario.loads, number)):
             raise ScenarioError(
-                f"a load that varies with time acts in stage {number} of kind {show(control.kind)}, which knows none; "
+                f"a load that varies with time acts in stage {number} of kind {show(control.kind)}, which allows none; "
                 "give it the stages in which it acts"
             )
     _check_driven(scenario, controls)
@@ -99,10 +99,10 @@ def _check_driven(scenario: Scenario, controls: tuple[Control, ...]) -> None:
         numbers = [number for number in range(1, len(controls) + 1) if number in (entry.stages or (number,))]
         said = f"stage{'s' if len(acting) > 1 else ''} {' and '.join(map(str, numbers))} of kind "
         said += " and ".join(dict.fromkeys(show(control.kind) for control in acting))
-        idle = f"{'have' if len(acting) > 1 else 'has'} no use for [[actuators]]; remove that on {show(entry.block)}"
+        idle = f"{'have' if len(acting) > 1 else 'has'} no use for [[actuators]]; remove the one on {show(entry.block)}"
         if entry in scenario.pressures:
             drive = "drive" if len(acting) > 1 else "drives"
-            idle = f"{drive} no pressure: remove actuator = true of that on {show(entry.block)}"
+            idle = f"{drive} no pressure: remove actuator = true of the one on {show(entry.block)}"
         raise ScenarioError(f"{said} {idle}, or let it act in a stage of kind 'yield'")
 
 

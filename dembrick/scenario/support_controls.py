@@ -52,7 +52,7 @@ class BaseMotionControl(Control):
     duration: float = field(metadata=DURATION)
     direction: Vector | tuple[Vector, ...] = field(
         metadata=declare(
-            "3 numbers, or up to three such lists", "along which the supports shake, one for each component", "1"
+            "3 numbers, or up to three such lists", "direction in which the supports shake, one per component", "1"
         )
     )
     file: str | tuple[str, ...] | None = field(
@@ -70,10 +70,12 @@ class BaseMotionControl(Control):
         default=None,
         metadata=declare("2 to 4 names", "the columns of time and of values in the file, one for each direction"),
     )
-    scale: float = field(default=1.0, metadata=number("1", "file, sine or pulse times this"))
+    scale: float = field(default=1.0, metadata=number("1", "factor on the file, sine or pulse"))
     baseline: bool = field(
         default=False,
-        metadata=truth("take a straight line from recorded accelerations: the supports end at rest where they began"),
+        metadata=truth(
+            "subtract a straight line from recorded accelerations, so that the supports end at rest where they began"
+        ),
     )
 
     kind = "base-motion"
@@ -95,12 +97,14 @@ class BaseMotionControl(Control):
         assign(self, direction=directions if several else directions[0])
         if isinstance(self.file, list | tuple):
             assign(self, file=tuple(check_name(f"file[{i}]", name) for i, name in enumerate(self.file)))
-            require(len(self.file) == len(directions), "file", list(self.file), "it must name one for each direction")
+            require(
+                len(self.file) == len(directions), "file", list(self.file), "it must name one file for each direction"
+            )
         elif self.file is not None:
             check_name("file", self.file)
         values = len(directions) if isinstance(self.file, str) else 1
         assign(self, columns=checked_columns(self.columns, self.file, values))
-        needed = "one file for several directions needs them: of time, and one for each direction"
+        needed = "one file for several directions needs a column of time, and one for each direction"
         require(values == 1 or self.columns is not None, "columns", self.columns, needed)
         given_by = {"file": self.file, "sine": self.sine, "pulse": self.pulse}
         sources = [name for name, value in given_by.items() if value is not None]
@@ -152,7 +156,7 @@ class SettlementControl(Control):
     tolerance: float = field(
         default=5.0e-3,
         metadata=within(
-            1e-5, 0.1, "1", "relative error of the settlement at which the structure comes down (quasi-static)",
+            1e-5, 0.1, "1", "relative error of the settlement at collapse (quasi-static)",
             "it is a relative error between 1e-5 and 0.1",
         ),
     )  # fmt: skip
@@ -186,7 +190,7 @@ class SettlementControl(Control):
             assign(self, supports=path.supports, displacement=path.displacement)
         else:
             for name, value in (("displacement", self.displacement), ("rotation", self.rotation)):
-                require(value is None, name, value, "supports must say which blocks or groups move so")
+                require(value is None, name, value, "supports must name the blocks or groups that move")
         named = "name the supports that move, or give motions"
         require(bool(self.support_paths), "supports", list(self.supports), named)
         if self.quasi_static:

@@ -49,7 +49,7 @@ def read_bytes(path: str | os.PathLike, what: str, regular: bool = True) -> byte
         reason = getattr(error, "strerror", None) or error
         raise ScenarioError(f"{path}: the file cannot be read: {reason}") from None
     if len(data) > LARGEST_FILE:
-        raise ScenarioError(f"{path}: longer than {LARGEST_FILE >> 20} MiB, this is not {what}")
+        raise ScenarioError(f"{path}: longer than {LARGEST_FILE >> 20} MiB, so it is not {what}")
     return data
 
 
@@ -60,7 +60,7 @@ def read_text(path: str | os.PathLike, what: str, regular: bool = True) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise ScenarioError(f"{os.fsdecode(path)}: not UTF-8 text (line {line}); {what} is text in UTF-8") from None
+        raise ScenarioError(f"{os.fsdecode(path)}: not UTF-8 text (line {line}); {what} must be UTF-8 text") from None
 
 
 def _through_pipe(handle: int, path: str, what: str) -> bytes:
@@ -79,7 +79,7 @@ def _through_pipe(handle: int, path: str, what: str) -> bytes:
                 raise ScenarioError(f"{path}: nothing came through this pipe within {PATIENCE:g} s; name {what}")
         found += part
         if len(found) > LARGEST_FILE:
-            raise ScenarioError(f"{path}: longer than {LARGEST_FILE >> 20} MiB, this is not {what}")
+            raise ScenarioError(f"{path}: longer than {LARGEST_FILE >> 20} MiB, so it is not {what}")
 
 
 _BINARY = getattr(os, "O_BINARY", 0)

@@ -16,7 +16,7 @@ from dembrick.scenario.stages import stages_of
 class TieEnd:
     """An end of a tie: a material ``point`` (m, world at the start) of a ``block``."""
 
-    block: str = field(metadata=naming("a block", "the block it is fastened to"))
+    block: str = field(metadata=naming("a block", "the block to which this end is fastened"))
     point: Vector = field(metadata=vector_of("m", "where, world position at the start, in the block or on a face"))
 
     def __post_init__(self):
@@ -35,12 +35,13 @@ class Tie:
     between: tuple[TieEnd, TieEnd] = field(metadata=declare("2 tables", "the ends of the tie"))
     stiffness: float = field(metadata=positive("N/m", "force over elongation"))
     strength: float | None = field(
-        default=None, metadata=positive("N", "it yields at this force without end; left out, it never does")
+        default=None, metadata=positive("N", "yield force, without limit of elongation; left out, it never yields")
     )
-    prestress: float = field(default=0.0, metadata=number("N", "force at the start, or as it comes"))
-    tension_only: bool = field(default=True, metadata=truth("slack where it would push; false for a bar or a spring"))
+    prestress: float = field(default=0.0, metadata=number("N", "force at the start, or when the tie is added"))
+    tension_only: bool = field(default=True, metadata=truth("slack instead of pushing; false for a bar or a spring"))
     stages: tuple[int, ...] | None = field(
-        default=None, metadata=stages_of("the stages in which it is there; left out, all. It comes with its prestress")
+        default=None,
+        metadata=stages_of("the stages in which the tie acts; left out, all. It is added with its prestress"),
     )
 
     def __post_init__(self):
@@ -55,11 +56,11 @@ class Tie:
                 f"the tie between {show(names[0])} and itself lies inside one block, which is rigid; tie two blocks"
             )
         if ends[0].point == ends[1].point:
-            raise ScenarioError(f"both ends{label} are at one point, so that it has no direction; move one of them")
+            raise ScenarioError(f"both ends{label} are at one point, so the tie has no direction; move one of them")
         assign(self, between=tuple(ends))
         check_keys(self, label)
         if self.strength is not None:
             bound = f"the tie yields at its strength of {self.strength:g} N"
             require(abs(self.prestress) <= self.strength, f"prestress{label}", self.prestress, bound)
         slack = self.prestress >= 0.0 or not self.tension_only
-        require(slack, f"prestress{label}", self.prestress, "a tie that takes tension only has none below 0 N")
+        require(slack, f"prestress{label}", self.prestress, "it must be at least 0 N, as the tie takes tension only")

@@ -53,7 +53,7 @@ class Pulse:
     rebound: float = field(
         default=0.0,
         metadata=within(
-            0.0, 1.0, "1", "then so much of the amplitude the other way, until the impulses cancel",
+            0.0, 1.0, "1", "then this part of the amplitude in reverse, until the impulses cancel",
             "it is a part of the amplitude, between 0 and 1",
         ),
     )  # fmt: skip
@@ -66,14 +66,14 @@ def check_baseline(baseline, file: str | tuple[str, ...] | None, quantity: str) 
     """Raise a ScenarioError if a requested baseline correction is impossible: only recorded accelerations have one."""
     require_type(isinstance(baseline, bool), "baseline", baseline, "true or false")
     recorded = file is not None and quantity == "acceleration"
-    require(recorded or not baseline, "baseline", baseline, "only accelerations of a file have one to correct")
+    require(recorded or not baseline, "baseline", baseline, "only accelerations of a file can be corrected")
 
 
 def checked_columns(columns, file: str | tuple[str, ...] | None, values: int = 1) -> tuple[str, ...] | None:
     """Check the names of the columns of time and of ``values`` columns in a ``file``; None if none are needed."""
     if columns is None:
         return None
-    require(file is not None, "columns", columns, "they belong to a file, and none is named")
+    require(file is not None, "columns", columns, "they belong to a file, but none is named")
     count = f"{1 + values} columns, of time and of values"
     require_type(isinstance(columns, list | tuple), "columns", columns, f"a list of names of {count}")
     require(len(columns) == 1 + values, "columns", columns, f"it must name {count}")
@@ -98,7 +98,7 @@ class Turn:
     """
 
     axis: Vector = field(metadata=unit_vector("axis of the turn, right-hand rule"))
-    angle: float = field(metadata=declare("-90 to 90, not 0", "by how much, at the end", "deg", _check_turn))
+    angle: float = field(metadata=declare("-90 to 90, not 0", "angle of the turn at the end", "deg", _check_turn))
     point: Vector | None = field(
         default=None,
         metadata=vector_of("m", "a point of the axis at the start; left out, the centroid of each support"),
@@ -108,7 +108,7 @@ class Turn:
         check_keys(self)
 
 
-SUPPORTS_OF = declare("names", "blocks and groups that move so; they must be fixed")
+SUPPORTS_OF = declare("names", "blocks and groups with this motion; they must be fixed")
 MOVED = vector_of("m", "how far they have moved at the end, world axes")
 TURNED = table(Turn, "how far they have turned at the end")
 

@@ -183,7 +183,7 @@ def _parse(text: str, file: str) -> dict[str, Any]:
     except UnicodeEncodeError:
         raise ScenarioError(f"{file}: the text cannot be written as UTF-8") from None
     except RecursionError:
-        raise ScenarioError(f"{file}: not a scenario: lists or tables are nested without end") from None
+        raise ScenarioError(f"{file}: not a scenario: lists or tables are nested too deeply") from None
     except ValueError as error:
         raise ScenarioError(f"{file}: not valid TOML: {error}{hint_of(text, str(error))}") from None
 
@@ -203,7 +203,7 @@ def _decode(
     if isinstance(document.get("base"), str):
         name = path or "STUDY.toml"
         raise ScenarioError(
-            f"{place.file}: this is a study, which has many runs: dembrick sweep {name}; its scenario is "
+            f"{place.file}: this is a study of many runs; run it with dembrick sweep {name}; its scenario is "
             f"base = {show(document['base'])}"
         )
     keys = _keys_of(Scenario) | {"control": True}
@@ -253,7 +253,7 @@ def _decode(
     driven = scenario.actuators or any(pressure.actuator for pressure in scenario.pressures)
     drives = next((control for control in controls_of(scenario) if control.drives == ACTUATORS), None)
     if not driven and drives is not None:
-        place.fail(f"control kind {show(drives.kind)} drives actuators and there is none; add [[actuators]]")
+        place.fail(f"control kind {show(drives.kind)} drives actuators, but there are none; add [[actuators]]")
     keep(scenario, as_read=None if text is None else dict(scenario.materials))
     return scenario
 
@@ -294,7 +294,7 @@ def _control(data: Any, place: _Place) -> Any:
             if others:
                 del given[key]
                 own = f"{place.at(key)}: {place.table}: kind {show(kind)} has no {show(key)}"
-                faults.add(f"{own}, which is a key of {others}; its own: {', '.join(keys) or 'none'}")
+                faults.add(f"{own}, which is a key of {others}; its own keys: {', '.join(keys) or 'none'}")
         return _record(CONTROLS[kind], given, place, faults, "kind")
     existing = ", ".join(show(name) for name in CONTROLS)
     from difflib import get_close_matches
@@ -333,13 +333,13 @@ def _known(
     meant = ""
     for key in data:
         if key not in known:
-            above = f"{key} stands above the first table of the file" if place.table and key in TOP else ""
+            above = f"{key} must stand above the first table of the file" if place.table and key in TOP else ""
             meant += (likely := above or nearest(key, [*known, *more], tables_with(key)))
             faults.add(f"unknown key {show(key)} in {place.of(key)}; {likely}")
     for key, required in known.items():
         if required and key not in data and f"did you mean {show(key)}" not in meant:
             plural = isinstance(data.get(f"{key}s"), dict)
-            wrote = f"; you wrote [{key}s], and the default law is [{key}]" if plural else ""
+            wrote = f"; you wrote [{key}s], but the default law is [{key}]" if plural else ""
             instead = _INSTEAD.get(key, "it has no default")
             faults.add(f"missing key {show(key)} in {place.of()}; {instead}{wrote}")
     return {key: value for key, value in data.items() if key in known}
@@ -373,7 +373,7 @@ def _make(kind: type, values: Mapping[str, Any], place: _Place, faults: Faults |
 
 def _table(data: Any, place: _Place) -> dict[str, Any]:
     if not isinstance(data, dict):
-        hint = "; one pair of brackets makes it one" if isinstance(data, list) else ""
+        hint = "; write it with one pair of brackets" if isinstance(data, list) else ""
         place.fail(f"this must be a table, not {show(data)}{hint}")
     return data
 

@@ -67,8 +67,8 @@ def check_magnitudes(scenario: Scenario) -> None:
         far = max(map(abs, present(block.position)))
         if not far <= FARTHEST:
             raise ScenarioError(
-                f"position{whose} = {show(block.position)} is {far:.3g} m from the origin; at most {FARTHEST:g} m are "
-                "taken"
+                f"position{whose} = {show(block.position)} is {far:.3g} m from the origin; at most {FARTHEST:g} m is "
+                "allowed"
             )
         _check("velocity", block.velocity, whose)
         _check("angular_velocity", block.angular_velocity, whose)
@@ -87,7 +87,7 @@ def _check(key: str, values, whose: str) -> None:
     if not max(map(abs, values)) <= bound:
         given = values[0] if len(values) == 1 else values
         most = f"{bound:g} {unit}".strip()
-        raise ScenarioError(f"{key}{whose} = {show(given)} is out of range: at most {most} is taken")
+        raise ScenarioError(f"{key}{whose} = {show(given)} is out of range: at most {most} is allowed")
 
 
 STEEPEST_FRICTION = 1.5
@@ -131,20 +131,20 @@ def unit_slips(scenario: Scenario, shapes: Sequence[Shape]) -> list[str]:
         if law.friction > STEEPEST_FRICTION:
             found.append(
                 f"friction of {where} = {law.friction:g} is a coefficient, the tangent of "
-                f"{math.degrees(math.atan(law.friction)):.1f} deg; write the tangent of an angle"
+                f"{math.degrees(math.atan(law.friction)):.1f} deg; give the tangent of the friction angle"
             )
     for name, material in scenario.materials.items():
         if not DENSITIES[0] <= material.density <= DENSITIES[1]:
             found.append(
-                f"density of material {show(name)} = {material.density:g} kg/m3 is that of no stone (about 2000); "
-                "g/cm3 times 1000 give kg/m3"
+                f"density of material {show(name)} = {material.density:g} kg/m3 fits no stone (about 2000); "
+                "multiply g/cm3 by 1000"
             )
     found += _radians(scenario)
     size = math.hypot(*scenario.gravity)
     if size > 0.0 and not scenario.gravity[2] <= -0.5 * size:
         found.append(f"gravity = {show(scenario.gravity)} does not point down, which is -z")
     if size > 0.0 and not GRAVITIES[0] <= size <= GRAVITIES[1]:
-        found.append(f"gravity = {show(scenario.gravity)} is {size:g} m/s2, and on earth it is 9.81 m/s2")
+        found.append(f"gravity = {show(scenario.gravity)} is {size:g} m/s2, but on earth it is 9.81 m/s2")
     large = [
         (block, float((shape.vertices.max(axis=0) - shape.vertices.min(axis=0)).max()))
         for block, shape in zip(scenario.all_blocks, shapes, strict=True)
@@ -155,6 +155,6 @@ def unit_slips(scenario: Scenario, shapes: Sequence[Shape]) -> list[str]:
         more = f" (and {len(large) - 1} more)" if len(large) > 1 else ""
         block, length = large[0]
         found.append(
-            f"block {show(block.name)}{more} is {length:g} m long: lengths are in metres, and mm times 0.001 give m"
+            f"block {show(block.name)}{more} is {length:g} m long: lengths are in metres; multiply mm by 0.001"
         )
     return found

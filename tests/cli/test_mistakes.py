@@ -65,7 +65,7 @@ def test_a_mistyped_option_is_told_the_nearest_of_its_command(words, told, capsy
 
 
 def test_joints_for_joint():
-    assert "you wrote [joints], and the default law is [joint]" in refused(SET4A.replace("[joint]", "[joints]"))
+    assert "you wrote [joints], but the default law is [joint]" in refused(SET4A.replace("[joint]", "[joints]"))
 
 
 def test_a_heading_that_is_left_out_is_told_with_its_keys():
@@ -119,7 +119,7 @@ def test_a_study_for_a_scenario(words, tmp_path, monkeypatch, capsys):
     assert main([*words, "study.toml"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.endswith(
-        "this is a study, which has many runs: dembrick sweep study.toml; its scenario is base = 'set4a'"
+        "this is a study of many runs; run it with dembrick sweep study.toml; its scenario is base = 'set4a'"
     )
     if words == ["run"]:
         assert main(["run", "study.toml", "--set", "joint.friction=0.5"]) == 2
@@ -185,8 +185,8 @@ PLY = (
 )
 SLIPS = {
     "degrees": ("friction         = 0.64", "friction         = 32", "friction of joint = 32 is a coefficient"),
-    "g/cm3": ("density = 1500.0", "density = 1.5", "density of material 'tuff' = 1.5 kg/m3 is that of no stone"),
-    "mm/s2": ("-9.81]", "-9810.0]", "is 9810 m/s2, and on earth it is 9.81"),
+    "g/cm3": ("density = 1500.0", "density = 1.5", "density of material 'tuff' = 1.5 kg/m3 fits no stone"),
+    "mm/s2": ("-9.81]", "-9810.0]", "is 9810 m/s2, but on earth it is 9.81"),
     "upwards": ("[0.0, 0.0, -9.81]", "[0.0, 0.0, 9.81]", "does not point down"),
     "mm": (
         "[0.3, 0.2, 0.1]\nposition = [0.0, 0.0, 0.05]",

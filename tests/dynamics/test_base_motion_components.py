@@ -149,8 +149,8 @@ def test_written_in_a_file_it_reads_back(tmp_path):
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: BaseMotionControl(1.0, (X, Z), file="a.csv"), "needs them: of time, and one for each direction"),
-        (lambda: BaseMotionControl(1.0, (X, Z), file=("a.csv",)), "one for each direction"),
+        (lambda: BaseMotionControl(1.0, (X, Z), file="a.csv"), "needs a column of time, and one for each direction"),
+        (lambda: BaseMotionControl(1.0, (X, Z), file=("a.csv",)), "it must name one file for each direction"),
         (lambda: BaseMotionControl(1.0, (X, Z), sine=Sine(1.0, 1.0)), "a sine or a pulse has one direction"),
         (lambda: BaseMotionControl(1.0, (X, Y, Z, X), file="a.csv"), "one to three directions"),
         (lambda: BaseMotionControl(1.0, (X, (0, 0, 0)), file="a.csv"), "its length must be greater than 0"),

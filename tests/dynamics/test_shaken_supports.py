@@ -81,8 +81,8 @@ BAD_FILES = {
     ),
     "jump": ("0,0\n0.01,1\n0.01,2\n0.02,1\n", "line 4: time stands still; give a jump by two samples"),
     "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 4: time goes back"),
-    "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is no finite number"),
-    "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is no finite number"),
+    "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is not a finite number"),
+    "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is not a finite number"),
     "too short for a load": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, the run lasts from 0 to 1 s"),
     "empty": ("", "at least 2 lines"),
 }
@@ -189,7 +189,7 @@ def test_a_block_that_sticks_comes_back_with_its_baseline(folder):
         rows = simulate(block_on_floor(control)).rows
         gained = float(np.trapezoid(rows["load"], rows["time"]))
         assert gained == pytest.approx(left, abs=2e-3)
-    with pytest.raises(ScenarioError, match="only accelerations of a file have one to correct"):
+    with pytest.raises(ScenarioError, match="only accelerations of a file can be corrected"):
         BaseMotionControl(0.8, (1.0, 0.0, 0.0), file=file, baseline=True, quantity="velocity")
 
 

@@ -130,7 +130,7 @@ def test_a_gate_from_cad_falls_when_its_posts_do(scene):
 
 def test_gaps_are_told(scene, capsys):
     assert assemble(toml.load(scene)).warnings[0] == (
-        "model 'gate': 4 pairs of faces up to 0.3 mm apart or inside one another were put on one plane "
+        "model 'gate': 4 pairs of faces up to 0.3 mm apart or overlapping were moved onto one plane "
         "(gap_tolerance = 0.0005 m)"
     )
     remarks = toml.load(scene, ["models.gate.gap_tolerance=0"]).remarks

@@ -62,8 +62,8 @@ def test_a_text_is_read_back(tmp_path):
     ("united", "words"),
     [
         ('[["foot", "am"]]', "united = 'am' is not the name of a solid; did you mean 'arm'?"),
-        ('[["foot"]]', "a block is made of at least 2 solids"),
-        ('[["foot", "arm"], ["arm", "floor"]]', "a solid belongs to one block, once"),
+        ('[["foot"]]', "a united block needs at least 2 solids"),
+        ('[["foot", "arm"], ["arm", "floor"]]', "a solid can be named only once"),
         ('["foot", "arm"]', "lists of names of solids"),
     ],
 )

@@ -129,7 +129,7 @@ def test_the_buffer_of_a_big_scene_is_bounded():
         ("rows = 0", "between 1 and"),
         ("rows = 1.5", "whole number"),
         ("frames = true", "whole number"),
-        ("rows = 100\nframes = 101", "a frame is taken at a row"),
+        ("rows = 100\nframes = 101", "it must be at most rows = 100, as frames are taken at rows"),
         ("row = 3", "did you mean 'rows'"),
     ],
 )

@@ -289,7 +289,7 @@ def test_an_energy_that_is_none_of_the_forces_is_refused(kind):
 
 
 def test_names_and_numbers():
-    with pytest.raises(ScenarioError, match="memory = 'normal' is out of range: the program's own are normal"):
+    with pytest.raises(ScenarioError, match="memory = 'normal' is out of range: these names are reserved: normal"):
         dembrick.joint_law(coulomb, memory="normal")
     with pytest.raises(ScenarioError, match="parameters = 'friction'"):
         dembrick.joint_law(coulomb, friction=0.3)
@@ -297,7 +297,7 @@ def test_names_and_numbers():
         FOLLOWING.with_parameters(length=1.0)
     with pytest.raises(ScenarioError, match="a function of"):
         dembrick.joint_law(3)
-    with pytest.raises(ScenarioError, match="a name stands in it twice"):
+    with pytest.raises(ScenarioError, match="a name is listed twice"):
         dembrick.joint_law(coulomb, memory=["a", "a"])
     assert FOLLOWING.as_dict()["code"] != COULOMB.as_dict()["code"]
 

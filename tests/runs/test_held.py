@@ -198,7 +198,7 @@ def test_a_history_says_what_is_held(tmp_path):
 @pytest.mark.parametrize("line, said", [
     ("held = []", "name a direction"),
     ("held = ['w']", "'w'"),
-    ("held = ['x', 'x']", "x is there twice"),
+    ("held = ['x', 'x']", "x is listed twice"),
     ("held = 'x'", "a list of x, y, z, rx, ry, rz"),
     ("held = ['x']\nfixed = true", "fixed already"),
     ("held = ['x']\nvelocity = [1, 0, 0]", "velocity in a direction in which it is held"),

@@ -49,7 +49,9 @@ def test_a_column_whose_unit_is_not_that_of_its_name(header, tmp_path):
     """Columns are found by their unit, so that swapped units swapped the axes."""
     rows = "\n".join(",".join([str(i)] * (1 + header.count(","))) for i in range(3))
     (tmp_path / "lab.csv").write_text(f"{header}\n{rows}\n", encoding="utf-8")
-    with pytest.raises(ScenarioError, match="'displacement' has the unit 'k?N', which is none of displacement; write"):
+    with pytest.raises(
+        ScenarioError, match="'displacement' has the unit 'k?N', which is not one of displacement; write"
+    ):
         read_measured(tmp_path / "lab.csv")
 
 

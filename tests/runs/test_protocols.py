@@ -228,8 +228,8 @@ def test_turning_points_of_noise():
 
 
 @pytest.mark.parametrize("control, said", [
-    ({"protocol": [0.0, 1e-5]}, "it must turn"),
-    ({"protocol": [1e-5, 2e-5, -1e-5]}, "it must turn"),
+    ({"protocol": [0.0, 1e-5]}, "it must have a turn"),
+    ({"protocol": [1e-5, 2e-5, -1e-5]}, "it must have a turn"),
     ({"protocol": [1e-5, 1e-5]}, "must differ"),
     ({"protocol": []}, "must differ"),
     ({"protocol": [0.0, float("nan")]}, "finite"),

@@ -240,7 +240,7 @@ def test_a_stage_after_one_that_fell_and_one_that_fails_are_one_sentence(tmp_pat
         (push((0.0, 1.0, 0.0), [0]), ["stages are counted from 1"]),
         (push((0.0, 1.0, 0.0), []), ["at least one stage"]),
         (push((0.0, 1.0, 0.0), ["last"]), ["a list of numbers of stages"]),
-        ('[[stages]]\nkind = "yield"\n', ["stage 1 of kind 'yield' drives actuators and none acts in it"]),
+        ('[[stages]]\nkind = "yield"\n', ["stage 1 of kind 'yield' drives actuators, but none acts in it"]),
     ],
 )
 def test_stages_that_cannot_be_are_refused(text, words):
@@ -259,8 +259,8 @@ def test_actuators_and_pressures_that_no_stage_drives_are_refused(last, stages):
     """They were dropped, and are refused without stages."""
     control = f"[[stages]]\n{STATICS}[control]\n{last}"
     where = "stage 2 of kind" if stages == "stages = [2]\n" else "stages 1 and 2 of kind 'statics' and"
-    refused(JOINT + JACK + stages + control, where, "no use for [[actuators]]; remove that on 'upper'")
-    refused(JOINT + PRESSURE + stages + control, where, "no pressure: remove actuator = true of that on 'upper'")
+    refused(JOINT + JACK + stages + control, where, "no use for [[actuators]]; remove the one on 'upper'")
+    refused(JOINT + PRESSURE + stages + control, where, "no pressure: remove actuator = true of the one on 'upper'")
     toml.loads(JOINT + JACK + stages.replace("[2]", "[1]") + control.replace(STATICS, YIELD))
 
 

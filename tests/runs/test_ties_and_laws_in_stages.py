@@ -243,7 +243,7 @@ def test_a_law_that_its_joint_cannot_go_on_with_is_one_sentence(parts, words):
 
 @pytest.mark.parametrize("part", [tie([3]), law([3], friction=0.3)])
 def test_a_stage_that_there_is_not_is_refused(part):
-    refused(JOINT + JACK + part + f"[[stages]]\n{STATICS}[control]\n{YIELD}", "there is no stage 3, but 2")
+    refused(JOINT + JACK + part + f"[[stages]]\n{STATICS}[control]\n{YIELD}", "there is no stage 3, only 2")
 
 
 def test_stages_of_ties_and_joints_are_written_and_read_back():

@@ -108,6 +108,6 @@ def test_lines_of_keys_and_tables(table, number, key, line):
 def test_a_key_of_the_scenario_in_a_table_is_told_where_it_belongs():
     text = TEXT.replace("[materials.tuff]\n", '[materials.tuff]\nsupports = ["lower"]\n')
     with pytest.raises(
-        ScenarioError, match="unknown key 'supports' .*supports stands above the first table of the file"
+        ScenarioError, match="unknown key 'supports' .*supports must stand above the first table of the file"
     ):
         toml.loads(text)

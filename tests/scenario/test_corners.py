@@ -268,27 +268,28 @@ heading  = 90.0
 REFUSED = {
     "courses": ("block    = [0.4, 0.2, 0.2]\ncourses  = 4\nblocks   = 5",
                 "block    = [0.4, 0.2, 0.25]\ncourses  = 4\nblocks   = 5",
-                "courses of 0.2 and 0.25 m from z = 0 and 0 m: in bond the courses of both begin at one height"),
+                "courses of 0.2 and 0.25 m from z = 0 and 0 m: in bond their courses must begin at one height"),
     "height": ("[0.1, -0.1, 0.0]", "[0.1, -0.1, 0.1]", "from z = 0 and 0.1 m"),
     "thickness": ("block    = [0.4, 0.2, 0.2]\ncourses  = 4\nblocks   = 5",
                   "block    = [0.4, 0.4, 0.2]\ncourses  = 4\nblocks   = 5",
-                  "blocks 0.4 m long are not toothed into a wall 0.4 m thick: at a corner it must be between 0.04 and "
-                  "0.36 m thick"),
-    "angle": ("heading  = 90.0", "heading  = 60.0", "lie in one another at 60 deg, and only walls at right angles"),
-    "parallel": ("heading  = 90.0", "heading  = 0.0", "lie in one another at 0 deg"),
+                  "blocks 0.4 m long cannot be toothed into a wall 0.4 m thick: at a corner it must be between 0.04 "
+                  "and 0.36 m thick"),
+    "angle": ("heading  = 90.0", "heading  = 60.0", "overlap at 60 deg, but only walls at right angles"),
+    "parallel": ("heading  = 90.0", "heading  = 0.0", "overlap at 0 deg"),
     "off its end": ("[0.1, -0.1, 0.0]", "[0.15, -0.05, 0.0]",
-                    "it fits with position = [0.1, -0.1, 0.0] of 'west'"),
-    "a cross wall": ("[0.1, -0.1, 0.0]", "[1.3, -0.1, 0.0]", "away from their ends, and walls meet in bond at corners"),
-    "a cross": ("[0.1, -0.1, 0.0]", "[1.3, -1.0, 0.0]", "away from their ends, and walls meet in bond at corners"),
-    "pattern": ("courses  = 4\nblocks   = 5", 'pattern = ["1111", "h111h"]', "a wall with a pattern meets no other"),
+                    "give 'west' position = [0.1, -0.1, 0.0]"),
+    "a cross wall": ("[0.1, -0.1, 0.0]", "[1.3, -0.1, 0.0]", "away from their ends, but walls meet in bond at corners"),
+    "a cross": ("[0.1, -0.1, 0.0]", "[1.3, -1.0, 0.0]", "away from their ends, but walls meet in bond at corners"),
+    "pattern": ("courses  = 4\nblocks   = 5", 'pattern = ["1111", "h111h"]',
+                "a wall with a pattern cannot meet another"),
     "one block": ("blocks   = 5", "blocks   = 1", "'west' is one block long; it needs at least 2"),
     "opening": ("heading  = 90.0", "heading  = 90.0\nopenings = [{ span = [0.1, 0.6], courses = [1, 2] }]",
                 "opening of wall 'west' = [0.1, 0.6] reaches into a corner: between its corners the wall reaches from "
                 "0.2 to 2 m"),
     "two at an end": ("base     = 0.2", "base     = 0.2\nreturns = [{ end = \"left\", side = \"front\", blocks = 3 }]",
-                      "both meet the left end of wall 'south', where one has room"),
+                      "both meet the left end of wall 'south', which has room for one"),
     "two bases": ("heading  = 90.0", "heading  = 90.0\nbase     = 0.3",
-                  "stand on one slab, and have base = 0.2 and 0.3: state it once"),
+                  "stand on one slab, but have base = 0.2 and 0.3: give base only once"),
 }  # fmt: skip
 
 

@@ -72,9 +72,9 @@ def test_one_table_in_many_spellings(tmp_path, text):
 
 
 @pytest.mark.parametrize("numbers, said", [
-    (("950.0", "1,150"), "line 3: 1,150 may be 1150 or 1.150"),
-    (("950,0", "1.150"), "line 3: 1.150 may be 1150 or 1.150"),
-    (("950", "1,150"), "line 3: 1,150 may be 1150 or 1.150"),
+    (("950.0", "1,150"), "line 3: 1,150 may mean 1150 or 1.150"),
+    (("950,0", "1.150"), "line 3: 1.150 may mean 1150 or 1.150"),
+    (("950", "1,150"), "line 3: 1,150 may mean 1150 or 1.150"),
 ])  # fmt: skip
 @pytest.mark.parametrize("divider", [";", "\t"])
 def test_marks_of_thousands_are_no_decimals(tmp_path, numbers, said, divider):
@@ -100,8 +100,8 @@ def test_marks_of_thousands_are_no_decimals(tmp_path, numbers, said, divider):
             "the columns 'x', 'y' all have a unit of acceleration; call one 'acceleration', or pick it by col",
         ),
         ("time [s],a [g]\n0,0\n1\n", "line 3: 1 values for 2 columns"),
-        ("time [s],a [g]\n0,0\n# note\n1,1_0\n", "line 4: '1_0' in column 'a' is no finite number"),
-        ("time [s],a [g]\n0,inf\n1,1\n", "line 2: 'inf' in column 'a' is no finite number"),
+        ("time [s],a [g]\n0,0\n# note\n1,1_0\n", "line 4: '1_0' in column 'a' is not a finite number"),
+        ("time [s],a [g]\n0,inf\n1,1\n", "line 2: 'inf' in column 'a' is not a finite number"),
         ('time [s],a [g]\n0,"1\n1,1\n', "line 2: unexpected end of data"),
         ("", "the file is empty"),
         ("time [s],a [g]\n0,0\n", "at least 2 lines"),
@@ -122,7 +122,7 @@ def test_columns_are_picked_by_name(tmp_path):
     np.testing.assert_allclose(east("t", "east [g]"), np.array([2.0, 5.0]) * 9.80665)
     with pytest.raises(ScenarioError, match="there is no column 'eest'; did you mean 'east'"):
         east("t", "eest")
-    with pytest.raises(ScenarioError, match="column 'up' has the unit 'm/s', which is none of acceleration"):
+    with pytest.raises(ScenarioError, match="column 'up' has the unit 'm/s', which is not one of acceleration"):
         east("t", "up")
 
 
@@ -139,7 +139,7 @@ def test_a_record_of_the_peer_data_base(tmp_path):
     [
         (
             RECORD.replace("UNITS OF G", "UNITS OF FT"),
-            "line 3: the record is in the unit 'FT', and acceleration is asked for",
+            "line 3: the record is in the unit 'FT', but acceleration is needed",
         ),
         (RECORD.replace("UNITS OF G", "UNITS OF CM/SEC"), r"line 3: the record is of velocity \(CM/SEC\)"),
         (RECORD.replace("IN UNITS OF G", ""), "line 3: a PEER record states its unit"),

@@ -157,7 +157,12 @@ BAD = {
     "gravity is a number": ("[0.0, 0.0, -9.81]", "-9.81", "test.toml:2: gravity = -9.81", "list of 3 numbers"),
     "gravity NaN": ("[0.0, 0.0, -9.81]", "[0.0, 0.0, nan]", "gravity[2] = nan", "finite"),
     "title is a number": ('"One force at 0.25 a"', "1", "title = 1", "must be a text"),
-    "list in place of a table": ("[joint]", "[[joint]]", "[joint]: this must be a table", "one pair of brackets"),
+    "list in place of a table": (
+        "[joint]",
+        "[[joint]]",
+        "[joint]: this must be a table",
+        "write it with one pair of brackets",
+    ),
     "table in place of a list": ("[[loads]]", "[loads]", "loads must be a list of tables", "[[loads]]"),
     "control is text": (
         BASE,
@@ -166,7 +171,7 @@ BAD = {
     ),
     "not TOML": ("0.64", "0.64 0.65", "test.toml: not valid TOML", "line 6, column 25"),
     "key twice": ("0.64", "0.64\nfriction = 0.7", "not valid TOML", "line 7"),
-    "endless nesting": ("0.64", "[" * 100_000, "nested without end"),
+    "endless nesting": ("0.64", "[" * 100_000, "nested too deeply"),
     "dotted without end": ("title ", ".".join("a" * 1500) + " = 1\ntitle ", "unknown key 'a'"),
 }
 

@@ -55,13 +55,13 @@ REFUSED = {
     "a displacement of nothing": (
         'supports = ["arch.right"]\ndisplacement = [0, 0, 0]', "need a displacement or a rotation"
     ),
-    "a displacement of nobody": ("displacement = [0.1, 0, 0]", "supports must say which blocks or groups move so"),
+    "a displacement of nobody": ("displacement = [0.1, 0, 0]", "supports must name the blocks or groups that move"),
     "unknown name": (SPREAD.replace("arch.right", "arch.rihgt"), "'arch.rihgt' is not the name", "'arch.right'?"),
-    "no support": (SPREAD.replace("arch.right", "arch.2"), "moves 'arch.2', which is no support", "fixed = true"),
-    "a group that is not fixed": (SPREAD.replace("arch.right", "arch"), "which is no support"),
+    "no support": (SPREAD.replace("arch.right", "arch.2"), "moves 'arch.2', which is not a support", "fixed = true"),
+    "a group that is not fixed": (SPREAD.replace("arch.right", "arch"), "which is not a support"),
     "two ways at once": (
         SPREAD + 'motions = [{ supports = ["arch.right"], displacement = [-0.1, 0, 0] }]',
-        "support 'arch.right' is to move in two ways at once", "name it in one of the motions",
+        "support 'arch.right' has two motions at once", "name it in only one of the motions",
     ),
     "a rate without time": (SPREAD + "rate = 0.1", "rate = 0.1 is out of range", "quasi_static = false"),
     "time without a rate": (SPREAD + "quasi_static = false", "missing key 'rate'", "needs it, in m/s"),
@@ -79,7 +79,7 @@ REFUSED = {
     "duration": (SPREAD + "duration = 1.0", "kind 'settlement' has no 'duration'", "a key of 'dynamic', 'base-motion'"),
     "a load that varies": (
         SPREAD + '[[loads]]\nblock = "arch.2"\nforce = [1, 0, 0]\nsine = { amplitude = 1, frequency = 2 }',
-        "varies with time, which a test of kind 'settlement' does not know",
+        "varies with time, which a test of kind 'settlement' does not allow",
     ),
     "an actuator": (
         SPREAD + '[[actuators]]\nname = "a"\nblock = "arch.2"\npoint = [-0.574, 0, 1.386]\ndirection = [1, 0, 0]',

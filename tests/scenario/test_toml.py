@@ -206,7 +206,7 @@ def test_set_finds_names_with_dots_and_blanks():
         ("blocks.uper.fixed=true", ["--set 'blocks.uper.fixed=true'", "did you mean 'upper'?"]),
         ("blocks.2.fixed=true", ["blocks has no entry 2", "counted from 0"]),
         ("blocks.upper.position.3=1", ["blocks.upper.position has no entry 3"]),
-        ("control.tolerance.x=1", ["control.tolerance = 0.001 has no parts"]),
+        ("control.tolerance.x=1", ["control.tolerance = 0.001 has no keys"]),
         ("control.tolerance", ["write key.path=value"]),
         ("=3", ["write key.path=value"]),
         ("joint.friction=", ["'' is not a value"]),

@@ -143,8 +143,8 @@ def test_a_text_is_read_back():
     [
         ("", 3.0, "needs either pressure (none, at-rest, active, passive), or coefficient"),
         ('pressure = "active"', 3.0, "needs friction_angle (deg)"),
-        ('pressure = "none"\nfriction_angle = 30.0', 3.0, "it goes with pressure = at-rest, active or passive only"),
-        ('pressure = "active"\nfriction_angle = 75.0', 3.0, "it lies between 0 and 60 deg"),
+        ('pressure = "none"\nfriction_angle = 30.0', 3.0, "it belongs to pressure = at-rest, active or passive only"),
+        ('pressure = "active"\nfriction_angle = 75.0', 3.0, "it must lie between 0 and 60 deg"),
         ("coefficient = -0.1", 3.0, "it must be at least 0"),
         ("coefficient = 0.4", -1.0, "no free block of it has a bare face that looks up below surface = -1 m"),
         ('pressure = "passiv"\nfriction_angle = 30.0', 3.0, "passive"),

@@ -62,7 +62,7 @@ class Arch:
     angle: float = field(
         default=180.0,
         metadata=degrees(
-            360.0, "angle of embrace; 180 is a semicircle", "the angle of embrace lies between 0 and 360 deg"
+            360.0, "angle of embrace; 180 is a semicircle", "the angle of embrace must lie between 0 and 360 deg"
         ),
     )
     curved: bool = field(default=False, metadata=truth("weight, centroid and inertia of pieces of a ring"))
@@ -73,7 +73,9 @@ class Arch:
 
     def __post_init__(self):
         label = check_generator(self, "arch")
-        require(self.thickness < 2.0 * self.radius, f"thickness{label}", self.thickness, "it must be below 2 radius")
+        require(
+            self.thickness < 2.0 * self.radius, f"thickness{label}", self.thickness, "it must be below twice the radius"
+        )
         each = self.angle / self.voussoirs
         require(each < 180.0, f"angle{label}", self.angle, "a voussoir spans less than 180 deg")
 
@@ -128,17 +130,20 @@ class Dome:
         default=90.0,
         metadata=degrees(
             120.0,
-            "from the axis down to the springing; 90 is a hemisphere",
-            "it lies between 0 and 120; 90 is a hemisphere",
+            "angle from the axis to the springing; 90 is a hemisphere",
+            "it must lie between 0 and 120; 90 is a hemisphere",
             closed=True,
         ),
     )
     oculus: float | None = field(
-        default=None, metadata=degrees(60.0, "from the axis to the rim of an open eye", "it must lie between 0 and 60")
+        default=None,
+        metadata=degrees(60.0, "angle from the axis to the rim of an open eye", "it must lie between 0 and 60"),
     )
     key: float | None = field(
         default=None,
-        metadata=degrees(60.0, "or from the axis to the rim of the key stone", "it must lie between 0 and 60"),
+        metadata=degrees(
+            60.0, "or the angle from the axis to the rim of the key stone", "it must lie between 0 and 60"
+        ),
     )
     springing: bool = field(default=True, metadata=truth("a ring of fixed stones below"))
     position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
@@ -147,7 +152,9 @@ class Dome:
 
     def __post_init__(self):
         label = check_generator(self, "dome")
-        require(self.thickness < 2.0 * self.radius, f"thickness{label}", self.thickness, "it must be below 2 radius")
+        require(
+            self.thickness < 2.0 * self.radius, f"thickness{label}", self.thickness, "it must be below twice the radius"
+        )
         one = (self.oculus is None) != (self.key is None)
         require(one, f"oculus{label}", self.oculus, "give either oculus (an open eye) or key (a key stone), in deg")
         which, rim = ("key", present(self.key)) if self.oculus is None else ("oculus", self.oculus)

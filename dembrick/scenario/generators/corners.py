@@ -90,21 +90,21 @@ def _join(every: Sequence[Wall], i: int, j: int, ends: Ends) -> None:
     if abs(across - 90.0) > 1e-6:
         angle = min(across, 180.0 - across)
         raise ScenarioError(
-            f"{label} lie in one another at {angle:g} deg, and only walls at right angles meet in bond: turn "
+            f"{label} overlap at {angle:g} deg, but only walls at right angles can meet in bond: turn "
             f"'{second.name}', or move it until it only touches '{first.name}'"
         )
     for wall in (first, second):
         if wall.pattern is not None:
             raise ScenarioError(
-                f"{label} lie in one another, and a wall with a pattern meets no other in bond: give '{wall.name}' "
-                "courses and blocks instead, or move it until the two only touch"
+                f"{label} overlap, but a wall with a pattern cannot meet another in bond: give '{wall.name}' "
+                "courses and blocks instead, or move it until the walls only touch"
             )
     near = SAME * min(first.block[0], second.block[0])
     if abs(first.block[2] - second.block[2]) > near or abs(first.position[2] - second.position[2]) > near:
         heights = f"courses of {first.block[2]:g} and {second.block[2]:g} m"
         raise ScenarioError(
-            f"{label} meet with {heights} from z = {first.position[2]:g} and {second.position[2]:g} m: in bond the "
-            "courses of both begin at one height and are equally high"
+            f"{label} meet with {heights} from z = {first.position[2]:g} and {second.position[2]:g} m: in bond "
+            "their courses must begin at one height and be equally high"
         )
     _check_lap(first, second)
     _check_lap(second, first)
@@ -117,7 +117,7 @@ def _join(every: Sequence[Wall], i: int, j: int, ends: Ends) -> None:
         if there is not None:
             raise ScenarioError(
                 f"walls '{there.other}' and '{other.name}' both meet the {('left', 'right')[end]} end of wall "
-                f"'{every[number].name}', where one has room: move one of them until it only touches"
+                f"'{every[number].name}', which has room for one: move one of them until it only touches"
             )
         ends[number][end] = Corner(other.name, other.block[1], present(other.courses), parity)
 
@@ -128,12 +128,12 @@ def _check_lap(wall: Wall, other: Wall) -> None:
     least, most = LEAST_LAP * length, (1.0 - LEAST_LAP) * length
     if not least <= thickness <= most:
         raise ScenarioError(
-            f"walls '{wall.name}' and '{other.name}' meet, and blocks {length:g} m long are not toothed into a wall "
+            f"walls '{wall.name}' and '{other.name}' meet, but blocks {length:g} m long cannot be toothed into a wall "
             f"{thickness:g} m thick: at a corner it must be between {least:g} and {most:g} m thick"
         )
     if present(wall.blocks) < 2:
         raise ScenarioError(
-            f"walls '{wall.name}' and '{other.name}' meet, and '{wall.name}' is one block long; it needs at least 2"
+            f"walls '{wall.name}' and '{other.name}' meet, but '{wall.name}' is one block long; it needs at least 2"
         )
 
 
@@ -147,11 +147,11 @@ def _end_of(wall: Wall, other: Wall) -> tuple[int, float]:
 def _misplaced(first: Wall, second: Wall, along: float, across: float) -> str:
     """Error message with a remedy for two walls that overlap away from their ends, by ``along`` (m, on the first wall)
     and ``across`` (m, on the second)."""
-    lead = f"walls '{first.name}' and '{second.name}' lie in one another"
+    lead = f"walls '{first.name}' and '{second.name}' overlap"
     if max(abs(along), abs(across)) > max(first.block[0], second.block[0]):
         return (
-            f"{lead} away from their ends, and walls meet in bond at corners only: let one end at the face of the "
-            "other, a straight joint, or describe the stretch on either side as a wall of its own"
+            f"{lead} away from their ends, but walls meet in bond at corners only: let one end at the face of the "
+            "other (a straight joint), or describe the stretch on either side as a separate wall"
         )
     x, y, z = Frame(first.position, first.heading).point(-along, 0.0, 0.0)
     step = (x - first.position[0], y - first.position[1])
@@ -161,8 +161,8 @@ def _misplaced(first: Wall, second: Wall, along: float, across: float) -> str:
         for value in (second.position[0] + step[0] + dx, second.position[1] + step[1] + dy, second.position[2])
     )
     return (
-        f"{lead}, and at a corner in bond each ends at the outer face of the other: it fits with position = "
-        f"{list(place)} of '{second.name}'"
+        f"{lead}, but at a corner in bond each must end at the outer face of the other: give '{second.name}' "
+        f"position = {list(place)}"
     )
 
 
@@ -215,8 +215,8 @@ def _based(every: Sequence[Wall], group: set[int]) -> int | None:
         if every[i].base != every[stated[0]].base:
             names = f"'{every[stated[0]].name}' and '{every[i].name}'"
             raise ScenarioError(
-                f"walls {names} stand on one slab, and have base = {every[stated[0]].base} and {every[i].base}: "
-                "state it once"
+                f"walls {names} stand on one slab, but have base = {every[stated[0]].base} and {every[i].base}: "
+                "give base only once"
             )
     return stated[0] if stated else None
 

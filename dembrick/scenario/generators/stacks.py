@@ -13,7 +13,7 @@ from dembrick.scenario.checks import check_name, one_line, present, require, vec
 from dembrick.scenario.declared import Key, check_keys, count, declare, naming, number, positive, table, vector_of
 
 # keys that all generators have
-NAME = naming("text", "name of the structure, and the beginning of the names of its blocks")
+NAME = naming("text", "name of the structure, with which the names of its blocks begin")
 MATERIAL = naming("a material", "what its blocks are made of")
 POSITION = vector_of("m", "where it stands")
 HEADING = number("deg", "direction of its axis about z; zero is along x")
@@ -44,8 +44,8 @@ class Stack:
     name: str = field(metadata=NAME)
     material: str = field(metadata=MATERIAL)
     blocks: int = field(metadata=count(1, "number of blocks"))
-    box: Vector | None = field(default=None, metadata=edges("edge lengths of each"))
-    prism: Prism | None = field(default=None, metadata=table(Prism, "or a prism each, as for drums"))
+    box: Vector | None = field(default=None, metadata=edges("edge lengths of each block"))
+    prism: Prism | None = field(default=None, metadata=table(Prism, "or the prism of each, for instance a drum"))
     base: float | None = field(default=None, metadata=positive("m", "thickness of a fixed slab below"))
     position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
     heading: float = field(default=0.0, metadata=HEADING)

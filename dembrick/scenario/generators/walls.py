@@ -44,18 +44,18 @@ class Opening:
     span: tuple[float, float] = field(
         metadata=declare(
             "2 numbers",
-            "from where to where, from the left end of the wall; in a return from the outer face of the wall",
+            "start and end, from the left end of the wall; in a return from the outer face of the wall",
             "m",
         )
     )
     courses: tuple[int, int] = field(metadata=declare("2 whole numbers", "first and last course, from 1", "1"))
     lintel: float | None = field(
-        default=None, metadata=positive("m", "bearing of a lintel on either side; left out, there is none")
+        default=None, metadata=positive("m", "bearing of a lintel on either side; left out, no lintel")
     )
 
     def __post_init__(self):
         span = vector("span", self.span, 2)
-        require(span[0] < span[1], "span", span, "its end must lie right of its start")
+        require(span[0] < span[1], "span", span, "its end must lie to the right of its start")
         require_type(isinstance(self.courses, list | tuple), "courses", self.courses, "a list of 2 whole numbers")
         courses = tuple(self.courses)
         whole = len(courses) == 2 and all(isinstance(n, int) and not isinstance(n, bool) for n in courses)
@@ -71,8 +71,8 @@ class Return:
     (front: -y for a wall along x), with a length of ``blocks`` blocks from the outer face of the wall; ``openings``:
     its own, behind the wall."""
 
-    end: str = field(metadata=choice(("left", "right"), "at which end of the wall"))
-    side: str = field(metadata=choice(("front", "back"), "to which side; front is towards -y of a wall along x"))
+    end: str = field(metadata=choice(("left", "right"), "end of the wall at which it stands"))
+    side: str = field(metadata=choice(("front", "back"), "side to which it runs; front is -y of a wall along x"))
     blocks: int = field(metadata=count(2, "its length in blocks, from the outer face of the wall"))
     openings: tuple[Opening, ...] = field(default=(), metadata=tables(Opening, "doors and windows of the return"))
 
@@ -127,13 +127,14 @@ class Wall:
     pattern: tuple[str, ...] | None = field(
         default=None,
         metadata=declare(
-            "texts", "courses from the bottom, repeated: 1 a block, h half, q one and a half, o a gap of one, . of half"
+            "texts",
+            "courses from the bottom, repeated: 1 a block, h half, q one and a half, o a gap of one, . a gap of half",
         ),
     )
     bond: float = field(
         default=0.5,
         metadata=within(
-            0.25, 0.75, "1", "shift of every second course, as a part of a block",
+            0.25, 0.75, "1", "shift of every second course, as a fraction of a block",
             "it must lie between 0.25 and 0.75 of a block",
         ),
     )  # fmt: skip
@@ -141,7 +142,7 @@ class Wall:
     openings: tuple[Opening, ...] = field(default=(), metadata=tables(Opening, "doors and windows"))
     returns: tuple[Return, ...] = field(default=(), metadata=tables(Return, "walls that turn the corner"))
     base: float | None = field(
-        default=None, metadata=positive("m", "thickness of a fixed slab below; of walls that meet, one for all")
+        default=None, metadata=positive("m", "thickness of a fixed slab below; one for all walls that meet")
     )
     position: Vector = field(default=(0.0, 0.0, 0.0), metadata=POSITION)
     heading: float = field(default=0.0, metadata=HEADING)
@@ -163,13 +164,17 @@ class Wall:
 
     def _check_extras(self, label: str) -> None:
         if self.returns and self.pattern is not None:
-            raise ScenarioError(f"returns{label}: a wall with a pattern has none; give courses and blocks instead")
+            raise ScenarioError(
+                f"returns{label}: a wall with a pattern cannot have any; give courses and blocks instead"
+            )
         if len({corner.end for corner in self.returns}) < len(self.returns):
-            raise ScenarioError(f"returns{label}: an end of a wall has one return at most")
+            raise ScenarioError(f"returns{label}: an end of a wall can have only one return")
         if self.returns and self.blocks is not None and self.blocks < 2:
-            require(False, f"blocks{label}", self.blocks, "a wall with returns is at least 2 blocks long")
+            require(False, f"blocks{label}", self.blocks, "a wall with returns must be at least 2 blocks long")
         if self.ends == "quoin" and self.blocks is not None:
-            require(self.blocks >= 3, f"blocks{label}", self.blocks, "a wall with quoins is at least 3 blocks long")
+            require(
+                self.blocks >= 3, f"blocks{label}", self.blocks, "a wall with quoins must be at least 3 blocks long"
+            )
         self._check_openings(self.openings, 0.0, self.length, label, "the wall")
         for corner in self.returns:
             who, reach = f"the {corner.end} return", corner.blocks * self.block[0]
@@ -307,7 +312,7 @@ def _depth(corner: Corner | None, course: int) -> float:
 
 def _checked_pattern(pattern, label: str) -> tuple[str, ...]:
     pattern = [pattern] if isinstance(pattern, str) else pattern
-    require_type(isinstance(pattern, list | tuple), f"pattern{label}", pattern, "a list of texts, one a course")
+    require_type(isinstance(pattern, list | tuple), f"pattern{label}", pattern, "a list of texts, one per course")
     require(len(pattern) > 0, f"pattern{label}", pattern, "it needs at least one course")
     rows = []
     for i, row in enumerate(pattern):
@@ -321,7 +326,7 @@ def _checked_pattern(pattern, label: str) -> tuple[str, ...]:
     lengths = [sum(PATTERN[piece][0] for piece in row) for row in rows]
     for i, length in enumerate(lengths):
         same = length == lengths[0]
-        bound = f"it is {length:g} blocks long and pattern[0] {lengths[0]:g}; fill it with o or ."
+        bound = f"it is {length:g} blocks long, but pattern[0] {lengths[0]:g}; fill it with o or ."
         require(same, f"pattern[{i}]{label}", rows[i], bound)
     return tuple(rows)
 
