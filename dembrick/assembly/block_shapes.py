@@ -44,11 +44,11 @@ def _sized(kind: str, description, path_of: Callable[[str], str]) -> Shape:
         except (np.linalg.LinAlgError, ArithmeticError):
             size = thickness = math.nan
     if math.isnan(size) or math.isnan(thickness):
-        raise ScenarioError(f"its lengths make no body; a block is from {SMALLEST:g} to {LARGEST:g} m across")
+        raise ScenarioError(f"its lengths are too extreme; a block must be {SMALLEST:g} to {LARGEST:g} m across")
     if not SMALLEST <= size <= LARGEST:
-        raise ScenarioError(f"it is {size:.3g} m across; from {SMALLEST:g} to {LARGEST:g} m are taken")
+        raise ScenarioError(f"it is {size:.3g} m across; it must be from {SMALLEST:g} to {LARGEST:g} m")
     if thickness < SMALLEST:
-        raise ScenarioError(f"it is {thickness:.3g} m thick; from {SMALLEST:g} m are taken")
+        raise ScenarioError(f"it is {thickness:.3g} m thick; it must be at least {SMALLEST:g} m")
     return shape
 
 

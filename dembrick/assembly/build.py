@@ -139,7 +139,7 @@ def unloaded_assembly(scenario: Scenario) -> Assembly:
 
     if quasi_static and not fixed.any():
         kind = show(control.kind)
-        refuse(scenario, f"no block is fixed, and a test of kind {kind} needs a support: give one fixed = true")
+        refuse(scenario, f"no block is fixed, but a test of kind {kind} needs a support: give a block fixed = true")
     bodies = bodies_of(shapes, position, rotation)
     pairs = close_pairs(bodies, TOLERANCE)
     check_overlap(scenario, bodies, pairs)

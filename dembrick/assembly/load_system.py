@@ -38,11 +38,11 @@ def load_system(scenario: Scenario, loads, position, mass, fixed) -> tuple[np.nd
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; remove them")
     if any(pressure.actuator for pressure in scenario.pressures):
         raise ScenarioError(
-            f"control kind {show(control.kind)} drives no pressure: remove actuator = true, or take kind 'yield'"
+            f"control kind {show(control.kind)} drives no pressure: remove actuator = true, or use kind 'yield'"
         )
     if control.pushes_as_tilted and scenario.pressures:
         raise ScenarioError(
-            "a quasi-static tilt turns loads as gravity, and [[pressures]] stay normal to the faces of blocks that "
+            "a quasi-static tilt turns loads like gravity, but [[pressures]] stay normal to the faces of blocks that "
             "tilt: use large_displacements = true, or a rate with quasi_static = false"
         )
     gravity = np.array(scenario.gravity, float)
@@ -60,7 +60,7 @@ def load_system(scenario: Scenario, loads, position, mass, fixed) -> tuple[np.nd
     forces = np.array(force, float).reshape(-1, 3)
     acting = (forces != 0.0).any(axis=1)
     if not acting.any():
-        raise ScenarioError("nothing drives the blocks: give gravity, or loads, and let a block be free")
+        raise ScenarioError("nothing drives the blocks: give gravity or loads, and leave a block free")
     return np.array(block, np.int64)[acting], np.array(point)[acting], forces[acting]
 
 
@@ -68,7 +68,7 @@ def pushed(direction, gravity: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Force (n, 3) on each of n blocks at the load factor 1; ScenarioError without gravity."""
     weight = float(np.linalg.norm(gravity))
     if not weight > 0.0:
-        raise ScenarioError("gravity is zero, and a pushover pushes by shares of the weight: give gravity")
+        raise ScenarioError("gravity is zero, but a pushover pushes by shares of the weight: give gravity")
     return mass[:, None] * weight * np.asarray(direction, float)
 
 
@@ -79,8 +79,8 @@ def tilted(axis, force: np.ndarray, what: str) -> np.ndarray:
     along = np.abs(force @ axis)
     if (along > _ALONG * np.linalg.norm(force, axis=-1)).any():
         raise ScenarioError(
-            f"{what} has a part along control.axis, which a tilt does not turn: a quasi-static tilt needs an axis at "
-            "right angles to gravity and to every load; use quasi_static = false, with a rate and a displacement, as "
-            "the last stage, or let that load act in other stages only"
+            f"{what} has a component along control.axis, which a tilt does not turn: a quasi-static tilt needs an axis "
+            "at right angles to gravity and to every load; use quasi_static = false, with a rate and a displacement, "
+            "as the last stage, or let that load act in other stages only"
         )
     return -np.cross(axis, force)

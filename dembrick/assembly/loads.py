@@ -61,8 +61,8 @@ def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly, movi
             rows.append((block, arm, np.array(load.force, float), index, what))
     if scenario.fills and scenario.control.tilt_axis is not None:
         raise ScenarioError(
-            "a tilt turns loads as gravity, and the sideways pressure of [[fills]] would not turn so: use kind "
-            "'pushover', or leave them out"
+            "a tilt turns loads like gravity, but the sideways pressure of [[fills]] would not turn: use kind "
+            "'pushover', or leave the fills out"
         )
     for index, fill in enumerate(scenario.fills):
         members = scenario.groups.get(fill.block) or (number[fill.block],)
@@ -95,7 +95,7 @@ def fill_forces(fill: Fill, members, bare: Assembly) -> list[FaceForce]:
             found.append(FaceForce(face.block, arm, -share * face.normal * force))
     if not found:
         raise ScenarioError(
-            f"the fill on {show(fill.block)}: no free block of it has a bare face that looks up below surface = "
+            f"the fill on {show(fill.block)}: no free block of it has a bare upward face below surface = "
             f"{fill.surface:g} m; check block and surface"
         )
     return found

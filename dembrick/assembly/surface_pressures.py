@@ -113,7 +113,8 @@ def face_forces(pressure, members, bare: Assembly, moving: bool = False) -> list
     if not found and not (moving and faces and not pressure.actuator):
         raise ScenarioError(
             f"the pressure on {show(pressure.block)}: no free block of it has a bare face with the outward normal "
-            f"{show(tuple(round(x, 6) for x in pressure.direction))} that feels it; check block, direction and surface"
+            f"{show(tuple(round(x, 6) for x in pressure.direction))} on which it acts; check block, direction and "
+            "surface"
         )
     return found
 

@@ -49,7 +49,7 @@ def given_ties(scenario: Scenario, number: dict[str, int], bare: Assembly) -> Ti
         own = [number[end.block] for end in tie.between]
         if all(bare.fixed[i] for i in own):
             names = " and ".join(show(end.block) for end in tie.between)
-            raise ScenarioError(f"tie number {k} joins {names}, which are both fixed, so that nothing feels it")
+            raise ScenarioError(f"tie number {k} joins {names}, which are both fixed, so it has no effect; remove it")
         blocks.append(own)
         points.append([end.point for end in tie.between])
         arms.append(

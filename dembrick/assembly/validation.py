@@ -105,9 +105,9 @@ def check_pieces(scenario: Scenario, joints: JointTable, bodies: Bodies) -> None
             first, second = (show(scenario.all_blocks[i].name) for i in (joint.block_a, joint.block_b))
             refuse(
                 scenario,
-                f"formulation = {show(joint.law.formulation)} knows the joint between {first} and {second}, of "
-                f"{len(joint.pieces)} pieces in one plane, in the geometry of the start only: where blocks move each "
-                'piece is a joint of its own; use "concave", "convex" or "distributed" there',
+                f"formulation = {show(joint.law.formulation)} handles the joint between {first} and {second}, of "
+                f"{len(joint.pieces)} pieces in one plane, only in the geometry of the start: where blocks move each "
+                'piece is a separate joint; use "concave", "convex" or "distributed" there',
             )
 
 
@@ -149,8 +149,8 @@ def check_gaps(scenario: Scenario, bodies: Bodies, positions, fixed: np.ndarray,
     first, second = (show(blocks[i].name) for i in sorted((widest.block_a, widest.block_b)))
     pairs_of = f"{len(missed)} pair{'s' if len(missed) > 1 else ''} of faces"
     return (
-        f"{pairs_of} up to {1e3 * abs(widest.gap):.3g} mm apart share no joint, those of {first} and {second} among "
-        "them; if they are to touch, move the blocks onto one plane",
+        f"{pairs_of} up to {1e3 * abs(widest.gap):.3g} mm apart share no joint, among them those of {first} and "
+        f"{second}; if they are to touch, move the blocks onto one plane",
     )
 
 
@@ -188,9 +188,9 @@ def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tup
         if gap > DISCRETISATION:
             first, second = (show(scenario.all_blocks[i].name) for i in (joints.block_a[j], joints.block_b[j]))
             warnings.append(
-                f"the outermost points of the {formulation} joint between {first} and {second} stay "
-                f"{100.0 * gap:.2g} % of its half width inside the edge: what rocks there topples that much early. Use "
-                f"concave or convex joints{remedy}"
+                f"the outermost points of the {formulation} joint between {first} and {second} lie "
+                f"{100.0 * gap:.2g} % of its half width inside the edge: rocking blocks topple too early by as much. "
+                f"Use concave or convex joints{remedy}"
             )
     return tuple(warnings)
 
@@ -203,15 +203,15 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
         if law.formulation == "convex" and law.pressure != "full":
             refuse(
                 scenario,
-                f"joint.pressure = {show(law.pressure)} follows the pressure of a dry joint: with cohesion or any "
-                'other strength beside friction use pressure = "full", or formulation = "distributed"',
+                f"joint.pressure = {show(law.pressure)} assumes the pressure of a dry joint: with cohesion or any "
+                'other strength besides friction use pressure = "full", or formulation = "distributed"',
             )
         crushes = law.compressive_strength is not None
         if law.formulation == "convex" and crushes and scenario.control.regime not in _MONOTONE:
             refuse(
                 scenario,
-                "joint.compressive_strength of convex joints is an envelope without memory, which holds where loads "
-                f"only grow, and control.kind = {show(scenario.control.kind)} lets them come back: use formulation = "
+                "joint.compressive_strength of convex joints is an envelope without memory, valid if loads only "
+                f"grow, but under control.kind = {show(scenario.control.kind)} they can fall: use formulation = "
                 '"distributed", whose points remember how far they were crushed',
             )
     if any(law.bonded and law.cohesion > 0.0 and law.residual_cohesion is None for law in laws):
@@ -222,7 +222,7 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
     corners = [law for law in laws if law.formulation.startswith(("concave", "corrected"))]
     if any(law.compressive_strength is not None for law in corners):
         warnings.append(
-            "points at the corners do not see the crushing of a toe: they crush only where N is above half of "
+            "points at the corners miss the crushing of a toe: they crush only if N is above half of "
             'compressive_strength times the area; use formulation = "distributed" or "convex"'
         )
     return tuple(warnings)
@@ -233,14 +233,14 @@ def check_control(scenario: Scenario) -> tuple[str, ...]:
     control = scenario.control
     if said := _carries_nothing(scenario):
         return said
-    idle = tuple(f"{what} does nothing {why}" for what, why in _idle(scenario))
+    idle = tuple(f"{what} has no effect {why}" for what, why in _idle(scenario))
     return idle + (_check_base_motion(control) if isinstance(control, BaseMotionControl) else ())
 
 
 def check_stages(scenario: Scenario) -> tuple[str, ...]:
     """Warn about settings without effect in any stage, or in one before the last."""
     idle = ((n, *one) for n, control in enumerate(scenario.stages, 1) for one in _idle_keys(control))
-    return _carries_nothing(scenario) + tuple(f"{what} of stage {n} does nothing {why}" for n, what, why in idle)
+    return _carries_nothing(scenario) + tuple(f"{what} of stage {n} has no effect {why}" for n, what, why in idle)
 
 
 def _carries_nothing(scenario: Scenario) -> tuple[str, ...]:
@@ -257,7 +257,7 @@ def _carries_nothing(scenario: Scenario) -> tuple[str, ...]:
     driven += ["[[pressures]] with actuator = true"] if any(entry in scenario.pressures for entry in idle) else []
     kind = show(acting_in(idle[0], controls)[0].kind)
     return (
-        f"{' and '.join(driven)} carry nothing in a run of kind {kind}, which asks for dead loads alone: give forces "
+        f"{' and '.join(driven)} have no effect in a run of kind {kind}, which applies dead loads only: give forces "
         "as [[loads]], pressures without actuator = true",
     )
 
@@ -287,11 +287,11 @@ def _idle_keys(control: Control) -> Iterator[tuple[str, str]]:
             yield f"{key} = {str(value).lower() if isinstance(value, bool) else f'{value:g}'}", why
 
     if control.regime is PATH_FOLLOWING:
-        no_time = "where quasi_static = true: the limit is searched through equilibria, without time"
+        no_time = "with quasi_static = true: the limit is searched through equilibria, without time"
         yield from given("rate", no_time)
         yield from given("damping", no_time)
     if control.regime is DRIVEN_PATH:
-        yield from given("rate", "with large_displacements = true: equilibria in the deformed geometry know no rate")
+        yield from given("rate", "with large_displacements = true: equilibria in the deformed geometry have no rate")
     if control.regime is REAL_TIME:
         yield from given("tolerance", "in real time, which searches for no limit: --refine gives an error bar")
         yield from given("large_displacements", "in real time, where the geometry is always the deformed one")
@@ -363,7 +363,7 @@ def check_stiffness(scenario: Scenario, shapes: tuple[Shape, ...], joints, joint
         refuse(scenario, f"{numbers}; at most {SOFT_LIMIT:g} is accepted: {remedy}")
     count = int((np.maximum(closing, sliding) > SOFT_WARNING).sum())
     more = f" ({count - 1} more joints are above it too)" if count > 1 else ""
-    effect = f"above {SOFT_WARNING:g} the deformed geometry shows in the result"
+    effect = f"above {SOFT_WARNING:g} the deformed geometry affects the result"
     return (f"{numbers}; {effect}{more}: raise {' and '.join(keys)}",)
 
 
@@ -391,7 +391,7 @@ def _check(what: str, values: np.ndarray, whose: Callable[[int], str]) -> None:
     bad = ~np.isfinite(values)
     if bad.any():
         i = int(np.argwhere(bad)[0][0])
-        raise DivergedError(f"{what} of {whose(i)} is no finite number, so that nothing can be computed with it")
+        raise DivergedError(f"{what} of {whose(i)} is not a finite number, so the run cannot start")
 
 
 def _of_law(formulation: str, _: int) -> str:

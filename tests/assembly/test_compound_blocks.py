@@ -177,7 +177,7 @@ def test_what_is_refused():
         still = on_a_floor(Block("l", "tuff", parts=L_PARTS), joint=law(formulation))
         assemble(still)
         for control in (DynamicControl(0.1), StaticsControl(large_displacements=True)):
-            with pytest.raises(ScenarioError, match=f"'{formulation}' knows the joint between 'floor' and 'l', of 2"):
+            with pytest.raises(ScenarioError, match=f"'{formulation}' handles the joint between 'floor' and 'l', of 2"):
                 assemble(replace(still, control=control))
     with pytest.raises(ScenarioError, match="has 2 shapes"):
         Block("x", "tuff", (1, 1, 1), (0, 0, 0), parts=L_PARTS)
@@ -219,7 +219,7 @@ def test_a_body_force_and_an_actuator_at_the_centroid_have_one_limit(formulation
     first, second = at_centroid.yield_point, everywhere.yield_point
     if formulation == "distributed" and tall == 0.6:  # other points rock about other edges, and both runs say so
         assert at_centroid.points_miss == pytest.approx(first.V / weight / OVER_THE_NOTCH - 1.0, rel=1e-3)
-        assert any("rocks there topples that much early" in warning for warning in everywhere.assembly.warnings)
+        assert any("rocking blocks topple too early by as much" in warning for warning in everywhere.assembly.warnings)
         return
     bars = 0.5 * (second.V_upper - second.V_lower + (first.V_upper - first.V_lower) / weight)
     assert bars < 3e-3

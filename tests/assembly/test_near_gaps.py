@@ -23,7 +23,7 @@ def beside(gap, turn=""):
 def test_blocks_that_were_written_by_hand_are_told():
     """5e-3 of the diameter sqrt(3) 0.3 m is 2.6 mm; a joint needs 0.5 um."""
     assert remarks(beside(1e-5)) == [
-        "1 pair of faces up to 0.01 mm apart share no joint, those of 'left' and 'right' among them; if they are to "
+        "1 pair of faces up to 0.01 mm apart share no joint, among them those of 'left' and 'right'; if they are to "
         "touch, move the blocks onto one plane"
     ]
     assert "up to 2.5 mm apart" in remarks(beside(2.5e-3))[0]
@@ -41,7 +41,7 @@ def test_what_a_generator_lays_is_told_where_it_meets_others():
     stack = '[[stacks]]\nname = "pier"\nmaterial = "stone"\nbox = [0.3, 0.3, 0.3]\nblocks = 2\n'
     prop = block("prop", (0.30002, 0.0, 0.15), (0.3, 0.3, 0.3))
     (found,) = remarks(FLOOR + prop + stack)
-    assert "those of 'prop' and 'pier.1' among them" in found
+    assert "among them those of 'prop' and 'pier.1'" in found
     assert remarks(FLOOR + stack) == []
 
 
@@ -52,4 +52,6 @@ def test_a_model_beside_a_block_is_told_once(tmp_path):
     text = FLOOR + model + block("prop", (-0.15, 0.15, 0.15), (0.3, 0.3, 0.3))
     found = remarks(text, str(tmp_path / "scene.toml"))
     assert ["gap_tolerance" in one for one in found] == [True, False]
-    assert found[1].startswith("1 pair of faces up to 0.1 mm apart share no joint, those of 'floor' and 'm.a'")
+    assert found[1].startswith(
+        "1 pair of faces up to 0.1 mm apart share no joint, among them those of 'floor' and 'm.a'"
+    )

@@ -66,7 +66,7 @@ def test_no_engine_starts_from_what_is_no_number(control, what, monkeypatch):
 
     sound = build.check_finite
     monkeypatch.setattr(build, "check_finite", check)
-    with pytest.raises(DivergedError, match="no finite number"):
+    with pytest.raises(DivergedError, match="not a finite number"):
         dembrick.simulate(stack(control, "concave"), record=False)
     assert spoiled
 

@@ -209,7 +209,7 @@ def test_letters_that_an_output_does_not_know_are_no_error(monkeypatch, tmp_path
 def test_an_edge_of_next_to_nothing(edge):
     text = (SCENARIOS / "set4a.toml").read_text()
     assert text.count("[0.3, 0.2, 0.1]") == 2
-    with pytest.raises(ScenarioError, match=f"block 'lower': it is {edge:.3g} m thick; from 1e-09 m are taken"):
+    with pytest.raises(ScenarioError, match=f"block 'lower': it is {edge:.3g} m thick; it must be at least 1e-09 m"):
         assemble(toml.loads(text.replace("[0.3, 0.2, 0.1]", f"[0.3, 0.2, {edge!r}]")))
 
 

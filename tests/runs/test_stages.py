@@ -267,9 +267,9 @@ def test_actuators_and_pressures_that_no_stage_drives_are_refused(last, stages):
 def test_actuators_that_act_only_where_blocks_are_to_rest_are_said_to_carry_nothing():
     """As without stages; off in some of their stages they carry something in another."""
     (said,) = build.assemble(scenario(STATICS, STATICS)).warnings
-    assert said.startswith("[[actuators]] carry nothing in a run of kind 'statics'")
+    assert said.startswith("[[actuators]] have no effect in a run of kind 'statics'")
     (said,) = build.assemble(scenario(STATICS, YIELD, loads=PRESSURE + "stages = [1]\n")).warnings
-    assert said.startswith("[[pressures]] with actuator = true carry nothing in a run of kind 'statics'")
+    assert said.startswith("[[pressures]] with actuator = true have no effect in a run of kind 'statics'")
     assert not build.assemble(scenario(YIELD, STATICS)).warnings
 
 

@@ -119,11 +119,15 @@ def test_a_flat_mesh(tmp_path, capsys):
 
 
 ABSURD = {
-    "a box too large": ("box = [0.3, 0.2, 0.1]", "box = [1e200, 1.0, 1.0]", "block 'block': it.* m across; from 1e-09"),
+    "a box too large": (
+        "box = [0.3, 0.2, 0.1]",
+        "box = [1e200, 1.0, 1.0]",
+        "block 'block': it.* m across; it must be from 1e-09",
+    ),
     "a box too small": (
         "box = [0.3, 0.2, 0.1]",
         "box = [1e-99, 1e-99, 1e-99]",
-        "block 'block': it.* m across; from",
+        "block 'block': it.* m across; it must be from",
     ),
     "a block far away": (
         "position = [0.0, 0.0, 0.05]",

@@ -71,7 +71,7 @@ def test_what_a_law_does_not_say_by_itself():
     assert any("bonds are brittle" in warning for warning in brittle)
     assert not assemble(given("cohesion = 1e4\nresidual_cohesion = 1e4")).warnings
     crushing = assemble(given("compressive_strength = 1e6")).warnings
-    assert any("do not see the crushing of a toe" in warning for warning in crushing)
+    assert any("miss the crushing of a toe" in warning for warning in crushing)
 
 
 def test_overrides_inherit_strengths_and_a_text_reads_back():

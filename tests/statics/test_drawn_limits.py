@@ -108,7 +108,7 @@ def test_a_tilt_without_a_rate_is_quasi_static():
     simulate(
         drawn.scene(TiltControl((1.0, 0.0, 0.0), 1.0, quasi_static=True), "concave", 0.3, SIZE), report=said.append
     )
-    assert "control.rate = 1 does nothing" in said[0]
+    assert "control.rate = 1 has no effect" in said[0]
 
 
 def test_the_record_of_a_search_is_in_equilibrium():

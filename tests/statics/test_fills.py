@@ -146,7 +146,7 @@ def test_a_text_is_read_back():
         ('pressure = "none"\nfriction_angle = 30.0', 3.0, "it belongs to pressure = at-rest, active or passive only"),
         ('pressure = "active"\nfriction_angle = 75.0', 3.0, "it must lie between 0 and 60 deg"),
         ("coefficient = -0.1", 3.0, "it must be at least 0"),
-        ("coefficient = 0.4", -1.0, "no free block of it has a bare face that looks up below surface = -1 m"),
+        ("coefficient = 0.4", -1.0, "no free block of it has a bare upward face below surface = -1 m"),
         ('pressure = "passiv"\nfriction_angle = 30.0', 3.0, "passive"),
     ],
 )
@@ -159,7 +159,7 @@ def test_what_is_wrong_is_said(state, surface, words):
 def test_a_tilt_refuses_a_fill_and_an_unknown_block_is_named():
     text = SCENE.format(fill=FILL.format(surface=3.0, state="coefficient = 0.4"), heading=0.0)
     tilt = text[: text.index("[control]")] + '[control]\nkind = "tilt"\naxis = [0.0, 1.0, 0.0]\n'
-    with pytest.raises(ScenarioError, match="a tilt turns loads as gravity"):
+    with pytest.raises(ScenarioError, match="a tilt turns loads like gravity"):
         assemble(toml.loads(tilt))
     with pytest.raises(ScenarioError, match="block of fill number 1 = 'arc' is not the name"):
         toml.loads(text.replace('block = "arch"', 'block = "arc"'))

@@ -309,9 +309,9 @@ def test_what_does_not_go_together():
     with pytest.raises(ScenarioError, match=r"has no use for \[\[actuators\]\]"):
         jack = Actuator("jack", "block", (0.0, 0.0, 0.2), (1.0, 0.0, 0.0))
         simulate(on_table(0.3, tilt(), actuators=(jack,)))
-    with pytest.raises(ScenarioError, match="a part along control.axis"):
+    with pytest.raises(ScenarioError, match="a component along control.axis"):
         simulate(on_table(0.3, tilt((0.0, 0.6, 0.8))))
-    with pytest.raises(ScenarioError, match="a part along control.axis"):
+    with pytest.raises(ScenarioError, match="a component along control.axis"):
         simulate(on_table(0.3, tilt(), loads=(Load("block", (10.0, 0.0, -10.0)),)))
     with pytest.raises(ScenarioError, match="rate = 0.1 is out of range"):
         PushoverControl((1.0, 0.0, 0.0), rate=0.1)

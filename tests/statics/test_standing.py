@@ -132,8 +132,8 @@ def test_what_is_driven_carries_nothing_in_statics_and_that_is_said(deformed, tm
     control = replace(stack.control, large_displacements=deformed)
     result = simulate(replace(stack, control=control, pressures=(wet,)), tmp_path / "stack.h5", report=said.append)
     assert result.status == "stands" and not result.rows["actuator_force"].any()
-    (remark,) = [text for text in said if "carry nothing" in text]
-    assert remark.startswith("[[pressures]] with actuator = true carry nothing in a run of kind 'statics'")
+    (remark,) = [text for text in said if "have no effect" in text]
+    assert remark.startswith("[[pressures]] with actuator = true have no effect in a run of kind 'statics'")
     assert simulate(replace(overhanging(0.9), pressures=(replace(wet, actuator=False),))).status == "falls"
 
 
