@@ -66,14 +66,14 @@ def read(path: str, scale: float) -> list[Solid]:
         parts = list(_closed_parts(solid))
         if _is_hollow(parts):
             raise ScenarioError(
-                f"{path}: solid {solid.name!r} is hollow: a closed part of its surface lies inside another; a block is "
-                "full, so cut it into pieces around the hollow and join them by united"
+                f"{path}: solid {solid.name!r} is hollow: a closed part of its surface lies inside another; a block "
+                "must be solid, so cut it into pieces around the hollow and join them by united"
             )
         found += parts
     if not found:
         raise ScenarioError(f"{path}: there is no surface in the file; every block needs one that is closed")
     if len(found) > MOST_SOLIDS:
-        raise ScenarioError(f"{path}: it holds {len(found)} solids; at most {MOST_SOLIDS} are taken")
+        raise ScenarioError(f"{path}: it holds {len(found)} solids; at most {MOST_SOLIDS} are allowed")
     solids = []
     for name, part in zip(_different([part.name for part in found]), found, strict=True):
         try:

@@ -118,7 +118,7 @@ def close(solids: list[Solid], tolerance: float) -> tuple[list[Solid], list[Gap]
                 raise ScenarioError(
                     f"closing the gaps at solid {solids[i].name!r} would move a face of it by {way:.3g} m, more than "
                     f"gap_tolerance = {tolerance:g} m: the faces that touch there do not lie in one plane; mend the "
-                    "model, or take a smaller gap_tolerance"
+                    "model, or use a smaller gap_tolerance"
                 )
             planes[i, k] = sign * normal, float(sign * offset)
             moved.add(i)

@@ -82,7 +82,7 @@ def read(path: str) -> list[Block]:
                 continue
             if key == "features" and entry:
                 raise ScenarioError(
-                    f"{path}: block {name!r} has features that change its shape; save the mesh that they make of it"
+                    f"{path}: block {name!r} has features that change its shape; save the resulting mesh instead"
                 )
             below = holder
             if key in _HOLDERS and isinstance(entry, dict) and entry:
@@ -93,7 +93,7 @@ def read(path: str) -> list[Block]:
         if number not in full:
             raise ScenarioError(_no_block(path, part.name, part.kind))
     if not found:
-        raise ScenarioError(f"{path}: no block is in it; a COMPAS assembly has blocks with 'vertex' and 'face'")
+        raise ScenarioError(f"{path}: it contains no block; a COMPAS assembly has blocks with 'vertex' and 'face'")
     return found
 
 
@@ -106,7 +106,7 @@ def _no_block(path: str, name: str, kind: str) -> str:
     """Message about a block without corners and faces."""
     what = f"is of type {kind!r} and" if kind else "is empty: it"
     return (
-        f"{path}: block {name!r} {what} has no corners and faces; put its mesh into the assembly in its place "
+        f"{path}: block {name!r} {what} has no corners and faces; put its mesh into the assembly instead "
         "(Mesh.from_shape of a shape, the tessellation of a Brep)"
     )
 
@@ -153,7 +153,7 @@ def _matrix(path: str, name: str, given: Any) -> np.ndarray:
         matrix = np.zeros(0)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ScenarioError(
-            f"{path}: the transformation of block {name!r} is no matrix of 4 x 4 numbers that ends with 0, 0, 0, 1"
+            f"{path}: the transformation of block {name!r} is not a matrix of 4 x 4 numbers that ends with 0, 0, 0, 1"
         )
     return matrix
 
@@ -171,7 +171,7 @@ def _surface(path: str, name: str, content: dict[str, Any]) -> tuple[np.ndarray,
     try:
         points, faces = reader(content)
         if points.shape[1:] != (3,):
-            raise ValueError("a corner has three coordinates")
+            raise ValueError("a corner must have three coordinates")
     except (AttributeError, IndexError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise ScenarioError(f"{path}: block {name!r} is damaged: {error!r}") from None
     return points, faces

@@ -248,5 +248,5 @@ def _check_closed(faces) -> None:
     if any((j, i) not in edges for i, j in edges) or len(edges) != sum(map(len, faces)):
         raise ScenarioError(
             f"vertices: some points lie closer than {FLAT:g} of the block's size to an edge or a face of the others, "
-            "so its faces cannot be told; leave them out or move them clear"
+            "so its faces are ambiguous; leave these points out or move them away"
         )

@@ -53,14 +53,14 @@ def convex_parts(points: np.ndarray, faces: Sequence[tuple[int, ...]]) -> list[P
     held = sum(part.volume for part in parts)
     if not abs(held - volume) <= EXACT * volume:
         raise ScenarioError(
-            f"the surface holds {volume:.9g} m3 and its convex parts {held:.9g} m3: it crosses itself, or its faces "
-            "are not quite plane; describe the block by convex parts"
+            f"the surface encloses {volume:.9g} m3, but its convex parts {held:.9g} m3: it crosses itself, or its "
+            "faces are not quite plane; describe the block by convex parts"
         )
     return parts
 
 
 _TOO_MANY = (
-    f"the solid is not convex, and takes more than {MOST_PARTS} convex parts: it has curved or very many faces; "
+    f"the solid is not convex, and needs more than {MOST_PARTS} convex parts: it has curved or very many faces; "
     "simplify the mesh, or describe the block by convex parts"
 )
 

@@ -92,14 +92,14 @@ class _File:
         self.buffers: dict[int, bytes] = {}
         for name in _listed(document, "extensionsRequired"):
             if not (isinstance(name, str) and name.startswith(HARMLESS)):
-                raise _Damaged(f"it needs the extension {str(name)[:60]!r}, which is not known here; export without it")
+                raise _Damaged(f"it needs the extension {str(name)[:60]!r}, which is not supported; export without it")
 
     def entry(self, key: str, number: Any, of: str) -> dict[str, Any]:
         """Entry ``number`` of the list ``key``, to which ``of`` refers."""
         entries = _listed(self.document, key)
-        number = _whole(number, f"{of} names {key} by a number")
+        number = _whole(number, f"{of} names {key} by number")
         if number >= len(entries):
-            raise _Damaged(f"{of} names number {number} of {key}, and there are {len(entries)}")
+            raise _Damaged(f"{of} names number {number} of {key}, but there are {len(entries)}")
         if not isinstance(entries[number], dict):
             raise _Damaged(f"number {number} of {key} is not a table of keys")
         return entries[number]
@@ -110,7 +110,7 @@ class _File:
             length = _whole(buffer.get("byteLength"), f"buffer {number} has a byteLength")
             data = self._bytes_of(buffer, number)
             if len(data) < length:
-                raise _Damaged(f"buffer {number} has {len(data)} bytes of the {length} that it says")
+                raise _Damaged(f"buffer {number} has only {len(data)} of its {length} bytes")
             self.buffers[number] = data[:length]
         return self.buffers[number]
 
@@ -118,7 +118,7 @@ class _File:
         uri = buffer.get("uri")
         if uri is None:
             if number or self.binary is None:
-                raise _Damaged(f"buffer {number} has no uri, and its data are not in the file")
+                raise _Damaged(f"buffer {number} has no uri, but its data are not in the file")
             return self.binary
         if not isinstance(uri, str):
             raise _Damaged(f"the uri of buffer {number} is not a text")
@@ -140,7 +140,7 @@ class _File:
             raise _Damaged(f"the uri of buffer {number} leads out of the folder of the file; keep its data beside it")
         if not os.path.isfile(place):
             raise _Damaged(
-                f"there is no ordinary file {name[:100]!r} beside it, in which the data of buffer {number} are"
+                f"there is no ordinary file {name[:100]!r} beside it, which should hold the data of buffer {number}"
             )
         if os.path.getsize(place) > LARGEST_FILE:
             raise _Damaged(f"the file of buffer {number} is longer than {LARGEST_FILE >> 20} MiB")
@@ -152,12 +152,12 @@ class _File:
         entry = self.entry("accessors", number, of)
         what, width = f"accessor {number}", WIDTHS[kind]
         if entry.get("type") != kind:
-            raise _Damaged(f"{what} is no {kind}, and {of} needs one")
+            raise _Damaged(f"{what} is not a {kind}, but {of} needs one")
         if "sparse" in entry or "bufferView" not in entry:
-            raise _Damaged(f"{what} is sparse, which is not known here; export without it")
+            raise _Damaged(f"{what} is sparse, which is not supported; export without it")
         component = entry.get("componentType")
         if not isinstance(component, int) or component not in COMPONENTS:
-            raise _Damaged(f"{what} has no componentType of the format")
+            raise _Damaged(f"{what} has no valid componentType")
         count = _whole(entry.get("count"), f"{what} has a count")
         view = self.entry("bufferViews", entry["bufferView"], what)
         data = self._buffer(view.get("buffer"), f"bufferView of {what}")
@@ -175,7 +175,7 @@ class _File:
         found: np.ndarray = np.ndarray((count, width), dtype, data, start + offset, (step, dtype.itemsize))
         if kind == "SCALAR":
             if dtype.kind != "u":
-                raise _Damaged(f"{what} is used as indices and does not hold whole numbers")
+                raise _Damaged(f"{what} is used as indices, but does not hold whole numbers")
             return found[:, 0].astype(np.int64)
         scale = float(np.iinfo(dtype).max) if dtype.kind != "f" and entry.get("normalized") is True else 1.0
         return np.maximum(found / scale, -1.0) if scale != 1.0 else found.astype(float)
@@ -185,7 +185,10 @@ def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
     """The document and the binary chunk of a GLB file; the latter is None if it is missing."""
     version, length = (int.from_bytes(data[i : i + 4], "little") for i in (4, 8))
     if version != 2 or length > len(data):
-        raise _Damaged(f"a GLB file of version {version} and {length} bytes, of which {len(data)} are there")
+        raise _Damaged(
+            f"the GLB file states version {version} and {length} bytes; version 2 is needed, and "
+            f"{len(data)} bytes are there"
+        )
     found, place = [], 12
     while place + 8 <= length:
         size, kind = int.from_bytes(data[place : place + 4], "little"), data[place + 4 : place + 8]
@@ -207,7 +210,7 @@ def _listed(table: dict[str, Any], key: str) -> list:
 
 def _whole(value: Any, what: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise _Damaged(f"{what}, and {str(value)[:40]} is no whole number of at least 0")
+        raise _Damaged(f"{what}, but {str(value)[:40]} is not a whole number of at least 0")
     return value
 
 
@@ -236,9 +239,9 @@ def _meshes(file: _File) -> Iterator[Mesh]:
             continue
         mesh = file.entry("meshes", node["mesh"], f"node {number}")
         if "skin" in node or np.any([weight != 0 for weight in _listed(mesh, "weights") + _listed(node, "weights")]):
-            raise _Damaged(f"node {number} has a skin or morph targets, which are not known here; export it at rest")
+            raise _Damaged(f"node {number} has a skin or morph targets, which are not supported; export it at rest")
         if isinstance(node.get("extensions"), dict) and INSTANCES in node["extensions"]:
-            raise _Damaged(f"node {number} has instances ({INSTANCES}), which are not known here; export without them")
+            raise _Damaged(f"node {number} has instances ({INSTANCES}), which are not supported; export without them")
         if node["mesh"] not in shapes:
             shapes[node["mesh"]] = _triangles(file, mesh, node["mesh"])
         corners, triangles = shapes[node["mesh"]]
@@ -290,7 +293,7 @@ def _transformation(node: dict[str, Any], number: int) -> np.ndarray:
     x, y, z, w = _numbers(node.get("rotation", [0, 0, 0, 1]), 4, f"the rotation of node {number}")
     length = math.sqrt(x * x + y * y + z * z + w * w)
     if abs(length - 1.0) > 1e-2:
-        raise _Damaged(f"the rotation of node {number} is no unit quaternion")
+        raise _Damaged(f"the rotation of node {number} is not a unit quaternion")
     x, y, z, w = x / length, y / length, z / length, w / length
     turn = np.array(
         [
@@ -316,14 +319,14 @@ def _triangles(file: _File, mesh: dict[str, Any], number: int) -> tuple[np.ndarr
         if mode < LIST:
             continue
         if mode > FAN:
-            raise _Damaged(f"{of} has a primitive of mode {mode}, and the format knows 0 to {FAN}")
+            raise _Damaged(f"{of} has a primitive of mode {mode}, but modes are 0 to {FAN}")
         points = file.accessor(primitive["attributes"].get("POSITION"), "VEC3", of)
         if "indices" in primitive:
             order = file.accessor(primitive["indices"], "SCALAR", of)
         else:
             order = np.arange(len(points))
         if len(order) and order.max() >= len(points):
-            raise _Damaged(f"{of} has a triangle at corner {order.max()}, and there are {len(points)}")
+            raise _Damaged(f"{of} has a triangle at corner {order.max()}, but there are {len(points)}")
         corners.append(points)
         triangles.append(first + _three_by_three(order, mode, of))
         first += len(points)
@@ -334,7 +337,7 @@ def _three_by_three(order: np.ndarray, mode: int, of: str) -> np.ndarray:
     """Triangles (t, 3) of a list, a strip or a fan of corners."""
     if mode == LIST:
         if len(order) % 3:
-            raise _Damaged(f"{of} has triangles with {len(order)} corners, no multiple of 3")
+            raise _Damaged(f"{of} has triangles with {len(order)} corners, which is not a multiple of 3")
         return order.reshape(-1, 3)
     if mode == FAN:
         return np.stack(

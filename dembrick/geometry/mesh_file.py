@@ -61,8 +61,8 @@ def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> list[Polyhedron
         raise ScenarioError("all corners are at one point; a block needs a volume")
     if not SMALLEST <= size <= LARGEST:
         raise ScenarioError(
-            f"the surface is {size:.3g} m across; blocks measure from {SMALLEST:g} to {LARGEST:g} m: give the unit of "
-            "its lengths by scale"
+            f"the surface is {size:.3g} m across; blocks measure from {SMALLEST:g} to {LARGEST:g} m: give the right "
+            "unit or scale of its lengths"
         )
     spread = np.linalg.svd(points[used] - points[used].mean(axis=0), compute_uv=False)
     if not spread[-1] > _SAME * spread[0]:
@@ -74,23 +74,23 @@ def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> list[Polyhedron
     _check_closed(points, faces)
     volume, _, _ = mass_properties(points, [face for _, face in faces])
     if abs(volume) <= _SAME * size**3:
-        raise ScenarioError(f"the surface is flat: it holds {abs(volume):.3g} m3; a block needs a volume")
+        raise ScenarioError(f"the surface is flat: it encloses {abs(volume):.3g} m3; a block needs a volume")
     if volume < 0.0:
         raise ScenarioError(
             f"the surface is inside out: its faces look inward (volume {volume:.6g} m3), {_face(points, faces[0])} for "
-            "one; turn the order of the corners of every face"
+            "one; reverse the order of the corners of every face"
         )
     corners = np.unique(np.concatenate([np.array(face) for _, face in faces]))
     if len(corners) > _MOST_CORNERS:
-        bound = f"at most {_MOST_CORNERS} are taken: simplify the mesh"
+        bound = f"at most {_MOST_CORNERS} are allowed: simplify the mesh"
         raise ScenarioError(f"the surface has {len(corners)} corners; {bound}")
     if _before_faces(points, faces, size) > 2.0 * FLAT * size:
         return convex_parts(points, [face for _, face in faces])
     solid = hull(points[corners])
     if abs(solid.volume / volume - 1.0) > 10.0 * FLAT:
         raise ScenarioError(
-            f"the surface holds {volume:.9g} m3 and its convex hull {solid.volume:.9g} m3: it covers itself; mend the "
-            "mesh"
+            f"the surface encloses {volume:.9g} m3, but its convex hull {solid.volume:.9g} m3: it overlaps itself; "
+            "mend the mesh"
         )
     return [solid]
 
@@ -131,12 +131,12 @@ def check_file(path: str, endings: tuple[str, ...], largest: int) -> None:
     """Raise a ScenarioError unless ``path`` is a regular file with one of the endings and at most ``largest`` bytes."""
     ending = os.path.splitext(path)[1].lower()
     if ending not in endings:
-        raise ScenarioError(f"mesh file {path}: its ending is {ending or 'none'}; known are {', '.join(endings)}")
+        raise ScenarioError(f"mesh file {path}: its ending is {ending or 'none'}; use one of {', '.join(endings)}")
     if not os.path.isfile(path):
         what = "this is not an ordinary file" if os.path.exists(path) else "there is no such file"
         raise ScenarioError(f"mesh file {path}: {what}")
     if os.path.getsize(path) > largest:
-        raise ScenarioError(f"mesh file {path}: longer than {largest >> 20} MiB, this is no block but a scan")
+        raise ScenarioError(f"mesh file {path}: longer than {largest >> 20} MiB, so it is a scan and not a block")
 
 
 def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
@@ -158,7 +158,7 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     except (Exception, SystemExit) as error:  # its readers raise anything on a broken file
         reason = " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, SystemExit):
-            reason = "its contents are not what readers of that ending know"
+            reason = "its contents do not match its ending"
         raise ScenarioError(f"mesh file {path}: it cannot be read as {ending[1:]}: {reason[:200]}") from None
     if not len(mesh.points):
         raise ScenarioError(f"mesh file {path}: there is no surface in it; a block needs one that is closed")
@@ -177,7 +177,9 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
             )
         shown = _SOLIDS.get(cells.type, ())
         if any(len(cell) <= max(map(max, shown)) for cell in cells.data if shown):
-            raise ScenarioError(f"mesh file {path}: a cell of kind {cells.type} has fewer corners than such a cell has")
+            raise ScenarioError(
+                f"mesh file {path}: a cell of kind {cells.type} has fewer corners than such a cell needs"
+            )
         for face in shown:
             for cell in cells.data:
                 corners = tuple(int(cell[i]) for i in face)
@@ -188,7 +190,7 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     if any(len(face) < 3 for face in found):
         raise ScenarioError(f"mesh file {path}: a face has fewer than three corners")
     if any(min(face) < 0 or max(face) >= len(points) for face in found):
-        raise ScenarioError(f"mesh file {path}: a face names a corner that is not there")
+        raise ScenarioError(f"mesh file {path}: a face names a corner that does not exist")
     return points, found
 
 
@@ -197,9 +199,7 @@ def _welded(points, faces, tolerance: float) -> tuple[np.ndarray, list[tuple[int
     points, number = np.unique(points, axis=0, return_inverse=True)
     number = number.reshape(-1)
     if len(points) > 10 * _MOST_CORNERS:
-        raise ScenarioError(
-            f"the file has {len(points)} different corners; at most {_MOST_CORNERS} are taken for a block"
-        )
+        raise ScenarioError(f"the file has {len(points)} different corners; a block can have at most {_MOST_CORNERS}")
     same = np.arange(len(points))
     for i in range(len(points)):  # sorted by x, so that candidates follow closely
         for j in range(i + 1, len(points)):

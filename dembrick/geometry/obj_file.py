@@ -43,7 +43,7 @@ def read(path: str) -> ObjFile:
                 corners = [int(part.split("/")[0]) for part in entries]
                 face = tuple(i - 1 if i > 0 else len(points) + i for i in corners)
                 if len(face) < 3 or min(face) < 0 or max(face) >= len(points):
-                    raise ValueError("a face has fewer than three corners, or names one that is not there")
+                    raise ValueError("a face has fewer than three corners, or names one that does not exist")
                 found.faces.append(face)
                 found.objects.append(name)
                 found.groups.append(group)

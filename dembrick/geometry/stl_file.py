@@ -58,9 +58,9 @@ def _of_text(path: str, text: str) -> StlFile:
                 raise ScenarioError(f"{path}: solid {name!r} has a triangle without three corners above line {number}")
             name = None if word == "endsolid" else name
     if not points:
-        raise ScenarioError(f"{path}: it is neither a binary STL file, whose length would fit, nor one of text")
+        raise ScenarioError(f"{path}: it is neither a binary STL file (its length does not fit) nor a text one")
     if name is not None:
-        raise ScenarioError(f"{path}: it ends within solid {name!r}, so it is not whole; export it again")
+        raise ScenarioError(f"{path}: it ends within solid {name!r}, so it is incomplete; export it again")
     return StlFile(np.array(points), solids)
 
 
@@ -71,7 +71,9 @@ def _vertex(path: str, number: int, rest: str) -> list[float]:
     except ValueError:
         found = []
     if len(found) != 3:
-        raise ScenarioError(f"{path}: the vertex of line {number} has no three numbers, so it cannot be read as STL")
+        raise ScenarioError(
+            f"{path}: the vertex in line {number} does not have three numbers, so it cannot be read as STL"
+        )
     return found
 
 

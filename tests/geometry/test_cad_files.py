@@ -151,7 +151,7 @@ def test_an_edited_file_is_read_again(scene, tmp_path):
         (["models.gate.unit=yard"], "unit of model 'gate' = 'yard' is not one of m, cm, mm, in, ft"),
         (["models.gate.gap_tolerance=-1"], "gap_tolerance of model 'gate' = -1.0 is out of range: it must be at least"),
         (["models.gate.file=none.obj"], "there is no such file"),
-        (["models.gate.file=gate.toml"], "its ending is .toml; known are .obj, .stl, .gltf"),
+        (["models.gate.file=gate.toml"], "its ending is .toml; use one of .obj, .stl, .gltf"),
         (["models.gate.unit=m"], "blocks 'gate.ground' and 'gate.right' overlap by 0.1 m"),
     ],
 )  # fmt: skip
@@ -171,13 +171,13 @@ BAD = {
     "flat.obj": (b"o a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 3 2\n", "solid 'a': the surface is flat"),
     "noise.stl": (b"solid x\nfacet\n", "neither a binary STL file"),
     "cut.stl": (b"x" * 80 + (5).to_bytes(4, "little") + b"short", "neither a binary STL file"),
-    "bad.stl": (b"solid a\nvertex 1 2 three\nendsolid a\n", "has no three numbers"),
+    "bad.stl": (b"solid a\nvertex 1 2 three\nendsolid a\n", "does not have three numbers"),
     "list.json": (b"[1, 2]", "it is not a table of keys"),
     "cut.json": (b'{"a": ', "cannot be read as COMPAS JSON"),
-    "other.json": (b'{"a": 1}', "no block is in it"),
+    "other.json": (b'{"a": 1}', "it contains no block"),
     "hole.json": (b'{"a": {"vertex": {"0": {"x": 1}}, "face": {"0": [0, 1, 2]}}}', "is damaged: KeyError('1')"),
     "cut.glb": (b"glTF" + bytes(20), "cannot be read as glTF"),
-    "nodes.gltf": (b'{"nodes": [{"mesh": 7}]}', "names number 7 of meshes, and there are 0"),
+    "nodes.gltf": (b'{"nodes": [{"mesh": 7}]}', "names number 7 of meshes, but there are 0"),
     "scene.gltf": (b'{"asset": {"version": "2.0"}, "nodes": []}', "there is no surface"),
 }
 

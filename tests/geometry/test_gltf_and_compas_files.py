@@ -164,9 +164,9 @@ DAMAGED = {
     "its own child": (put("nodes", 0, "children", [0]), "must be a tree"),
     "a cycle": (lambda d: (put("nodes", 0, "children", [1])(d), put("nodes", 1, "children", [0])(d)), "must be a tree"),
     "a short matrix": (put("nodes", 1, "matrix", [1] * 15), "not a list of 16 numbers"),
-    "no buffer": (put("buffers", []), "number 0 of buffers, and there are 0"),
+    "no buffer": (put("buffers", []), "number 0 of buffers, but there are 0"),
     "no data": (put("buffers", 0, {"byteLength": 999}), "its data are not in the file"),
-    "short data": (put("buffers", 0, "byteLength", 10**6), "bytes of the 1000000 that it says"),
+    "short data": (put("buffers", 0, "byteLength", 10**6), "of its 1000000 bytes"),
     "a long view": (put("bufferViews", 0, "byteLength", 10**6), "reaches beyond its buffer"),
     "a long accessor": (put("accessors", 0, "count", 10**12), "reaches beyond its bufferView"),
     "a corner too far": (put("accessors", 0, "count", 7), "has a triangle at corner 7"),
@@ -250,8 +250,8 @@ def test_a_transformation_moves_the_block(tmp_path, matrix):
 @pytest.mark.parametrize(
     "matrix, more, said",
     [
-        ([[1, 0], [0, 1]], {}, "no matrix of 4 x 4 numbers"),
-        ([*STRETCH[:3], [0, 0, 0, 2]], {}, "no matrix of 4 x 4 numbers"),
+        ([[1, 0], [0, 1]], {}, "not a matrix of 4 x 4 numbers"),
+        ([*STRETCH[:3], [0, 0, 0, 2]], {}, "not a matrix of 4 x 4 numbers"),
         (None, {"is_support": "false"}, "is_support of block '0' is 'false'; it must be true or false"),
         (None, {"is_support": 1}, "it must be true or false"),
     ],

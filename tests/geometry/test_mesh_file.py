@@ -132,10 +132,10 @@ def test_files_that_cannot_be_read(tmp_path):
     for name, content, fragment in (
         ("a.stl", b"solid nonsense", "a.stl"),
         ("a.obj", b"v 0 0\nf 1 2 3", "a.obj"),
-        ("a.step", b"", "known are .stl, .obj, .ply, .msh, .vtu"),
+        ("a.step", b"", "use one of .stl, .obj, .ply, .msh, .vtu"),
         ("a.vtu", b"<VTKFile", "cannot be read as vtu"),
         ("a.ply", b"\x00\x01", "cannot be read as ply"),
-        ("a.msh", b"(0 x)\n(10 (0 1 4 0 3)\n((((", "cannot be read as msh: its contents are not what readers"),
+        ("a.msh", b"(0 x)\n(10 (0 1 4 0 3)\n((((", "cannot be read as msh: its contents do not match its ending"),
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ScenarioError, match=r"a\.(stl|obj|step|vtu|ply|msh)") as caught:
@@ -151,7 +151,7 @@ def test_a_cell_that_is_cut_short(tmp_path):
     """The file ends within its last cell, a tetrahedron."""
     text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 .1 0 0\n3 0 .1 0\n4 0 0 .1\n$EndNodes\n"
     (tmp_path / "a.msh").write_text(text + "$Elements\n1\n1 4 2 ")
-    with pytest.raises(ScenarioError, match="a cell of kind tetra has fewer corners than such a cell has"):
+    with pytest.raises(ScenarioError, match="a cell of kind tetra has fewer corners than such a cell needs"):
         convex_solids(str(tmp_path / "a.msh"))
 
 

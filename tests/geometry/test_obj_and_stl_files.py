@@ -100,9 +100,12 @@ BAD = {
         PLAIN + "cstype bspline\ndeg 3 3\nsurf 0 1 0 1 1 2 3 4\n",
         "line 18 cannot be read as OBJ: it holds",
     ),
-    "cut.stl": (lines_of_stl() + "endsolid a\n" + lines_of_stl(), "it ends within solid 'a', so it is not whole"),
+    "cut.stl": (lines_of_stl() + "endsolid a\n" + lines_of_stl(), "it ends within solid 'a', so it is incomplete"),
     "square.stl": (lines_of_stl().replace("endloop", "vertex 0 0 0\nendloop") + "endsolid", "above line 9"),
-    "two.stl": (lines_of_stl().replace("vertex 0 0 0", "vertex 0 0"), "the vertex of line 4 has no three numbers"),
+    "two.stl": (
+        lines_of_stl().replace("vertex 0 0 0", "vertex 0 0"),
+        "the vertex in line 4 does not have three numbers",
+    ),
 }
 
 
@@ -121,7 +124,7 @@ def test_a_binary_file_with_more_than_it_says_is_refused(tmp_path):
     """Two files put behind one another: the second body is not left out."""
     binary_stl(tmp_path / "stone.stl", BOX)
     (tmp_path / "stone.stl").write_bytes(2 * (tmp_path / "stone.stl").read_bytes())
-    with pytest.raises(ScenarioError, match="neither a binary STL file, whose length would fit, nor one of text"):
+    with pytest.raises(ScenarioError, match=r"neither a binary STL file \(its length does not fit\) nor a text one"):
         convex_solids(str(tmp_path / "stone.stl"))
 
 
