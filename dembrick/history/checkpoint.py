@@ -37,14 +37,16 @@ class Checkpoint:
         try:
             self._read_about()
         except (*_DAMAGE, RecursionError, AttributeError, TypeError) as error:
-            raise HistoryError(f"{path}: this checkpoint is damaged, or not one of ours ({_line(error)})") from error
+            raise HistoryError(
+                f"{path}: this checkpoint is damaged, or not written by dembrick ({_line(error)})"
+            ) from error
 
     def _read_about(self) -> None:
         size = os.path.getsize(self.path)
         with np.load(self.path, allow_pickle=False) as archive:
             entries = archive.zip.infolist()
             if len(entries) > _MOST_ARRAYS or sum(entry.file_size for entry in entries) > size:
-                raise ValueError("it claims more than it holds")
+                raise ValueError("it claims more data than it holds")
             if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries):
                 raise ValueError("it is compressed")
             if archive.zip.testzip() is not None:
@@ -58,9 +60,9 @@ class Checkpoint:
             if not isinstance(self.about.get(key), str if key in texts else int):
                 raise ValueError(f"{key} is missing")
         if min(self.about[key] for key in counts) < 0:
-            raise ValueError("its counts make no sense")
+            raise ValueError("its counts are negative")
         if not self.about["where"].isprintable() or len(self.about["where"]) > _LONGEST_LINE:
-            raise ValueError("it does not say where it is")
+            raise ValueError("it does not say where the run was")
 
     def __contains__(self, name: str) -> bool:
         """Whether there is an array of that name."""
@@ -73,7 +75,7 @@ class Checkpoint:
                 found = np.asarray(archive[name])
             if found.shape != like.shape or found.dtype != like.dtype or not found.flags.c_contiguous:
                 wrong = f"shape {found.shape} of {found.dtype}"
-                raise ValueError(f"{wrong} where {like.shape} of {like.dtype} was expected")
+                raise ValueError(f"{wrong}, but {like.shape} of {like.dtype} was expected")
         except _DAMAGE as error:
             raise HistoryError(f"{self.path}: {name} does not belong to this run ({_line(error)})") from error
         return found

@@ -33,7 +33,9 @@ def damaged(path: str, what: str) -> Iterator[None]:
     try:
         yield
     except _DAMAGE as error:
-        raise HistoryError(f"{path}: {what} cannot be read; the file is damaged or was not written by us") from error
+        raise HistoryError(
+            f"{path}: {what} cannot be read; the file is damaged or was not written by dembrick"
+        ) from error
 
 
 def open_file(path: str | os.PathLike) -> h5py.File:
@@ -108,7 +110,7 @@ def dataset(file: h5py.File, path: str, kind: str, shape: tuple[int | None, ...]
         _plain_link(file, group, name.encode(), path)
         data = h5d.open(group, name.encode())
         if data.get_type().get_class() not in _KINDS[kind] or data.get_type().get_size() > 16:
-            raise HistoryError(f"{where} does not hold {kind} values, so this is not a history of ours")
+            raise HistoryError(f"{where} does not hold {kind} values, so this is not a dembrick history")
         if len(data.shape) != len(shape) or any(
             want not in (None, got) for want, got in zip(shape, data.shape, strict=True)
         ):
@@ -130,7 +132,7 @@ def values(data: h5py.Dataset, start: int = 0, stop: int | None = None) -> np.nd
     try:
         return data[start : start + count]
     except _DAMAGE as error:
-        name = f"{data.file.filename}: {data.name}" if data.id.valid else "a history that was closed"
+        name = f"{data.file.filename}: {data.name}" if data.id.valid else "a closed history"
         raise HistoryError(f"{name} cannot be read; the file is damaged or closed") from error
 
 
@@ -142,9 +144,9 @@ def texts(data: h5py.Dataset) -> list[str]:
 
 def _plain_link(file, group, name: bytes, path: str) -> None:
     if not group.links.exists(name):
-        raise HistoryError(f"{file.filename}: {path} is missing, so this is not a history of ours")
+        raise HistoryError(f"{file.filename}: {path} is missing, so this is not a dembrick history")
     if group.links.get_info(name).type != h5l.TYPE_HARD:
-        raise HistoryError(f"{file.filename}: {path} is a link to another place; such a file is not followed")
+        raise HistoryError(f"{file.filename}: {path} is a link to another place; such links are not followed")
 
 
 def _group(file, path: str):
@@ -161,7 +163,7 @@ def _check_storage(data, where: str, file_size: int) -> None:
     if how.get_layout() == h5d.VIRTUAL or how.get_external_count():
         raise HistoryError(f"{where} keeps its values in another file, which is not opened")
     if any(how.get_filter(i)[0] not in _FILTERS for i in range(how.get_nfilters())):
-        raise HistoryError(f"{where} is compressed by a method that a history does not use")
+        raise HistoryError(f"{where} is compressed by a method that histories do not use")
     size = data.get_type().get_size() * math.prod(data.shape)
     stored = data.get_storage_size()
     bound = stored * _GZIP_BOUND if how.get_layout() == h5d.CHUNKED else stored

@@ -130,7 +130,9 @@ def check_heaps(path: str) -> None:
     with open(path, "rb") as file:
         for start in _starts(file):
             if not _ends_well(file, start):
-                raise HistoryError(f"{path}: its texts cannot be read; the file is damaged or was not written by us")
+                raise HistoryError(
+                    f"{path}: its texts cannot be read; the file is damaged or was not written by dembrick"
+                )
 
 
 def _starts(file) -> Iterator[int]:

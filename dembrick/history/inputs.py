@@ -71,7 +71,7 @@ def read_inputs(file) -> list[Input]:
     fits = len(places) == len(names) <= _MOST and held.dtype == np.uint8
     fits = fits and start[0] == 0 and start[-1] == len(held) and bool((np.diff(start) >= 0).all())
     if not fits or not all(_inside(place) for place in places):
-        raise HistoryError(f"{file.filename}: the files of its scenario cannot be read; it was not written by us")
+        raise HistoryError(f"{file.filename}: the files of its scenario cannot be read; it was not written by dembrick")
     data = guard.values(held).tobytes()
     ends = zip(start[:-1].tolist(), start[1:].tolist(), strict=True)
     return [Input(*one, data[a:b]) for *one, (a, b) in zip(names, places, ends, strict=True)]

@@ -108,7 +108,10 @@ def geometry(assembly: Assembly) -> list[Table]:
         d = "geometry/loads/"
         tables += [
             Table(
-                d + "block", _ints(loads.at.block), "1", "block that each dead load acts on, a row a face of a pressure"
+                d + "block",
+                _ints(loads.at.block),
+                "1",
+                "block that each dead load acts on; one row per face of a pressure",
             ),
             Table(d + "point", _floats(loads.at.start(assembly.position), 3), "m", "its point at the start"),
             Table(d + "force", _floats(loads.force, 3), "N", "its force at the start, world axes"),
@@ -120,7 +123,7 @@ def geometry(assembly: Assembly) -> list[Table]:
         tables += [
             Table(t + "blocks", _ints(between), "1", "the two blocks that each tie joins"),
             Table(t + "points", _floats(ends, 2, 3), "m", "its ends at the start, world axes"),
-            Table(t + "strength", _floats(ties.strength), "N", "at which it yields, infinite if it never does"),
+            Table(t + "strength", _floats(ties.strength), "N", "force at which it yields, infinite if it never does"),
         ]
     watched = assembly.control_points
     if watched.names:
@@ -131,7 +134,7 @@ def geometry(assembly: Assembly) -> list[Table]:
                 c + "point",
                 _floats(watched.at.start(assembly.position), 3),
                 "m",
-                "where it was at the start, world",
+                "its position at the start, world axes",
             ),
         ]
     return tables

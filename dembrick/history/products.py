@@ -74,7 +74,7 @@ def refuse_inputs(path: str | os.PathLike, target: str, inputs: Iterable[str]) -
     for file in inputs:
         if os.path.exists(target) and os.path.exists(file) and os.path.samefile(target, file):
             raise OutputError(
-                f"{path}: this file is an input of the command and is not written over; choose another name"
+                f"{path}: this file is an input of the command and is not overwritten; choose another name"
             )
 
 

@@ -88,7 +88,7 @@ class History(InitialGeometry):
         """The file; HistoryError if it was closed."""
         if not self._opened_file.id.valid:
             raise HistoryError(
-                f"{self.path}: this history was closed; read it again, or ask inside its 'with' statement"
+                f"{self.path}: this history is closed; open it again, or use it inside its 'with' statement"
             )
         return self._opened_file
 
@@ -136,7 +136,7 @@ class History(InitialGeometry):
         energies = [path for path in self._series if path.startswith("history/energy/")]
         self.energy_names = tuple(path.rpartition("/")[2] for path in energies)
         if self.n_frames and not self.has_frames:
-            raise HistoryError(f"{self.path}: frames/time is missing, so this is not a history of ours")
+            raise HistoryError(f"{self.path}: frames/time is missing, so this is not a dembrick history")
 
     def _has(self, channel: Channel, found: Mapping[str, Container[str]]) -> bool:
         """Whether a channel was recorded; channels of one array, or of one group, are recorded together."""
@@ -154,7 +154,7 @@ class History(InitialGeometry):
             shape, kind, count = self._series[path]
             data = guard.dataset(file, path, kind, shape)
             if not 0 <= count <= len(data):
-                raise HistoryError(f"{self.path}: {path} has {len(data)} entries where {count} were written")
+                raise HistoryError(f"{self.path}: {path} has {len(data)} entries, but {count} were written")
             self._opened[path] = data
         return self._opened[path]
 
@@ -435,9 +435,9 @@ class History(InitialGeometry):
         starts = np.concatenate([[first], ends])
         last = int(starts[-1])
         if (np.diff(starts) < 0).any() or not 0 <= first <= last <= len(self._data("frames/new_contacts/area")):
-            raise HistoryError(f"{self.path}: frames/new_contacts/end does not divide the contacts of its frames")
+            raise HistoryError(f"{self.path}: frames/new_contacts/end does not fit the contacts of its frames")
         found = {name: guard.values(self._data(f"frames/new_contacts/{name}"), first, last) for name in NEW_CONTACTS}
         blocks = found["blocks"]
         if blocks.size and not 0 <= blocks.min() <= blocks.max() < self.n_block:
-            raise HistoryError(f"{self.path}: frames/new_contacts/blocks names a block that is not there")
+            raise HistoryError(f"{self.path}: frames/new_contacts/blocks names a block that does not exist")
         return starts - first, found

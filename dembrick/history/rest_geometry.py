@@ -38,13 +38,13 @@ class InitialGeometry:
     def _starts(self, path: str, count: int, total: int) -> list[int]:
         starts = self._table(path, count=count + 1, kind="integer")
         if starts[0] != 0 or starts[-1] != total or (np.diff(starts) < 0).any():
-            raise HistoryError(f"{self.path}: geometry/{path} does not divide its list")
+            raise HistoryError(f"{self.path}: geometry/{path} does not fit its list")
         return starts.tolist()
 
     def _numbers(self, path: str, limit: int, *tail: int, count: int | None = None) -> np.ndarray:
         found = self._table(path, *tail, count=count, kind="integer")
         if found.size and not 0 <= found.min() <= found.max() < limit:
-            raise HistoryError(f"{self.path}: geometry/{path} names something that is not there")
+            raise HistoryError(f"{self.path}: geometry/{path} names something that does not exist")
         return found.astype(np.int64)
 
     @cached_property
@@ -106,7 +106,7 @@ class InitialGeometry:
         points = [vertices[a:b] for a, b in zip(starts, starts[1:], strict=False)]
         for i, (block, own) in enumerate(zip(of_block, points, strict=True)):
             if any(number >= len(own) for face in block for number in face):
-                raise HistoryError(f"{self.path}: a face of block {i} names a vertex that is not there")
+                raise HistoryError(f"{self.path}: a face of block {i} names a vertex that does not exist")
         return points, of_block
 
     def block_vertices(self, i: int) -> np.ndarray:
@@ -157,7 +157,7 @@ class InitialGeometry:
         strange = next((word for word in found if word not in known), None)
         if strange is not None:
             raise HistoryError(
-                f"{self.path}: geometry/{path} holds {show(strange)}, which is none of {', '.join(known)}"
+                f"{self.path}: geometry/{path} holds {show(strange)}, which is not one of {', '.join(known)}"
             )
         return found
 

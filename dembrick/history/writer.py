@@ -207,7 +207,7 @@ class HistoryWriter:
     def finish(self, status: str, results: Mapping, settings: Mapping | None = None) -> None:
         """Make the final file with its status, results (the object of ``run --json``) and additional settings."""
         if self._closed:
-            raise WriteError(f"{self.path}: the history was closed before, so it cannot be finished")
+            raise WriteError(f"{self.path}: the history is already closed, so it cannot be finished")
         self._settings |= settings or {}
         if self._file is not None:
             self.flush()  # if the final file fails, the running one is complete

@@ -147,5 +147,5 @@ def test_a_kind_of_actuator_that_there_is_not_is_an_error(tmp_path):
     path = cases.finished(tmp_path / "run.h5")
     with h5py.File(path, "r+") as file:
         file["geometry/actuators/kind"][0] = "spring"
-    with history.read(path) as found, pytest.raises(HistoryError, match="'spring', which is none of actuator"):
+    with history.read(path) as found, pytest.raises(HistoryError, match="'spring', which is not one of actuator"):
         _ = found.actuators

@@ -53,6 +53,6 @@ def test_a_closed_history_says_so(run):
     asked = (lambda: found.displacement, lambda: found.results, lambda: found.block_names, found.to_pandas,
              lambda: found.series("load"), lambda: found.frame_values("position", 0, 1))  # fmt: skip
     for ask in asked:
-        with pytest.raises(dembrick.HistoryError, match="set4a.h5: this history was closed; read it again"):
+        with pytest.raises(dembrick.HistoryError, match="set4a.h5: this history is closed; open it again"):
             ask()
     found.close()

@@ -109,7 +109,10 @@ def test_words_of_joints_that_are_unknown(name, tmp_path):
     with h5py.File(path, "r+") as file:
         words = file[f"geometry/joints/{name}"]
         words[...] = ["convx"] * len(words)
-    with history.read(path) as found, pytest.raises(HistoryError, match=f"joints/{name} holds 'convx', which is none"):
+    with (
+        history.read(path) as found,
+        pytest.raises(HistoryError, match=f"joints/{name} holds 'convx', which is not one"),
+    ):
         _ = found.joints
 
 
