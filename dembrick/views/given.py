@@ -1,4 +1,4 @@
-"""Views of a history that is given by the path of its file."""
+"""Views that accept the path of a history file in place of a history."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Given: TypeAlias = "Any | str | os.PathLike | Sequence[Any]"  # a history or a r
 
 
 def takes_paths(view: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Given, P], R]:
-    """A view whose first argument, a history or several, may as well be the path of one: opened for as long as the
-    view takes. Raises HistoryError as `dembrick.read_history`."""
+    """Let the first argument of a view, a history or several, also be a path or paths; the files stay open while the
+    view runs. Raises HistoryError like `dembrick.read_history`."""
 
     @wraps(view)
     def opening(history: Given, /, *args: P.args, **options: P.kwargs) -> R:
-        from dembrick.history import read  # and h5py: for paths only
+        from dembrick.history import read  # imports h5py, which only paths need
 
         with ExitStack() as opened:
 

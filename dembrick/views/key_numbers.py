@@ -1,7 +1,7 @@
-"""The key numbers of a run, declared once: what ``run`` and ``info`` print, pages, notebooks and ``repr`` show.
+"""The key numbers of a run, declared once for ``run``, ``info``, pages, notebooks and ``repr``.
 
-They are found in the object of ``run --json``, and a history may hold anything in its place. A new number is a
-`Declared` in one of the tables of `motion_numbers`.
+They are found in the object of ``run --json``; that of a history may be malformed. To add a number, add a `Declared` to
+one of the tables of `motion_numbers`.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from dembrick.views.summary import (
 )
 
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
-_REACHED = 1e-3  # of a limit: as near a record comes to one that it reaches
+_REACHED = 1e-3  # of a limit: a record whose peak is this close has reached it
 
 
 def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     """Key numbers of a run: the limit load with its bracket, theory beside it, the mechanism, the collapse.
 
-    ``unit`` of the load of actuators, "1" for a factor.
+    ``unit``: that of the load of actuators, "1" for a load factor.
     """
     lines = []
     if isinstance(results.get("error"), str):
@@ -50,7 +50,7 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     of_blocks = collapse or unit == "1"
     lines += told_by(OF_SETTLEMENT, results)
     lines += _of_collapse(collapse, point, results)
-    if not isinstance(results.get("error"), str):  # what a run that failed had come to is no limit
+    if not isinstance(results.get("error"), str):  # the last load of a failed run is no limit
         lines += _of_yield(point, "" if of_blocks else unit, results, path | collapse)
         lines += structure.of_path(path | collapse, "" if of_blocks else unit)
         lines += structure.of_collapse(results if "hinges" in results else collapse)
@@ -68,7 +68,7 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
 
 
 def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyNumber]:
-    """The limit load in N, or without a unit the load factor of a structure; ``path``: what stands beside the limit of
+    """The limit load in N, or without a unit the load factor of a structure; ``path``: the results beside the limit of
     an assembly."""
     if "V" not in point:
         return []
@@ -76,7 +76,7 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
     open_ended = point.get("bracket", "open") == "open" or not {"V_lower", "V_upper"} <= point.keys()
     timed = results.get("simulated_time") is not None
     told = _limit(point, unit, results, path, open_ended)
-    if open_ended and not timed and "displacement" in point:  # along a path in the deformed geometry, to its end
+    if open_ended and not timed and "displacement" in point:  # the end of a path in the deformed geometry
         falls = ", where blocks come down" if results.get("status") == "collapse" else ""
         at = f"at the end, {length(point['displacement'])}{falls}"
         told = told._replace(remark=told.remark.replace("at the end", at, 1))
@@ -100,7 +100,7 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
         lines.append(KeyNumber("mechanism", mechanism({"collapse": path})))
     elif "mechanism" in point:
         centre = point.get("torsion_centre")
-        # + 0.0: a negative zero would only puzzle the reader
+        # + 0.0 turns a negative zero into zero
         x, y = (0.0, 0.0) if centre is None else (round(1e3 * x, 4) + 0.0 for x in centre)
         remark = "" if centre is None else f"turns about ({x:.5g}, {y:.5g}) mm from O"
         lines.append(KeyNumber("mechanism", point["mechanism"], remark))
@@ -108,7 +108,7 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
 
 
 def _limit(point: dict, unit: str, results: Mapping, path: dict, open_ended: bool) -> Told:
-    """The limit load with its bar, and what is proven of it."""
+    """The limit load with its error bar, and its proven bounds."""
     said = limit_text(point, path, unit)
     if on_one_path(path):
         bound = number(part(path, "associative").get("upper"))
@@ -119,21 +119,21 @@ def _limit(point: dict, unit: str, results: Mapping, path: dict, open_ended: boo
     if open_ended:
         return Told(*said)
     remark = said.kind.replace("indicator", "indicator, not certified")
-    if not ("meet" in remark or " to " in said.value):  # which both tell the bounds
+    if not ("meet" in remark or " to " in said.value):  # these texts give the bounds already
         remark += f": bounds {' and '.join(outward(point['V_lower'], point['V_upper']))} {unit}".rstrip()
     return Told(said.value, remark)
 
 
 def _short_of_the_limit(point: dict) -> bool:
-    """Whether the record of a search comes nearer and nearer to its limit, and ends before it."""
+    """Whether the record of a search approaches its limit but ends before reaching it."""
     peak, lower = point.get("V_peak"), point.get("V_lower")
     known = point.get("bracket", "open") != "open" and peak is not None and lower is not None
     return known and peak < (1.0 - _REACHED) * lower
 
 
 def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: bool) -> Told:
-    """The largest load of the record; ``on_the_way``: to the end of a path in the deformed geometry, where refined runs
-    tell its error."""
+    """The largest load of the record; ``on_the_way``: it lies on a path in the deformed geometry, for which refined
+    runs give its error."""
     at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
     peak, where = peak_text(point, path, unit, at_rate)
     error = number(results.get("error_estimate"))
@@ -148,7 +148,7 @@ def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: b
 
 
 def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
-    """The peaks of both halves of every cycle with their bars, and what it dissipates; ``unit`` of the load."""
+    """Peaks of both halves of each cycle with error bars, and the dissipated energy; ``unit``: that of the load."""
     lines = []
     for count, cycle in enumerate(cycles if isinstance(cycles, list) else [], 1):
         columns = [part({"": cycle}, "").get(name) for name in ("peak", "V_lower", "V_upper")]
@@ -164,7 +164,7 @@ def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
 
 
 def _after(after: dict, unit: str) -> list[KeyNumber]:
-    """Other blocks that move on beyond the limit, and the load (in ``unit``, else a factor) at which they do."""
+    """Other blocks that move beyond the limit, and the load at which they do: in ``unit``, or a factor without one."""
     moved, load, names = number(after.get("displacement")), number(after.get("load")), texts(after.get("blocks"))
     if moved is None or not names:
         return []
@@ -186,7 +186,7 @@ def _of_theory(theory: dict, unit: str) -> list[KeyNumber]:
 
 
 def _of_collapse(collapse: dict, point: dict, results: Mapping) -> list[KeyNumber]:
-    """The angle of the table; and where no bracket tells it, the load factor with its estimate and the mechanism."""
+    """The angle of the table; without a bracket also the load factor with its error estimate and the mechanism."""
     lines = []
     onset, moved = number(collapse.get("onset")), number(collapse.get("displacement"))
     angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))

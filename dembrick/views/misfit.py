@@ -1,8 +1,8 @@
 """The misfit of a simulated curve against a measured one: force over displacement.
 
-Curves are compared over the displacements that both have, by straight lines between their points; those that go to and
-fro way by way, between their turning points. If only the simulated one does, its way to the first turning point stands
-beside the measured curve, which is then the envelope of loops or a test of its own.
+Curves are compared over the displacements that both cover, with linear interpolation between their points; cyclic
+curves branch by branch, between their turning points. If only the simulated curve is cyclic, its branch up to the first
+turning point is compared with the measured curve, which is then an envelope of loops or a monotonic test.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.scenario.protocols import turning_points
 
-THIRD = 1.0 / 3.0  # of the peak, up to which the initial stiffness is taken, as EN 1052-1 takes the modulus of masonry
-BACK = (
-    0.05  # of its range, by which a measured displacement may go back: the scatter of a gauge, and not a cycle; and by
-)
-# which a turning point that was measured may lie beyond the simulated one
+THIRD = 1.0 / 3.0  # of the peak: where the secant of the initial stiffness is taken, as in EN 1052-1 for the modulus
+# Share of the range by which a measured displacement may decrease (scatter of the gauge, not a cycle), and by which a
+# measured turning point may lie beyond the simulated one.
+BACK = 0.05
 
 
 NUMBERS = ("rms", "peak", "stiffness", "energy")
@@ -35,11 +34,11 @@ class Curve(Protocol):
 
 
 class Misfit(NamedTuple):
-    """Simulated against measured; relative, None where the measured curve does not say.
+    """Relative differences, simulated against measured; None if the measured curve does not give the number.
 
     ``rms``: root mean square of the difference at the measured points, over the measured peak. ``peak``, ``stiffness``
-    (the secant from the origin to a third of its own peak), ``energy`` (the area below the curve, or of the loops):
-    simulated over measured, less 1, with the points of both. ``compared``: from and up to where, m.
+    (the secant from the origin to a third of each curve's own peak), ``energy`` (area below the curve, or of the
+    loops): simulated over measured, less 1, from the points of both. ``compared``: range of the comparison, m.
     """
 
     rms: float
@@ -62,7 +61,7 @@ def text(misfit: Misfit) -> str:
 
 
 def extent(misfit: Misfit, simulated: Curve, measured: Curve) -> str:
-    """How far a measured curve was compared, in brackets, where it goes on; nothing where all of it was."""
+    """Remark in brackets on how far a measured curve was compared; empty if all of it was."""
     last, most = misfit.compared[1], float(simulated.displacement.max())
     if last >= measured.displacement.max():
         return " (of the way to the first turning point)" if goes_on(simulated, measured) else ""
@@ -71,7 +70,7 @@ def extent(misfit: Misfit, simulated: Curve, measured: Curve) -> str:
 
 
 def between(simulated: Curve, measured: Curve, name: str = "the measured curve") -> Misfit:
-    """The misfit; ScenarioError, with the reason, if the two cannot be compared."""
+    """The misfit; ScenarioError with the reason if the two curves cannot be compared."""
     require_comparable(simulated, measured, name)
     turning = len(_ways(simulated)) == len(_ways(measured)) > 1
     if goes_on(simulated, measured):
@@ -80,11 +79,11 @@ def between(simulated: Curve, measured: Curve, name: str = "the measured curve")
 
 
 def require_comparable(simulated: Curve, measured: Curve, name: str) -> None:
-    """ScenarioError, with what to do, if the displacements of a measured curve cannot be those of the simulated one."""
+    """ScenarioError, with the remedy, if the displacements of a measured curve do not match the simulated ones."""
     ours, theirs = np.asarray(simulated.displacement, float), np.asarray(measured.displacement, float)
     size = np.abs(theirs).max(initial=0.0)
     if not size > 0.0 or not np.ptp(ours) > 0.0 or not np.ptp(theirs) > 0.0:
-        return  # said elsewhere
+        return  # reported elsewhere
     if theirs.max() <= BACK * size and ours.min() >= -BACK * np.abs(ours).max():
         raise ScenarioError(
             f"the displacements of {name} are negative ({_range(theirs)}), and those of the run are not; turn the "
@@ -112,21 +111,21 @@ def require_comparable(simulated: Curve, measured: Curve, name: str) -> None:
 
 
 def turns(displacement: np.ndarray) -> int:
-    """How often a curve turns."""
+    """Number of turning points of a curve, its ends excluded."""
     return len(turning_points(displacement)) - 2 if np.ptp(displacement) > 0.0 else 0
 
 
 def _range(displacement: np.ndarray) -> str:
-    """From where to where, in mm; rounding beside its size is none."""
+    """The range of displacements in words, in mm; an end that is only rounding error is printed as 0."""
     low, high = (1e3 * float(end) for end in (displacement.min(), displacement.max()))
     least = 1e-9 * max(abs(low), abs(high))
     return " to ".join(f"{end if abs(end) > least else 0.0:.4g}" for end in (low, high)) + " mm"
 
 
 def compared(simulated: Curve, measured: Curve, beyond: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Displacements (m) of the measured points that the simulated curve reaches, the forces (N) of the simulated one
-    there, and those measured; a little beyond a turn the last simulated force counts, and with ``beyond`` at all points
-    of the ways that both have."""
+    """Displacements (m) of the measured points that the simulated curve reaches, the simulated forces (N) there, and
+    the measured ones. Slightly beyond a turning point the last simulated force is used; with ``beyond`` it is used at
+    all points of the branches that both curves have."""
     found = [(u, np.interp(u, x, y), V) for x, y, u, V in _ways_of_both(simulated, measured, beyond)]
     displacement, ours, theirs = (np.concatenate(column) for column in zip(*found, strict=True))
     return displacement, ours, theirs
@@ -135,20 +134,20 @@ def compared(simulated: Curve, measured: Curve, beyond: bool = False) -> tuple[n
 def _ways_of_both(
     simulated: Curve, measured: Curve, beyond: bool = False
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Of each way that both have, displacement and load of the simulated curve in ascending order, and those of the
-    measured points which it reaches, see `compared`, in theirs."""
+    """For each branch that both curves have: displacement and load of the simulated curve in ascending order, and of
+    the measured points that it reaches (see `compared`) in their own order."""
     ways = _ways(simulated)
     for (way_u, way_V), (our_u, our_V) in zip(_ways(measured), ways, strict=False):
         order = np.argsort(our_u, kind="stable")
         x, y = our_u[order], our_V[order]
-        # a jack gives a little, so that the blocks turn back somewhat before its end does
+        # an actuator is compliant, so the blocks turn back slightly before its end does
         slack = (BACK if len(ways) > 1 else 1e-9) * float(np.ptp(x))
         inside = beyond | ((way_u >= x[0] - slack) & (way_u <= x[-1] + slack))
         yield x, y, way_u[inside], way_V[inside]
 
 
 class _Way(NamedTuple):
-    """A part of a curve that goes one way."""
+    """A branch of a curve: its displacement does not turn."""
 
     displacement: np.ndarray
     load: np.ndarray
@@ -172,8 +171,8 @@ def _ways(curve: Curve) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _of_loops(simulated: Curve, measured: Curve, name: str) -> Misfit:
-    """The misfit of curves that turn equally often; the initial stiffness is that of the first way, the energy that of
-    the loops."""
+    """The misfit of curves with equally many turning points; the initial stiffness is that of the first branch, the
+    energy that of the loops."""
     u, ours, theirs = compared(simulated, measured)
     if len(u) < 2 or not np.abs(theirs).max() > 0.0:
         raise ScenarioError(f"{name} and the simulated curve share no displacements, or it has no force")
@@ -197,7 +196,7 @@ def _of_loops(simulated: Curve, measured: Curve, name: str) -> Misfit:
 
 
 def _one_way_each(simulated: Curve, measured: Curve, name: str) -> Misfit:
-    """The misfit of curves that do not turn."""
+    """The misfit of monotonic curves."""
     ours, theirs = one_way(simulated, "the simulated curve"), one_way(measured, name)
     low, high = max(ours[0][0], theirs[0][0]), min(ours[0][-1], theirs[0][-1])
     inside = (theirs[0] >= low) & (theirs[0] <= high)
@@ -225,13 +224,13 @@ def _one_way_each(simulated: Curve, measured: Curve, name: str) -> Misfit:
 
 
 def _points_of_both(ours: np.ndarray, theirs: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Displacements at which either curve has a point from ``low`` to ``high``, these ends included."""
+    """Displacements of the points of either curve between ``low`` and ``high``, and these two."""
     return np.union1d(np.concatenate([ours, theirs]).clip(low, high), [low, high])
 
 
 def one_way(curve: Curve, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement and load of a curve that goes one way, in the order of the displacement; points at one displacement
-    count by their mean. ScenarioError for a curve that turns."""
+    """Displacement and load of a monotonic curve, sorted by displacement; the loads of points with the same
+    displacement are averaged. ScenarioError for a curve that turns."""
     displacement, load = np.asarray(curve.displacement, float), np.asarray(curve.load, float)
     if len(displacement) < 2 or not np.ptp(displacement) > 0.0:
         raise ScenarioError(f"{name} has no two points at different displacements")
@@ -242,7 +241,8 @@ def one_way(curve: Curve, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _initial_stiffness(displacement: np.ndarray, load: np.ndarray) -> float | None:
-    """The secant (N/m) from the origin to where a curve first has a third of its peak; None if it begins above."""
+    """Secant stiffness (N/m) from the origin to where the load first reaches a third of the peak; None if it starts
+    above that."""
     wanted = THIRD * load.max()
     i = int(np.argmax(load >= wanted))
     if i == 0:

@@ -1,6 +1,6 @@
-"""Key numbers of motion, of settlements, of laws and of the work of a run: tables of `Declared`.
+"""Key numbers of motion, settlements, laws and computing effort of a run: tables of `Declared`.
 
-They are told of results that may hold anything.
+The results may come from an untrusted file, so values of unexpected types are skipped.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from dembrick.views.summary import (
 
 
 def _moved(results: Mapping) -> Told | None:
-    """How far a block has moved or turned up to a limit in the deformed geometry."""
+    """Displacement or rotation of a block up to a limit in the deformed geometry."""
     moved = part(results, "moved")
     way, turn = number(moved.get("displacement")), number(moved.get("turn"))
     if way is None:
@@ -38,7 +38,7 @@ def _moved(results: Mapping) -> Told | None:
 
 
 def _outcome(results: Mapping) -> Told | None:
-    """It stood or fell; of what stands and moves when the run ends nobody knows yet."""
+    """Whether the structure stood or fell; undecided if it stands but still moves when the run ends."""
     told, speed = results.get("outcome"), number(results.get("speed_at_the_end"))
     if not isinstance(told, str):
         return None
@@ -47,7 +47,7 @@ def _outcome(results: Mapping) -> Told | None:
 
 
 def _moving(results: Mapping) -> Told | None:
-    """Forces at the end are those of an instant where blocks still move."""
+    """Warning that blocks still move at the end, so the final forces are those of an instant."""
     speed = number(results.get("speed_at_the_end"))
     return Told(f"at {speed:.2g} m/s at the end", "forces and reactions are those of that instant") if speed else None
 
@@ -75,7 +75,7 @@ def _at_the_end(results: Mapping) -> Told | None:
         return None
     value = length(moved) if error is None else length_with_error(moved, error)
     bar = "from stiffer joints" if error is not None else no_bar(results)
-    if part(results, "collapse").get("error_estimate") is not None:  # which has the bar of the refined runs
+    if part(results, "collapse").get("error_estimate") is not None:  # the collapse load has the bar of the refined runs
         bar = "no error bar"
     return Told(value, f"of a centroid; {bar}")
 
@@ -140,7 +140,7 @@ def _reaction_at_rest(results: Mapping) -> Told | None:
 
 
 def _allowed_reaction(results: Mapping) -> Told | None:
-    """Range of the reaction that limit analysis allows before the supports move, if that was asked for."""
+    """Range of the reaction by limit analysis before the supports move, if it was requested."""
     allowed = part(results, "settlement").get("limit_analysis")
     if not isinstance(allowed, Mapping):
         return None

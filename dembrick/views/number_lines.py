@@ -1,4 +1,4 @@
-"""Key numbers as name, value and remark, how they are declared, and the lines that they make."""
+"""Key numbers as name, value and remark: their declarations, and their output as lines of text."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from dembrick.views.summary import NO_BAR, plain
 
-_COLUMN = 13  # characters, or more
+_COLUMN = 13  # least width of the column of names, characters
 
 
 class KeyNumber(NamedTuple):
-    """One line of a summary: what it is, its value with unit and error bar, and what to know about it."""
+    """One line of a summary: its name, its value with unit and error bar, and a remark."""
 
     name: str
     value: str
@@ -19,23 +19,23 @@ class KeyNumber(NamedTuple):
 
 
 def aligned(numbers: Sequence[KeyNumber]) -> list[str]:
-    """Key numbers as lines of the command line, names in a column."""
+    """Key numbers as lines for the terminal, names in a column."""
     width = max([_COLUMN, *(len(number.name) for number in numbers)])
     return [plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}") for name, value, remark in numbers]
 
 
 class Told(NamedTuple):
-    """Value of a key number with unit and error bar, and what to know about it."""
+    """Value of a key number with unit and error bar, and a remark."""
 
     value: str
     remark: str = ""
 
 
 class Declared(NamedTuple):
-    """Declaration of a key number, of which ``run``, ``info``, pages and notebooks are made: its ``name``, and how
-    results tell it, None if they do not (``of``).
+    """Declaration of a key number shown by ``run``, ``info``, pages and notebooks: its ``name``, and the function
+    ``of`` that finds it in results, or returns None.
 
-    ``only`` and ``unless``: a key that results must have, or must not.
+    ``only`` and ``unless``: a key that the results must have, or must not have.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Declared(NamedTuple):
 
 
 def told_by(declared: Sequence[Declared], results: Mapping) -> list[KeyNumber]:
-    """Key numbers of results, those of a table that they have."""
+    """The key numbers of a table of declarations that results contain."""
     found = []
     for one in declared:
         if (one.only and one.only not in results) or (one.unless and one.unless in results):
@@ -57,10 +57,10 @@ def told_by(declared: Sequence[Declared], results: Mapping) -> list[KeyNumber]:
 
 
 def refuses_refining(results: Mapping) -> bool:
-    """Whether ``--refine`` is refused: of runs with stages, and of laws of the user's own."""
+    """Whether ``--refine`` is refused: for runs with stages, and with user-defined joint laws."""
     return "stages" in results or "custom_law" in results
 
 
 def no_bar(results: Mapping) -> str:
-    """That a number has no error bar, and what gives it one, if anything does."""
+    """Remark that a number has no error bar, and how to get one if that is possible."""
     return NO_BAR.partition(":")[0] if refuses_refining(results) else NO_BAR

@@ -1,6 +1,6 @@
-"""Key numbers of a structure beside its limit: other paths to it, blocks and hinges, stages, ties, reactions.
+"""Key numbers of a structure besides its limit load: other load paths, blocks and hinges, stages, ties, reactions.
 
-They are told of results that may hold anything.
+The results may come from an untrusted file, so values of unexpected types are skipped.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ from dembrick.views.number_lines import KeyNumber
 from dembrick.views.summary import known, length, limit_text, listed, number, part, texts, yield_point
 
 BEFORE = "before the supports moved"
-_SHOWN = 8  # supports or ties that have a line each
-_OF_STAGE = 2  # supports in the line of a stage
+_SHOWN = 8  # greatest number of supports, or ties, with a line each
+_OF_STAGE = 2  # greatest number of supports in the line of a stage
 _ROUNDING = 1e-7  # of the largest force or moment: less is printed as zero
 _WRENCH = 6  # numbers of a reaction
 
 
 def of_path(beside: Mapping, unit: str) -> Iterator[KeyNumber]:
-    """Lines on what other paths bear, from what stands beside a limit load in ``unit`` (``collapse`` or ``path``)."""
+    """Lines on the capacity along other paths, from the results beside a limit load in ``unit`` (``collapse`` or
+    ``path``)."""
     after, at = number(beside.get("mechanism_load_factor")), number(beside.get("load_factor"))
     if after is not None and at is not None and after < at:
         told = f"{'' if unit else 'load factor '}{known(after, 0.0, 5)} {unit}".rstrip()
@@ -39,15 +40,15 @@ def of_path(beside: Mapping, unit: str) -> Iterator[KeyNumber]:
 
 
 def of_collapse(collapse: Mapping) -> Iterator[KeyNumber]:
-    """The blocks that come down, and the hinges between them."""
+    """The blocks that move in the collapse mechanism, and the hinges between them."""
     for key, name in (("blocks", "blocks that move"), ("hinges", "hinges")):
         if isinstance(collapse.get(key), list):
             yield KeyNumber(name, listed(texts(collapse[key])), "")
 
 
 def of_stages(results: Mapping) -> Iterator[KeyNumber]:
-    """The stages before the last: their kind, how they ended, and their limit load where they had one, else what their
-    supports bear."""
+    """The stages before the last: their kind, how they ended, and their limit load, or else the reactions of their
+    supports."""
     stages = results.get("stages")
     for stage in stages if isinstance(stages, list) else ():
         count = number(part({"": stage}, "").get("stage"))
@@ -62,7 +63,7 @@ def of_stages(results: Mapping) -> Iterator[KeyNumber]:
 
 
 def _borne(stage: Mapping) -> str:
-    """Words on what supports bear in a stage: along their motion where they settle, else each of several at the end."""
+    """Reactions of the supports in a stage: along their motion if they settle, else at the end if there are several."""
     found = part(stage, "settlement")
     reaction, reached = number(found.get("reaction")), number(found.get("displacement"))
     if reaction is not None and reached is not None:
@@ -74,7 +75,7 @@ def _borne(stage: Mapping) -> str:
         return ", ".join(said)
     wrenches = _wrenches(stage)
     if len(wrenches) < 2:
-        return ""  # one support bears the weight, and no thrust
+        return ""  # a single support carries the weight and no thrust
     forces = _spelled([value for wrench in wrenches.values() for value in wrench[:3]])
     told = [f"{name} {', '.join(forces[3 * i : 3 * i + 3])} N" for i, name in enumerate(wrenches)]
     more = f" and {len(told) - _OF_STAGE} more" if len(told) > _OF_STAGE else ""
@@ -82,13 +83,13 @@ def _borne(stage: Mapping) -> str:
 
 
 def ties_of(results: Mapping) -> list[Mapping]:
-    """The ties of results."""
+    """The ties in results."""
     ties = results.get("ties")
     return [tie for tie in ties if isinstance(tie, Mapping)] if isinstance(ties, list) else []
 
 
 def of_ties(results: Mapping) -> Iterator[KeyNumber]:
-    """The tension of every tie, its peak, and by how much it has yielded."""
+    """The tension of each tie, its peak and its yielded elongation."""
     known_ties = ties_of(results)
     for tie in known_ties[:_SHOWN]:
         tension, peak, yielded = (number(tie.get(key)) for key in ("tension", "peak", "yielded"))
@@ -102,7 +103,7 @@ def of_ties(results: Mapping) -> Iterator[KeyNumber]:
 
 
 def of_reactions(results: Mapping) -> Iterator[KeyNumber]:
-    """Force and moment of every support on the structure."""
+    """Force and moment that each support exerts on the structure."""
     wrenches = _wrenches(results)
     spelled = _spelled([value for wrench in wrenches.values() for value in wrench])
     when = ", at the end" if "cycles" in results else ", at the last load tried" if results.get("unlimited") else ""
@@ -116,7 +117,7 @@ def of_reactions(results: Mapping) -> Iterator[KeyNumber]:
 
 
 def _wrenches(results: Mapping) -> dict[str, list[float]]:
-    """Force (N) and moment (N m) of every support on the structure, by its name."""
+    """Force (N) and moment (N m) that each support exerts on the structure, by its name."""
     found = {}
     for name, wrench in part(results, "reactions").items():
         numbers = [number(value) for value in wrench] if isinstance(wrench, list) else []
@@ -126,7 +127,7 @@ def _wrenches(results: Mapping) -> dict[str, list[float]]:
 
 
 def _spelled(values: list[float]) -> list[str]:
-    """Forces to six digits, zero for what is rounding beside the largest."""
+    """Forces to six digits; those that are rounding error relative to the largest are printed as 0."""
     least = _ROUNDING * max(map(abs, values), default=0.0)
     return [f"{value:.6g}" if abs(value) > least else "0" for value in values]
 

@@ -1,7 +1,7 @@
-"""Numbers of a run as words: with their error bars, to the digits that are known, in the unit that suits them.
+"""Numbers of a run as text: with error bars, to their known digits, in a suitable unit.
 
-A history may come from anywhere, so nothing in its results is taken for granted: what is not a finite number is left
-out.
+A history may come from an untrusted source, so its results are not taken for granted: values that are not finite
+numbers are left out.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import NamedTuple
 
 NO_BAR = "no error bar: --refine gives one"
-ROUNDING = 1e-7  # of N (times 1 m): forces of a joint below are not there
-_MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
-_TINY = 5e-7  # of a value: what no digit of seven shows
-_SHORT, _LONG = 2e-4, 2.0  # m: travels up to the one are told in µm, from the other on in m
-_MANY = 1e4  # N: from there on loads are told in kN
-_NAMED = 5  # blocks that a line names
-_UNEVEN = 0.05  # of a bracket: as far as V may be off its middle and stand with half of it
+ROUNDING = 1e-7  # of N (moments: times 1 m): smaller forces of a joint count as zero
+_MEET = 1e-9  # of V: bounds closer than this coincide but for rounding
+_TINY = 5e-7  # of a value: not visible in seven digits
+_SHORT, _LONG = 2e-4, 2.0  # m: displacements up to the first are given in µm, from the second on in m
+_MANY = 1e4  # N: loads from here on are given in kN
+_NAMED = 5  # greatest number of blocks named in a line
+_UNEVEN = 0.05  # of a bracket: V may be off its middle by as much and still be printed as V ± half the bracket
 
 
 def number(value) -> float | None:
-    """A finite number as it is, None for anything else."""
+    """A finite number as float, None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -33,7 +33,7 @@ def number(value) -> float | None:
 
 
 def part(results, name: str) -> dict:
-    """A mapping inside the results, empty if it is missing or something else."""
+    """A mapping inside the results, empty if it is missing or of another type."""
     found = results.get(name) if isinstance(results, Mapping) else None
     return dict(found) if isinstance(found, Mapping) else {}
 
@@ -41,7 +41,7 @@ def part(results, name: str) -> dict:
 def yield_point(results) -> dict[str, float]:
     """The finite numbers of the yield point by name; ``torsion_centre`` a pair, ``bracket`` and ``mechanism`` texts.
 
-    Its bracket is as wide as the error that refined runs gave, where they did.
+    If refined runs gave an error estimate, it sets the bracket.
     """
     found = part(results, "yield_point")
     point: dict = {name: number(value) for name, value in found.items()}
@@ -62,15 +62,15 @@ def yield_point(results) -> dict[str, float]:
 
 
 def with_error(value: float, half_width: float, unit: str) -> str:
-    """``215.988 ± 0.068 N``, see `barred`; the value alone where the error is only rounding."""
+    """``215.988 ± 0.068 N``, see `barred`; the value alone if the error is only rounding."""
     if half_width <= _MEET * abs(value):
         return f"{value:.7g} {unit}"
     return f"{' ± '.join(barred(value, half_width))} {unit}"
 
 
 def barred(value: float, error: float) -> tuple[str, str]:
-    """A value to the second digit of its ``error``, and the error to two digits. What the value loses to its last digit
-    counts as error too, so that what is printed holds all that is meant."""
+    """A value rounded to the second digit of its ``error``, and the error to two digits, rounded up. The error includes
+    the rounding of the value, so that the printed interval contains the true one."""
     if not 0.0 < error < math.inf:
         return f"{value:.7g}", rounded_up(error)
     decimals = max(0, 1 - _magnitude(error))
@@ -83,13 +83,13 @@ def barred(value: float, error: float) -> tuple[str, str]:
 
 
 def bar_to(decimals: int, value: float, error: float) -> str:
-    """The error of a value that is shown to so many decimals, rounded up to as many: with what that rounds off."""
+    """The error of a value shown to ``decimals``, rounded up to as many; it includes the rounding of the value."""
     last = 10.0**-decimals
     return f"{math.ceil((error + abs(value - round(value, decimals))) / last * (1.0 - _MEET)) * last:.{decimals}f}"
 
 
 def outward(lower: float, upper: float) -> tuple[str, str]:
-    """Bounds to the third digit of what lies between them, the lower one rounded down and the upper one up."""
+    """Bounds to the third digit of their difference, the lower one rounded down, the upper one rounded up."""
     width = upper - lower
     if not width > _MEET * abs(upper):
         return f"{lower:.9g}", f"{upper:.9g}"
@@ -102,7 +102,7 @@ def outward(lower: float, upper: float) -> tuple[str, str]:
 
 
 def rounded_up(error: float, digits: int = 2) -> str:
-    """An error to so many digits, and no less than it is: a bar that was rounded down could leave out the truth."""
+    """An error rounded up to ``digits``: a bar that was rounded down could exclude the true value."""
     if not 0.0 < error < math.inf:
         return f"{error:.{digits}g}"
     last = 10.0 ** (_magnitude(error) + 1 - digits)
@@ -110,9 +110,9 @@ def rounded_up(error: float, digits: int = 2) -> str:
 
 
 def known(value: float, error: float | None, most: int = 6) -> str:
-    """A value to the digits that its ``error`` leaves known: as far as the second digit of it, ``most`` at most.
+    """A value rounded to the second digit of its ``error``, to ``most`` digits at most.
 
-    Two digits if the error is None: nobody knows it.
+    Two digits if the error is None, which means unknown.
     """
     digits = 2 if error is None else most
     if error and value:
@@ -122,19 +122,19 @@ def known(value: float, error: float | None, most: int = 6) -> str:
 
 
 def _magnitude(value: float) -> int:
-    """The power of ten of the first digit."""
+    """The exponent of ten of the first digit."""
     return math.floor(math.log10(abs(value)))
 
 
 def on_one_path(beside: Mapping) -> bool:
-    """Whether the stiffness may move a limit load, and nothing tells how far (``collapse`` or ``path``)."""
+    """Whether a limit load may depend on the stiffness by an unknown amount; ``beside``: ``collapse`` or ``path``."""
     told = beside.get("path_range") or beside.get("wanders")
     return beside.get("digits_open", beside.get("path_dependent")) is True and told is None
 
 
 def start_text(beside: Mapping, unit: str) -> str | None:
-    """From what the path to a limit load began, and what is proven of others (``collapse`` or ``path``); None where all
-    lead to the same limit, or where their range is known."""
+    """Start of the path to a limit load, and what is proven for other paths (``beside``: ``collapse`` or ``path``);
+    None if all paths lead to the same limit, or if their range is known."""
     if beside.get("path_dependent") is not True or beside.get("path_range") or "no_path_above" not in beside:
         return None
     bound = number(part(beside, "associative").get("upper"))
@@ -148,28 +148,28 @@ def start_text(beside: Mapping, unit: str) -> str | None:
 
 
 def travel_unit(longest: float) -> tuple[str, float]:
-    """The unit that suits travels up to ``longest`` (m) on an axis, and how many of it are a metre."""
+    """A suitable unit for displacements up to ``longest`` (m) on an axis, and the factor from m to it."""
     if longest >= _LONG:
         return "m", 1.0
     return ("mm", 1e3) if longest > _SHORT else ("µm", 1e6)
 
 
 def load_unit(largest: float, unit: str = "N") -> tuple[str, float]:
-    """The unit that suits loads up to ``largest`` on an axis (``unit``: N, N m, or one without thousands), and how many
-    of it are one of ``unit``."""
+    """A suitable unit for loads up to ``largest`` on an axis, and the factor from ``unit`` to it; only N and N m get a
+    prefix."""
     if unit.split(" ")[0] != "N" or not largest >= _MANY:
         return unit, 1.0
     return (f"k{unit}", 1e-3) if largest < 1e3 * _MANY else (f"M{unit}", 1e-6)
 
 
 def load_text(value: float, unit: str = "N") -> str:
-    """A load to four digits in the unit that suits it."""
+    """A load to four digits in a suitable unit."""
     name, factor = load_unit(abs(value), unit)
     return f"{factor * value:.4g} {name}"
 
 
 class Limit(NamedTuple):
-    """A limit load as words: its ``value`` with error bar and unit, and what ``kind`` of bar that is."""
+    """A limit load as text: its ``value`` with error bar and unit, and the ``kind`` of the bar."""
 
     value: str
     kind: str
@@ -179,10 +179,10 @@ class Limit(NamedTuple):
 
 
 def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> Limit:
-    """The limit load of a yield point as every command, figure and page says it.
+    """The limit load of a yield point as text, the same in all commands, figures and pages.
 
-    ``beside``: what stands beside it, ``collapse`` or ``path``. V with half its bracket if it is the middle of it, else
-    with both bounds; two digits if it depends on the path, and nothing tells how far.
+    ``beside``: the results beside it, ``collapse`` or ``path``. V ± half its bracket if V is its middle, else both
+    bounds; two digits if V depends on the path by an unknown amount.
     """
     V, lower, upper, kind = point["V"], point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
     if lower is None or upper is None or kind == "open":
@@ -201,14 +201,14 @@ def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> Limit:
 
 
 def angle_text(point: Mapping, beside: Mapping | None) -> Limit:
-    """The same of a table that tilts, in degrees: V is the tangent of its angle."""
+    """Like `limit_text` for a tilting table, in degrees: V is the tangent of its angle."""
     names = ("V", "V_lower", "V_upper")
     turned = {name: math.degrees(math.atan(point[name])) for name in names if point.get(name) is not None}
     return limit_text({**point, **turned}, beside, "deg")
 
 
 def peak_text(point: Mapping, beside: Mapping | None, unit: str, at_rate: bool) -> tuple[str, str]:
-    """The largest load of the record, to the digits that its limit is known by, and where it was; ``at_rate``: of a
+    """The largest load of the record, to the known digits of its limit, and where it was reached; ``at_rate``: in a
     constant-rate test."""
     lower, upper = point.get("V_lower"), point.get("V_upper")
     error = 0.0 if lower is None or upper is None else 0.1 * (upper - lower)
@@ -218,30 +218,30 @@ def peak_text(point: Mapping, beside: Mapping | None, unit: str, at_rate: bool) 
 
 
 def mechanism(results: Mapping) -> str:
-    """How the blocks give way at a limit: of a load on every block all of them, of actuators their joint."""
+    """Mechanism at a limit: of the whole structure under a load on every block, of the joint under actuators."""
     found = part(results, "collapse").get("mechanism") or part(results, "yield_point").get("mechanism")
     return found if isinstance(found, str) else "none"
 
 
 def plain(text: str) -> str:
-    """A text in characters that every terminal has."""
+    """A text with characters that every terminal can show."""
     return text.replace("±", "+-").replace("µ", "u")
 
 
 def length(metres: float) -> str:
-    """A small length in the unit that suits it."""
+    """A small length in a suitable unit."""
     unit, factor = length_unit(metres)
     return f"{metres * factor:.4g} {unit}"
 
 
 def length_with_error(metres: float, error: float) -> str:
-    """A small length with its error bar (m) as `with_error`, both in the unit that suits the length."""
+    """A small length with its error bar (m) as `with_error`, both in a unit that suits the length."""
     unit, factor = length_unit(metres)
     return with_error(factor * metres, factor * error, unit)
 
 
 def length_unit(metres: float) -> tuple[str, float]:
-    """The unit that suits a small length, and how many of it are a metre."""
+    """A suitable unit for a small length, and the factor from m to it."""
     for unit, factor, least in (("m", 1.0, 1.0), ("mm", 1e3, 0.1)):
         if abs(metres) * factor >= least:
             return unit, factor
@@ -254,6 +254,6 @@ def texts(value: object) -> list[str]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names in a line, the first few of many; "none" of none."""
+    """Names in a line, the first few if there are many; "none" if there are none."""
     more = len(names) - _NAMED
     return f"{', '.join(names[:_NAMED]) or 'none'}{f' and {more} more' if more > 0 else ''}"

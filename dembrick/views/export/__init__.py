@@ -1,8 +1,8 @@
-"""Histories in the formats of other programs: VTKHDF and PVD for ParaView, CSV for everything else; tables of pandas
-and xarray.
+"""Export of histories to other programs: VTKHDF and PVD for ParaView, CSV for everything else; tables for pandas and
+xarray.
 
-A picture has up to four layers, each with a file of its own: the blocks, their joints (``<stem>_joints``), the forces
-in the contact points (``<stem>_contacts``) and the ties (``<stem>_ties``). See ``layers`` for what they carry.
+A picture has up to four layers, each in a file of its own: the blocks, their joints (``<stem>_joints``), the forces at
+the contact points (``<stem>_contacts``) and the ties (``<stem>_ties``). See ``layers`` for their quantities.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ def export(
     report: Callable[[str], None] | None = None,
     only: Collection[str] = LAYERS,
 ) -> list[str]:
-    """Write the history in the format that the ending of ``path`` names; returns the files written, as ``path`` names
-    its folder.
+    """Write the history in the format given by the ending of ``path``; returns the files written, in the folder as
+    ``path`` spells it.
 
-    ``report`` gets a sentence for each quantity that the history does not hold, with the remedy. ``only``: the layers
-    to write (blocks, joints, contacts, ties); text always has all series.
+    ``report`` is called with a sentence, including the remedy, for each quantity missing in the history. ``only``: the
+    layers to write (blocks, joints, contacts, ties); a text file always has all series.
     """
     unknown = [layer for layer in only if layer not in LAYERS]
     if unknown or not only:
@@ -46,7 +46,7 @@ def export(
     folder = os.path.dirname(os.fspath(path))
     home = os.path.join(os.path.realpath(folder), "")
     files = [
-        os.path.join(folder, file.removeprefix(home)) if file.startswith(home) else file  # a link led elsewhere
+        os.path.join(folder, file.removeprefix(home)) if file.startswith(home) else file  # else a link elsewhere
         for file in writers[ending](history, path, report)
     ]
     if not files:

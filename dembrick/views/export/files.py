@@ -15,5 +15,5 @@ def checked_target(history: History, path: str | os.PathLike, frames: bool = Tru
     if os.path.realpath(history.path) == target:
         raise OutputError(f"{path}: this is the history itself; choose another name")
     if frames:
-        frame_number(history)  # or there is no motion to export
+        frame_number(history)  # raises if there is no motion to export
     return target

@@ -1,17 +1,17 @@
-"""Layers of an export: blocks, joints and contacts as cells that move, with their quantities.
+"""Layers of an export: blocks, joints and contacts as moving cells, with their quantities.
 
 | layer | cells | quantities |
 |---|---|---|
 | blocks | the faces of all blocks | block; displacement, velocity, spin, kinetic_energy; displacement of every vertex |
-| joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip, utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner |
-| ties | a line a tie | block_a, block_b; tension, yielded |
-| contacts | a vertex a contact point | joint; force on block b, normal_force |
-| new_contacts | a vertex a contact that formed in the run, as many as each frame has | block_a, block_b; force and torque on block b, normal, normal_force, area, slip |
+| joints | the polygons, moving with their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip, utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner |
+| ties | one line per tie | block_a, block_b; tension, yielded |
+| contacts | one vertex per contact point | joint; force on block b, normal_force |
+| new_contacts | one vertex per contact formed during the run; their number varies by frame | block_a, block_b; force and torque on block b, normal, normal_force, area, slip |
 
-SI units, world axes. ``state``: 0 closed, 1 partly open, 2 open. ``torsion_centre`` is in the world,
+SI units, world axes. ``state``: 0 closed, 1 partly open, 2 open. ``torsion_centre`` is in world coordinates,
 ``torsion_centre_joint`` along t1 and t2 from O; NaN if there is none. A convex joint has one contact, where the
-line of action of its force meets the face that the polygon rides on. A joint of several pieces has a polygon for each,
-all with the quantities of the whole joint.
+line of action of its force meets the face to which the polygon is attached. A joint of several pieces has a polygon for
+each, all with the quantities of the whole joint.
 """  # noqa: E501 - a table
 
 from __future__ import annotations
@@ -31,12 +31,13 @@ from dembrick.views.motion.joints import STATES, JointMotion
 from dembrick.views.motion.loads import TieMotion
 from dembrick.views.motion.relative import RelativeMotion, torsion_centre
 
-LAYERS = ("blocks", "joints", "contacts", "ties")  # contacts with the new ones, where there can be any
+LAYERS = ("blocks", "joints", "contacts", "ties")  # contacts include the new ones of runs that can have any
 
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """Some moments: ``points`` (f, n, 3) m, and values by name at points and in cells, (f, n or n_cell, ...)."""
+    """Data of f frames: ``points`` (f, n, 3) m; by name, values ``at_points`` (f, n, ...) and of ``cells``
+    (f, n_cell, ...)."""
 
     points: np.ndarray
     at_points: dict[str, np.ndarray]
@@ -44,7 +45,7 @@ class Frames:
 
 
 class Span:
-    """Frames start to stop of a history: what its layers share is read and computed once."""
+    """Frames start to stop of a history; quantities that several layers use are read and computed once."""
 
     def __init__(self, history: History, joints: JointMotion | None, start: int, stop: int):
         self._joints, self.history, self.start, self.stop = joints, history, start, stop
@@ -64,8 +65,8 @@ class Span:
 
 
 class Layer(Protocol):
-    """Cells that keep their corners while the points move; ``fixed``: cell values that never change; ``frames``: points
-    and values of some frames."""
+    """Cells with constant connectivity whose points move; ``fixed``: cell values that do not change with time;
+    ``frames``: points and values of the frames of a span."""
 
     kind: str
     cells: list[tuple[int, ...]]
@@ -76,9 +77,9 @@ class Layer(Protocol):
 
 
 class Picture:
-    """The layers ``only`` that a history can fill, by the suffix of their files; ``report`` hears what is missing.
+    """Those layers of ``only`` for which a history has data, by file suffix; ``report`` is called with what is missing.
 
-    ``scattered``: those whose cells are others in every frame.
+    ``scattered``: the layers whose cells change from frame to frame.
     """
 
     def __init__(self, history: History, report: Callable[[str], None] | None = None, only: Collection[str] = LAYERS):
@@ -186,7 +187,7 @@ class Joints:
 
 
 class Contacts:
-    """The contact points, riding on the hosts of their joints, and the point of a convex joint's resultant."""
+    """The contact points, moving with the hosts of their joints, and the point of a convex joint's resultant."""
 
     kind = "Vertices"
 
@@ -221,7 +222,7 @@ class Contacts:
         return Frames(points, {name: values.astype(np.float32) for name, values in data.items()}, {})
 
     def _places(self, span: Span) -> np.ndarray:
-        """Where the points are (f, c, 3); those of a polygon that was cut have moved on their host."""
+        """Positions of the points (f, c, 3) m; in a polygon that was cut they have moved on their host."""
         points = self._motion.points(span.poses)
         arms = span.history.frame_values("contact_arm", span.start, span.stop)
         if arms is None:
@@ -234,7 +235,7 @@ class Contacts:
 
 
 class Ties:
-    """The ties, lines between their ends."""
+    """The ties as lines between their ends."""
 
     kind = "Lines"
 
@@ -252,14 +253,14 @@ class Ties:
 
 
 class NewContacts:
-    """The contacts that formed in the run and carry a force, a vertex at the centre of pressure of each."""
+    """The contacts that formed during the run and carry a force: a vertex at the centre of pressure of each."""
 
     def __init__(self, history: History):
         self._history = history
 
     def frames(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Frames start to stop: where the vertices of each begin and those of the last end (f + 1,), all points (c, 3)
-        m, and values by name (c, ...)."""
+        """Frames start to stop: offsets of the vertices of each frame (f + 1,), all points (c, 3) m, and values by
+        name (c, ...)."""
         starts, found = self._history.frame_new_contacts(start, stop)
         blocks, normal, force = (found[name] for name in ("blocks", "normal", "force"))
         values = {"force": force, "normal_force": (force * normal).sum(axis=1), "normal": normal}
@@ -269,7 +270,7 @@ class NewContacts:
 
 
 def _on_hosts(history: History, joints: JointMotion, own: np.ndarray, arms: np.ndarray):
-    """Points of joints ``own`` (n,) at ``arms`` (n, 2) in the body axes of the hosts, and the hosts."""
+    """Points at ``arms`` (n, 2) m in joints ``own`` (n,): in the body axes of the hosts (n, 3) m, and the hosts."""
     host = joints.host[own]
     world = joints.origin[own] - history.position0[host] + np.einsum("ni,nik->nk", arms, joints.axes[own, :2])
     return np.einsum("nji,nj->ni", rotation_matrix(history.orientation0)[host], world), host

@@ -30,7 +30,7 @@ def to_pvd(
     report: Callable[[str], None] | None = None,
     only: Collection[str] = LAYERS,
 ) -> list[str]:
-    """A ``.pvd`` list of each layer; the frames, a ``.vtu`` each, in the folder ``<stem>_frames`` beside it."""
+    """Write a ``.pvd`` list for each layer, and the frames as ``.vtu`` files in the folder ``<stem>_frames``."""
     meshio = needed("meshio", _WHAT)
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
@@ -47,7 +47,7 @@ def to_pvd(
             lists[stem + suffix + ending] = names
         for name, frames in lists.items():
             _list(lists_written.enter_context(replacing(name)), [f"{place}/{frame}" for frame in frames], times)
-        for name in lists:  # all is on the disk: from here on an older list would name the frames of this one
+        for name in lists:  # all is written: from here on a list of an earlier export would name the new frames
             with suppress(FileNotFoundError):
                 os.unlink(name)
     return [*lists, *(os.path.join(f"{stem}_frames", frame) for frames in lists.values() for frame in frames)]
@@ -55,7 +55,7 @@ def to_pvd(
 
 @contextmanager
 def _new_folder(folder: str) -> Iterator[str]:
-    """A folder to write into, which takes the name ``folder`` when all is in it; one of an earlier export goes away."""
+    """A temporary folder to write into, renamed to ``folder`` when complete, in place of that of an earlier export."""
     if os.path.exists(folder) and not (
         os.path.isdir(folder) and all(name.endswith(".vtu") for name in os.listdir(folder))
     ):
@@ -74,7 +74,7 @@ def _new_folder(folder: str) -> Iterator[str]:
 
 
 def _meshes(picture: Picture, layer: Layer, count: int) -> Iterator[meshio.Mesh]:
-    """The mesh of one layer in each of so many frames."""
+    """The mesh of one layer in each of the first ``count`` frames."""
     kinds: dict[int, list[int]] = {}
     for cell, corners in enumerate(layer.cells):
         kinds.setdefault(len(corners), []).append(cell)
@@ -91,14 +91,14 @@ def _meshes(picture: Picture, layer: Layer, count: int) -> Iterator[meshio.Mesh]
 
 
 def _vertices(layer: NewContacts, count: int) -> Iterator[meshio.Mesh]:
-    """The vertices that there are in each of so many frames."""
+    """The vertices of new contacts in each of the first ``count`` frames."""
     for k in range(count):
         _, points, values = layer.frames(k, k + 1)
         yield needed("meshio", _WHAT).Mesh(points, [("vertex", np.arange(len(points))[:, None])], point_data=values)
 
 
 def _list(target: str, files: list[str], times: np.ndarray) -> None:
-    """The list of the frames of a layer."""
+    """Write the list of the frames of a layer."""
     with open(target, "w", encoding="utf-8") as file:
         file.write('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n')
         for time, name in zip(times.tolist(), files, strict=True):

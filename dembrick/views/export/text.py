@@ -13,11 +13,11 @@ from dembrick.history.files import writing
 from dembrick.history.tables import columns_of
 from dembrick.views.export.files import checked_target
 
-_ROWS = 4096  # rows held at a time
+_ROWS = 4096  # rows in memory at a time
 
 
 def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:
-    """All series as text, a column each with its unit in the header; numbers read back exactly."""
+    """Write all series as text, one column each with its unit in the header; numbers keep all digits."""
     target = checked_target(history, path, frames=False)
     columns = columns_of(history)
     if report and not history.has_joints:

@@ -1,4 +1,4 @@
-"""Transient VTKHDF PolyData: one file a layer, every frame in it."""
+"""Transient VTKHDF PolyData: one file per layer, with all frames."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from dembrick.history.files import writing
 from dembrick.views.export.files import checked_target
 from dembrick.views.export.layers import LAYERS, Frames, Layer, NewContacts, Picture
 
-_KINDS = ("Vertices", "Lines", "Polygons", "Strips")  # of cells: VTK wants all four
-_HELD = 1 << 22  # bytes of points held at a time
+_KINDS = ("Vertices", "Lines", "Polygons", "Strips")  # of cells: VTK requires all four
+_HELD = 1 << 22  # bytes of points in memory at a time
 
 
 def to_vtkhdf(
@@ -24,8 +24,8 @@ def to_vtkhdf(
     report: Callable[[str], None] | None = None,
     only: Collection[str] = LAYERS,
 ) -> list[str]:
-    """The blocks at ``path``, the joints at ``<stem>_joints.vtkhdf``, contact forces at ``<stem>_contacts.vtkhdf``,
-    those of contacts that formed in the run at ``<stem>_new_contacts.vtkhdf``, ties at ``<stem>_ties.vtkhdf``."""
+    """Write the blocks to ``path``, joints to ``<stem>_joints.vtkhdf``, contact forces to ``<stem>_contacts.vtkhdf``,
+    contacts formed during the run to ``<stem>_new_contacts.vtkhdf`` and ties to ``<stem>_ties.vtkhdf``."""
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
     with writing(path, "export"), ExitStack() as stack:
@@ -53,14 +53,14 @@ def to_vtkhdf(
 
 
 def _moving(frames: Frames) -> dict[str, np.ndarray]:
-    """Arrays with values for every step, by their place in the file."""
+    """Arrays with values for every step, by their path in the file."""
     found = {"Points": frames.points}
     found |= {f"PointData/{name}": values for name, values in frames.at_points.items()}
     return found | {f"CellData/{name}": values for name, values in frames.cells.items()}
 
 
 def _begin(file: h5py.File, layer: Layer, times: np.ndarray) -> None:
-    """Write what stays: the connectivity once. VTK wants every offset of every step, also those that never move, and
+    """Write the constant data: the connectivity once. VTK requires all offsets of every step, even constant ones, and
     all four kinds of cells."""
     root, steps = _poly_data(file, times)
     for kind in _KINDS:
@@ -80,9 +80,9 @@ def _begin(file: h5py.File, layer: Layer, times: np.ndarray) -> None:
 
 
 def _put(root: h5py.Group, name: str, values: np.ndarray, first: int, total: int) -> None:
-    """Values (n, ...) from the row ``first`` on of a dataset of ``total`` rows, which is made for the first of them.
+    """Write values (n, ...) from row ``first`` on into a dataset of ``total`` rows, created at the first call.
 
-    Points are in double precision, so that a file shows micrometres; fields for colours and arrows in single precision.
+    Points are in double precision, to resolve micrometres; fields for colours and arrows in single precision.
     """
     if name not in root:
         root.create_dataset(name, (total, *values.shape[1:]), values.dtype)
@@ -91,7 +91,7 @@ def _put(root: h5py.Group, name: str, values: np.ndarray, first: int, total: int
 
 
 def _offsets(root: h5py.Group, points: np.ndarray, cells: np.ndarray, fixed: Collection[str] = ()) -> None:
-    """Where the points and cells of every step begin in what has values for every step; zero for what is ``fixed``."""
+    """Write the offsets of the points and cells of every step; zero for the ``fixed`` fields, stored once."""
     root["Steps/PointOffsets"] = points
     for kind, first in (("PointData", points), ("CellData", cells)):
         for name in root.get(kind, ()):
@@ -99,7 +99,7 @@ def _offsets(root: h5py.Group, points: np.ndarray, cells: np.ndarray, fixed: Col
 
 
 def _poly_data(file: h5py.File, times: np.ndarray) -> tuple[h5py.Group, h5py.Group]:
-    """The groups of a PolyData, and of its steps."""
+    """Create the groups of a PolyData and of its steps."""
     root = file.create_group("VTKHDF")
     root.attrs["Version"] = np.array([2, 2])
     root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
@@ -110,7 +110,7 @@ def _poly_data(file: h5py.File, times: np.ndarray) -> tuple[h5py.Group, h5py.Gro
 
 
 def _scatter(path: str, layer: NewContacts, times: np.ndarray) -> None:
-    """Vertices that are others in every step: each step is a part of its own, with its connectivity."""
+    """Write vertices that change from step to step: each step is a part of its own, with its connectivity."""
     n_step, together = len(times), max(1, _HELD // 10_000)
     with rewritten(path) as (file, check):
         root, steps = _poly_data(file, times)

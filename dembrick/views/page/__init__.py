@@ -1,7 +1,7 @@
 """One web page that holds a whole run: the motion in 3D, the curve, the path on the yield domain, the numbers.
 
-The page is a single file that asks nothing of the network. A history may come from anywhere, so whatever it says is
-escaped, and a content security policy lets the page run no script but its own, told by its hash.
+The page is a single file that needs no network. A history may come from an untrusted source, so all its texts are
+escaped, and a content security policy lets the page run only its own script, identified by its hash.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 ENDINGS = (".html", ".htm")
 _SCRIPTS = ("viewer.js", "charts.js", "page.js")
-_LONGEST_TEXT = 200_000  # characters of a scenario that are shown
+_LONGEST_TEXT = 200_000  # characters of the scenario shown at most
 
 
 def write(history: History, path: str | os.PathLike) -> str:
-    """Write the page of a history (or of the file of one) to ``path``; returns the path.
+    """Write the page of a history, or of a history file, to ``path``; returns the path.
 
-    Raises OutputError for a path that cannot be written, HistoryError if nothing was recorded that could be shown.
+    Raises OutputError for a path that cannot be written, HistoryError if the history holds nothing to show.
     """
     path = os.fspath(path)
     if os.path.splitext(path)[1].lower() not in ENDINGS:
@@ -87,7 +87,7 @@ def fragment(result) -> str:
 
 
 def results_table(results: dict, unit: str = "N") -> str:
-    """The key numbers of a run as an HTML table; ``unit`` of its load, "1" for a factor."""
+    """The key numbers of a run as an HTML table; ``unit``: that of its load, "1" for a load factor."""
     lines = key_numbers(results, unit)
     if not lines:
         return "<p>There are no results yet: the run has not ended.</p>"
@@ -107,13 +107,13 @@ def _hash(text: str) -> str:
 
 
 def _as_script(data: dict) -> str:
-    """JSON that cannot end the element it stands in, nor open a comment there."""
+    """JSON that can neither close the script element that holds it nor open a comment in it."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _subtitle(history: History) -> str:
-    """One line: formulation, status, how large."""
+    """One line: formulation, status, number of blocks and joints."""
     results = history.results
     formulation = results.get("formulation")
     words = [f"formulation {formulation}"] if isinstance(formulation, str) else []
@@ -138,13 +138,13 @@ def _legend(data: dict) -> str:
 
 
 def _frames_note(history: History, data: dict) -> str:
-    """Says so where not all frames are on the page."""
+    """Note on how many frames are shown; empty if all are."""
     shown = len(data["time"])
     return "" if shown == history.n_frames else f"{shown} of {history.n_frames} recorded frames are shown."
 
 
 def _record_note(history: History, data: dict) -> str:
-    """Note on the record that can be downloaded."""
+    """Note on the record offered for download."""
     if data["record"] is None:
         return "No row was recorded."
     joint = " and the chosen joint's forces" if data["joints"] else ""
@@ -153,7 +153,7 @@ def _record_note(history: History, data: dict) -> str:
 
 
 def _origin(history: History) -> str:
-    """Where the page comes from."""
+    """Provenance of the page: the history file and the versions of the programs."""
     versions = [f"{name} {version}" for name, version in history.versions.items()]
     return f"dembrick {dembrick.__version__} made this page from {os.path.basename(history.path)}. The run: " + (
         ", ".join(versions) or "no versions recorded"

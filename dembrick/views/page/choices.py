@@ -1,4 +1,4 @@
-"""Choices of the reader of a page: the joint of the second diagram, and the record as a table to take away."""
+"""Choices offered to the reader of a page: the joint of the second diagram, and the record as a table to download."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 MOST_JOINTS = 40
-MOST_ROWS = 300  # of the table, and of the lines of joints that are not shown at first
+MOST_ROWS = 300  # of the table, and of the curves of joints that are not shown at first
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m", "slip": "m"}
 
 
@@ -35,9 +35,9 @@ def record(history: History) -> dict | None:
 
 
 def joints(history: History, at: diagrams.Record, path: JointPath | None) -> list[dict]:
-    """The joints to choose from: what each carries, and its diagram; that of ``path``, shown at first, has its own.
+    """The joints to choose from, each with its forces and its diagram; the joint of ``path`` has its diagram elsewhere.
 
-    Of many joints those that slip most.
+    If there are many joints, those that slip most.
     """
     if path is None:
         return []
@@ -61,5 +61,5 @@ def _column(name: str, values: np.ndarray) -> dict:
 
 
 def packed(values: np.ndarray, kind: str) -> str:
-    """The bytes of an array of the type ``kind``, little-endian, in base64."""
+    """The bytes of an array as type ``kind``, little-endian, in base64."""
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 MOST_FRAMES = 240
 MOST_BYTES = 8 << 20  # of packed frames
-_MOST_USED = 200_000  # joints times frames, for which utilisation and slip are told
-_LOOKS = 12  # about as many frames say how far the slider of the magnification must go
-_BEYOND, _EARLIER = 5.0, 1e3  # times the magnification at the start: its end at least, and for earlier frames at most
-_FAR = 2.0  # of the scene: a torsion centre further away is that of a shear
+_MOST_USED = 200_000  # joints times frames up to which utilisation and slip are included
+_LOOKS = 12  # number of frames, roughly, from which the upper end of the magnification slider is found
+_BEYOND, _EARLIER = 5.0, 1e3  # end of the slider over its first value: at least, and at most for earlier frames
+_FAR = 2.0  # times the size of the scene: a torsion centre further away means pure shear
 
 
 class Frames(NamedTuple):
@@ -42,7 +42,7 @@ class Frames(NamedTuple):
 
 
 def collect(history: History) -> dict:
-    """All that the scripts of a page need, as plain lists, numbers and base64."""
+    """All data that the scripts of a page need, as plain lists, numbers and base64."""
     frames = chosen_frames(history)
     body, blocks, starts = all_vertices(history)
     carried = CarriedPoints(history, body, blocks)
@@ -55,10 +55,10 @@ def collect(history: History) -> dict:
     moved = _moved(history, carried, blocks, frames.number.tolist(), shown)
     at = int(np.abs(frames.number - shown).argmin())
     colours = _colours(history, frames, moved, at)
-    start = automatic_magnification(history, frames.number[: at + 1].tolist())  # not of what falls after a limit
+    start = automatic_magnification(history, frames.number[: at + 1].tolist())  # without the fall after a limit
     path = recorded_path(history)
     record = diagrams.record_at(history, frames.time, moved)
-    # by actuators, not by the weight of a tilted structure
+    # driven by actuators, not by the weight of a tilted structure
     pushed = record.load is not None and record.diagram.unit == "N"
     before = history.status == START  # nothing has been computed yet
     return {
@@ -95,19 +95,19 @@ def collect(history: History) -> dict:
 
 
 def _most_magnified(history: History, numbers: np.ndarray, start: float) -> float:
-    """Where the slider of the magnification ends, a power of ten: above the factor ``start`` that it begins at, which
-    suits the last of the frames, and of equilibria by which those before are seen, where blocks have hardly moved."""
+    """Upper end of the magnification slider, as a power of ten: above its first value ``start``, which suits the last
+    frame. For equilibria it also makes earlier frames visible, in which the blocks have hardly moved."""
     early = numbers[1 :: max(1, len(numbers) // _LOOKS)].tolist() if history.counts_equilibria else []
     wanted = max((automatic_magnification(history, k) for k in early), default=1.0)
     return max(1.0, math.ceil(math.log10(max(_BEYOND * start, min(wanted, _EARLIER * start)))))
 
 
 def chosen_frames(history: History) -> Frames:
-    """Frames spread evenly over the run, the first and the last among them, as many as a page should carry.
+    """Frames spread evenly over the run, including the first and the last, at most as many as a page should hold.
 
-    What follows the first frame that is not finite (a run that diverged) is left out.
+    Frames from the first one that is not finite on (a run that diverged) are left out.
     """
-    frame_number(history, LAST)  # or there is nothing to draw
+    frame_number(history, LAST)  # raises if there is nothing to draw
     most = int(np.clip(MOST_BYTES // (24 * max(1, history.n_block)), 2, MOST_FRAMES))
     even = np.linspace(0, history.n_frames - 1, min(most, history.n_frames)).round().astype(int)
     numbers = np.unique(np.append(even, frame_number(history)))
@@ -127,7 +127,7 @@ def chosen_frames(history: History) -> Frames:
 
 
 def _moved(history: History, carried: CarriedPoints, blocks: np.ndarray, frames: list[int], limit: int) -> np.ndarray:
-    """The greatest displacement (f,) of a corner in each frame (m), after the limit without blocks that come off."""
+    """Greatest displacement (f,) m of a corner in each frame; after the limit, of the blocks that are not ejected."""
     gone, found = ejected(history)[blocks], []
     for k in frames:
         way = np.linalg.norm(carried.moved(Poses.read(history, k, k + 1))[0], axis=1)
@@ -136,7 +136,7 @@ def _moved(history: History, carried: CarriedPoints, blocks: np.ndarray, frames:
 
 
 def _faces(history: History, starts: list[int]) -> np.ndarray:
-    """Every face as its number of corners and then the corners, numbered through all blocks."""
+    """All faces in sequence: the number of corners, then the corners, numbered through all blocks."""
     found: list[int] = []
     for i, first in enumerate(starts[:-1]):
         for face in history.block_faces(i):
@@ -146,8 +146,8 @@ def _faces(history: History, starts: list[int]) -> np.ndarray:
 
 
 def _arrow(history: History, load: loads.Load, middle: np.ndarray, most: float) -> dict:
-    """Where a load acts and which way; ``size`` of the largest of its kind; ``ends``: of the arrow ahead and of that of
-    the opposite force, how far along it from the point (m), and whether it begins there."""
+    """Point and direction of a load. ``size``: relative to the largest of its kind. ``ends``: for the arrow of the load
+    and for that of the opposite force, the shift along it from the point (m), and whether it begins there."""
     back = loads.arrow_place(history, load.block, load.arm, -load.way)
     return {
         "block": load.block,
@@ -164,20 +164,20 @@ def _arrows(history: History, given: list[loads.Load], middle: np.ndarray) -> li
 
 
 def _up_to(values: np.ndarray, at: int) -> float:
-    """Where a colour scale ends: at the greatest of ``values`` (f, ...) up to the frame that is shown first, of which
-    later ones, when blocks fall, would leave no colours; of all frames if there is nothing up to then."""
+    """Upper end of a colour scale: the greatest of ``values`` (f, ...) up to frame ``at``, which is shown first. Later
+    values, when blocks fall, would make all others look alike; they count only if all values up to then are zero."""
     return float(values[: at + 1].max(initial=0.0)) or float(values.max(initial=0.0))
 
 
 def _end_of_scale(values: np.ndarray, at: int) -> str:
-    """The length at the end of a colour scale, beyond which the last colour stays."""
+    """The length at the upper end of a colour scale; greater values have the last colour."""
     end = _up_to(values, at)
     return summary.length(end) + (" and more" if values.max(initial=0.0) > end else "")
 
 
 def _colours(history: History, frames: Frames, moved: np.ndarray, at: int) -> list[dict]:
-    """Quantities by which blocks can be coloured: a name, what the end of the scale says, values (f, n) of the
-    blocks. ``moved`` (f,) m: the travel of a corner; ``at``: which frame is shown first."""
+    """Quantities by which blocks can be coloured: name, label at the end of the scale, values (f, n) of the blocks.
+    ``moved`` (f,) m: greatest displacement of a corner; ``at``: index of the frame that is shown first."""
     text = "the greatest velocity" if history.status == MECHANISM else f"{_end_of_scale(moved, at)} (a corner)"
     none = {"name": "none", "text": "", "values": None, "most": 1.0}
     if history.status == START:
@@ -199,7 +199,7 @@ def _colours(history: History, frames: Frames, moved: np.ndarray, at: int) -> li
 
 
 def recorded_path(history: History) -> JointPath | None:
-    """The path of the joint that gave way, None if no joint was recorded."""
+    """The path of the joint that failed, None if no joint was recorded."""
     if not (history.n_joint and history.n_row and history.has_joints):
         return None
     return joint_path(history)
@@ -208,9 +208,9 @@ def recorded_path(history: History) -> JointPath | None:
 def _centres(
     history: History, path: JointPath | None, frames: Frames, middle: np.ndarray, world: np.ndarray, blocks: np.ndarray
 ) -> dict | None:
-    """Torsion centre of the path's joint from frame to frame, at its place in the resting scene; it rides on block a.
+    """Torsion centres of the joint of ``path`` from frame to frame, in the scene at the start; they move with block a.
 
-    None for frames between which nothing turned, or about a point far away.
+    None for frames between which nothing turned, or turned about a point far away.
     """
     if path is None or len(frames.number) < 2:
         return None

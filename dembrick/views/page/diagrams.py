@@ -1,4 +1,4 @@
-"""The two diagrams of a page and the numbers under its picture: lines, and where the run is in each frame."""
+"""The two diagrams of a page and the numbers below its picture: curves, and the point of the run in each frame."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from dembrick.views.plot.subject import Diagram, diagram_of
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-MOST_ROWS = 1500  # points of a line
+MOST_ROWS = 1500  # points of a curve
 
 
 class Record(NamedTuple):
     """The record at the time (f,) s of each frame.
 
-    ``load`` (f,) in ``load_unit``, ``load_factor`` times that of the diagram: see ``diagram``, None if that has none;
-    ``travel`` (f,) in ``unit``, ``factor`` of a metre: the displacement of the diagram.
+    ``load`` (f,): the load of ``diagram`` times ``load_factor``, in ``load_unit``; None if the diagram has no load.
+    ``travel`` (f,): the displacement of the diagram in ``unit``, which is the displacement in m times ``factor``.
     """
 
     diagram: Diagram
@@ -36,7 +36,7 @@ class Record(NamedTuple):
 
 
 def record_at(history: History, time: np.ndarray, moved: np.ndarray) -> Record:
-    """The record at the times of the frames. ``moved`` (f,) m: the greatest displacement, shown if rows are missing."""
+    """The record at the times of the frames; without rows, ``moved`` (f,) m, the greatest displacement, is shown."""
     diagram = diagram_of(history)
     if not history.n_row:
         unit, factor = summary.travel_unit(float(moved.max(initial=0.0)))
@@ -51,7 +51,7 @@ def record_at(history: History, time: np.ndarray, moved: np.ndarray) -> Record:
 
 
 def curve(history: History, record: Record) -> dict:
-    """Load over displacement with bracket, theory and what limit analysis allows, or displacement over time."""
+    """Load over displacement with bracket, theory and bounds of limit analysis, or displacement over time."""
     x_name, travel = f"{record.diagram.displacement} [{record.unit}]", listed(record.travel)
     if record.load is None:
         line = {"x": listed(record.time), "y": travel, "look": "run", "name": ""}
@@ -78,10 +78,10 @@ def curve(history: History, record: Record) -> dict:
 
 
 def yield_domain(history: History, record: Record, path: JointPath, rows: np.ndarray | None = None) -> dict:
-    """Torsion over shear force of a joint on its limit surface, through ``rows`` or as many rows as a line takes."""
+    """Torsion over shear force of a joint, with its limit surface; ``rows`` of the record, by default `thinned`."""
     x, y = path.drawn
     kept = thinned(history) if rows is None else rows
-    kept = kept[np.isfinite(x[kept])]  # an open joint has no strength to draw its forces over
+    kept = kept[np.isfinite(x[kept])]  # an open joint has no strength by which to divide its forces
     relative = path.strength is not None
     shear_in, shear = ("-", 1.0) if relative else summary.load_unit(float(np.abs(path.V).max()))
     torsion_in, torsion = ("-", 1.0) if relative else summary.load_unit(float(np.abs(path.M_T).max()), "N m")
@@ -102,7 +102,7 @@ def yield_domain(history: History, record: Record, path: JointPath, rows: np.nda
 
 
 def readout(history: History, record: Record, path: JointPath | None) -> list[dict]:
-    """The numbers that are shown under the picture, one of each a frame."""
+    """The numbers shown below the picture, one value per frame each."""
     name, unit = ("equilibrium", "") if history.counts_equilibria else ("time", "s")
     items = [{"name": name, "unit": unit, "digits": 4, "values": listed(record.time)}]
     if record.load is not None:
@@ -117,7 +117,7 @@ def readout(history: History, record: Record, path: JointPath | None) -> list[di
 
 
 def listed(values: np.ndarray) -> list[float | None]:
-    """Numbers to eight digits, None if there is none."""
+    """Numbers to eight digits; None for those that are not finite."""
     return [float(f"{value:.8g}") if math.isfinite(value) else None for value in np.asarray(values, float).tolist()]
 
 
@@ -127,7 +127,7 @@ def _chart(title: str, x_name: str, y_name: str, lines: list[dict], x: list, y: 
 
 
 def thinned(history: History, most: int = MOST_ROWS) -> np.ndarray:
-    """Numbers of at most about ``most`` rows, the first, the last and that of the greatest load among them."""
+    """Indices of about ``most`` rows at most, including the first, the last and the one with the greatest load."""
     if history.n_row <= most:
         return np.arange(history.n_row)
     even = np.linspace(0, history.n_row - 1, most).round().astype(int)
