@@ -1,5 +1,5 @@
 """Views of a run: motion of blocks and joints, plots, pictures, the web page, exports.
 
-A ``History`` goes in; figures, images, text and files for ParaView come out. Views never run anything: they import
+Views turn a ``History`` into figures, images, text and files for ParaView. They never run a simulation and import
 nothing from ``runs``.
 """

@@ -1,1 +1,1 @@
-"""Motion out of a history: where blocks and joints are in a frame, and what a joint carries there."""
+"""Motion in a history: positions of blocks and joints in a frame, and the forces of the joints there."""

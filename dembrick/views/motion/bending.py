@@ -1,4 +1,4 @@
-"""How far the forces of the joints of a recorded run bend them: on their way to the edge of what can carry N."""
+"""Bending utilisation of the joints of a recorded run: eccentricity of N over that at the edge of the joint."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from dembrick.views.motion.joints import JointMotion
 
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-_SECTIONS = 40  # of half a turn: to 1e-8 of it
+_SECTIONS = 40  # golden sections of half a turn, down to 1e-8 of it
 
 
 def edges(joints: JointMotion) -> tuple[np.ndarray, np.ndarray]:
-    """Outward normals (j, m, 2) of the edges of what can carry the normal force of every joint, and their distances
-    (j, m) from O (m); joints with fewer than m edges have normals of no length."""
+    """Outward normals (j, m, 2) of the edges of the region that can carry the normal force of each joint, and their
+    distances (j, m) from O (m); joints with fewer than m edges are filled up with zero normals."""
     normal_arms, found = joints.points[0], []
     for j in range(joints.n_joint):
         own = normal_arms[joints.point_start[j] : joints.point_start[j + 1]]
@@ -35,8 +35,9 @@ def edges(joints: JointMotion) -> tuple[np.ndarray, np.ndarray]:
 
 
 def way_to_edge(joints: JointMotion, N: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """(f, j): how far each ``centre`` of pressure (f, j, 2) m is on its way from O to the edge of what can carry ``N``
-    (f, j): to the `edges`, or where a joint crushes to the middle of the strip along them that bears N at f_c."""
+    """(f, j): distance of each ``centre`` of pressure (f, j, 2) m from O over its limit in that direction, the edge of
+    the region that can carry ``N`` (f, j): the `edges`, or in a joint that crushes the middle of the strip along them
+    that bears N at f_c."""
     normals, distances = joints.edges
     found = (np.einsum("jmk,fjk->fjm", normals, centre) / distances).max(axis=-1, initial=0.0)
     for j in np.flatnonzero(np.isfinite(joints.crushing)):
@@ -55,13 +56,13 @@ def way_to_edge(joints: JointMotion, N: np.ndarray, centre: np.ndarray) -> np.nd
 
 
 def crushed_share(joints: JointMotion, N: np.ndarray) -> np.ndarray:
-    """(f, j): ``N`` (f, j) over what the whole of a joint bears, f_c A; zero where nothing crushes."""
+    """(f, j): ``N`` (f, j) over the crushing strength of the whole joint, f_c A; zero for joints that do not crush."""
     return np.maximum(N, 0.0) / (joints.crushing * joints.area)
 
 
 def _way(centre: np.ndarray, reach: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """(k,): how far each ``centre`` (k, 2) m is on its way to the edge of a convex set about O, of which ``reach`` says
-    how far it goes along unit vectors (k, 2): the greatest d . centre over it, which has one maximum over d."""
+    """(k,): gauge of each ``centre`` (k, 2) m in a convex set about O whose support function ``reach`` takes unit
+    vectors (k, 2): the greatest d . centre / reach(d), which has a single maximum over d."""
     size = np.hypot(*centre.T)
     along = np.divide(centre, size[:, None], out=np.tile([1.0, 0.0], (len(centre), 1)), where=size[:, None] > 0.0)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
@@ -79,8 +80,9 @@ def _way(centre: np.ndarray, reach: Callable[[np.ndarray], np.ndarray]) -> np.nd
 
 
 def reach_of_points(arms: np.ndarray, areas: np.ndarray, towards: np.ndarray, pressed: np.ndarray) -> np.ndarray:
-    """(k,) m: how far along unit vectors ``towards`` (k, 2) the middle of those points (c, 2) is that are farthest that
-    way and have the areas ``pressed`` (k,) m2 of ``areas`` (c,), of the last one as much as is wanting."""
+    """(k,) m: distance along unit vectors ``towards`` (k, 2) of the centroid of the farthest points in that direction.
+    As many of the points ``arms`` (c, 2) m with ``areas`` (c,) are taken as give the area ``pressed`` (k,) m2, the last
+    one in part."""
     height = towards @ arms.T
     order = np.argsort(-height, axis=1)
     area = areas[order]
@@ -89,17 +91,17 @@ def reach_of_points(arms: np.ndarray, areas: np.ndarray, towards: np.ndarray, pr
 
 
 def reach_of(polygon: np.ndarray, towards: np.ndarray, pressed: np.ndarray) -> np.ndarray:
-    """(k,) m: how far along unit vectors ``towards`` (k, 2) the centroid of that part of a convex polygon (m, 2) is
-    which a line across cuts off with the area ``pressed`` (k,) m2."""
+    """(k,) m: distance along unit vectors ``towards`` (k, 2) of the centroid of the part of a convex polygon (m, 2) m
+    that a line normal to them cuts off with the area ``pressed`` (k,) m2."""
     height, side = towards @ polygon.T, np.stack([-towards[:, 1], towards[:, 0]], axis=1) @ polygon.T
     level = -np.sort(-height, axis=1)
-    # the width at the level of every corner (k, level, edge): between them it is linear
+    # width at the level of every corner, from (k, level, edge); it is linear between levels
     start, end = height[:, None, :], np.roll(height, -1, axis=1)[:, None, :]
     meets = (start - level[..., None]) * (end - level[..., None]) <= 0.0
     way = np.divide(start - level[..., None], start - end, out=np.zeros(meets.shape), where=meets & (start != end))
     at = side[:, None, :] + way * (np.roll(side, -1, axis=1) - side)[:, None, :]
     width = np.where(meets, at, -np.inf).max(axis=-1) - np.where(meets, at, np.inf).min(axis=-1)
-    # slabs from corner to corner, filled from the farthest on
+    # slabs between the levels of the corners, filled from the farthest inwards
     top, deep, wide, wider = level[:, :-1], level[:, :-1] - level[:, 1:], width[:, :-1], np.diff(width, axis=1)
     area = deep * (wide + 0.5 * wider)
     taken = np.clip(pressed[:, None] - (np.cumsum(area, axis=1) - area), 0.0, area)

@@ -1,6 +1,6 @@
-"""Blocks of a recorded run in its frames: where their points are, how fast they move.
+"""Blocks of a recorded run in its frames: positions of their points, velocities.
 
-Shapes start with the frames asked for: (f, n_block, ...).
+Shapes begin with the requested frames: (f, n_block, ...).
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rot
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-_MOVES = 0.1  # of the greatest displacement of a corner: a block with less rests
+_MOVES = 0.1  # of the greatest displacement of a corner: a block with less counts as not moving
 
 
 @dataclass(frozen=True, slots=True)
 class Poses:
-    """Blocks in some frames: ``position``, ``displacement`` (f, n, 3), ``orientation`` (f, n, 4), ``rotation``."""
+    """Poses of n blocks in f frames: ``position``, ``displacement`` (f, n, 3) m, ``orientation`` (f, n, 4), and
+    ``rotation`` (f, n, 3, 3)."""
 
     position: np.ndarray
     displacement: np.ndarray
@@ -40,7 +41,7 @@ class Poses:
 
 
 class CarriedPoints:
-    """Material points of blocks, carried by the frames; ``body`` (n, 3) in the axes of ``block`` (n,)."""
+    """Material points of blocks that move with them; ``body`` (n, 3) m in the body axes of ``block`` (n,)."""
 
     def __init__(self, history: History, body: np.ndarray, block: np.ndarray):
         self._rotation0 = rotation_matrix(history.orientation0)
@@ -51,11 +52,11 @@ class CarriedPoints:
         return self.carried(poses.rotation, poses.position)
 
     def moved(self, poses: Poses) -> np.ndarray:
-        """Movement (f, n, 3) from the start, which keeps more digits than a difference of points."""
+        """Displacement (f, n, 3) m since the start, to more digits than a difference of points has."""
         return self.carried(poses.rotation - self._rotation0, poses.displacement)
 
     def magnified(self, poses: Poses, factor: float) -> np.ndarray:
-        """World points (f, n, 3) with the motion of each block, its shift and its turning angle, times ``factor``."""
+        """World points (f, n, 3) with the translation and the rotation angle of each block multiplied by ``factor``."""
         if factor == 1.0:
             return self.points(poses)
         turned = rotation_times(poses.rotation @ self._rotation0.swapaxes(1, 2), factor)
@@ -67,7 +68,7 @@ class CarriedPoints:
 
 
 def all_vertices(history: History) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Vertices (n, 3) of all blocks in their body axes, the block of each, and where each block's begin."""
+    """Vertices (n, 3) m of all blocks in their body axes, the block of each, and the offset of each block's first."""
     vertices = [history.block_vertices(i) for i in range(history.n_block)]
     counts = [len(own) for own in vertices]
     block = np.repeat(np.arange(history.n_block), counts)
@@ -75,8 +76,8 @@ def all_vertices(history: History) -> tuple[np.ndarray, np.ndarray, list[int]]:
 
 
 def moving_blocks(history: History, frame: int) -> list[int]:
-    """Numbers of the blocks that move in a frame, by more than a tenth of what the one does that moves furthest; all
-    of them where none does."""
+    """Numbers of the blocks that move in a frame, by more than a tenth of the greatest displacement; all blocks if none
+    moves."""
     body, block, starts = all_vertices(history)
     way = np.linalg.norm(CarriedPoints(history, body, block).moved(Poses.read(history, frame, frame + 1))[0], axis=1)
     far = [float(way[a:b].max(initial=0.0)) for a, b in zip(starts, starts[1:], strict=False)]
@@ -85,15 +86,15 @@ def moving_blocks(history: History, frame: int) -> list[int]:
 
 
 def largest_extent(points: np.ndarray, starts: list[int], blocks: Iterable[int]) -> float:
-    """Greatest extent along an axis of any of the blocks (m); the points of block i: ``starts[i]:starts[i + 1]``."""
+    """Greatest extent of any of the blocks along an axis (m); block i has the points ``starts[i]:starts[i + 1]``."""
     return max(float(np.ptp(points[starts[i] : starts[i + 1]], axis=0).max()) for i in blocks)
 
 
 def block_quantities(history: History, poses: Poses, start: int, stop: int) -> dict[str, np.ndarray]:
     """``displacement``, ``velocity``, ``spin`` (f, n_block, 3) and ``kinetic_energy`` (f, n_block); SI units.
 
-    Velocities that were not recorded are the mean ones between the frames before and after. What cannot be had from
-    the history is left out.
+    Velocities that were not recorded are means between the previous and the next frame. Quantities that the history
+    cannot give are left out.
     """
     found = {"displacement": poses.displacement}
     velocity = history.frame_values("velocity", start, stop)
@@ -110,7 +111,7 @@ def block_quantities(history: History, poses: Poses, start: int, stop: int) -> d
 
 
 def rotation_times(rotation: np.ndarray, factor: float) -> np.ndarray:
-    """Rotations (..., 3, 3) about the same axes by ``factor`` times their angles, at most half a turn."""
+    """Rotations (..., 3, 3) about the same axes by ``factor`` times the angles, at most half a turn."""
     skew = 0.5 * (rotation - rotation.swapaxes(-1, -2))
     sine = np.sqrt(skew[..., 2, 1] ** 2 + skew[..., 0, 2] ** 2 + skew[..., 1, 0] ** 2)
     angle = np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0))
@@ -121,10 +122,10 @@ def rotation_times(rotation: np.ndarray, factor: float) -> np.ndarray:
 
 
 def mean_velocities(history: History, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean velocity (m/s) and spin (rad/s) of the blocks (f, n, 3) between the frames before and after each.
+    """Mean velocity (m/s) and spin (rad/s) of the blocks (f, n, 3) between the previous and the next frame.
 
-    Frames hold orientations, which do not count turns: from one frame to the next a block is taken to turn by less than
-    half a turn, so that it may turn by a whole one between the two frames.
+    Orientations in frames do not count full turns. A block is assumed to turn by less than half a turn from one frame
+    to the next, hence by less than a full turn between the previous and the next.
     """
     last = history.n_frames - 1
     k = np.arange(start, stop)
@@ -138,7 +139,7 @@ def mean_velocities(history: History, start: int, stop: int) -> tuple[np.ndarray
     velocity = (displacement[after - first] - displacement[before - first]) / duration
     before, now, after = (orientation[number - first] for number in (before, k, after))
     turned, by_steps = _turn(before, after), _turn(before, now) + _turn(now, after)
-    # of all turns that end the same, that nearest to the one by steps
+    # of all rotations with the same final orientation, the nearest to the sum of the two steps
     axis = np.where(turned.any(axis=2, keepdims=True), turned, by_steps)
     size = np.linalg.norm(axis, axis=2, keepdims=True)
     axis = np.divide(axis, size, out=np.zeros_like(axis), where=size > 0.0)
@@ -147,5 +148,5 @@ def mean_velocities(history: History, start: int, stop: int) -> tuple[np.ndarray
 
 
 def _turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The rotation vectors (..., 3) from quaternions (..., 4) to others, of at most half a turn."""
+    """Rotation vectors (..., 3) rad, of at most half a turn, from quaternions ``start`` to ``end`` (..., 4)."""
     return rotation_vector(quaternion_product(end, start * np.array([1, -1, -1, -1])))

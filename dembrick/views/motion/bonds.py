@@ -1,6 +1,6 @@
-"""Strengths of the bonded joints of a recorded run: what they may carry in shear, how much of their tension they use.
+"""Strengths of the bonded joints of a recorded run: shear strength, and utilisation of the tensile strength.
 
-While a bond holds, the normal stress of a joint is linear over its area or its points, and may pull.
+While a bond holds, the normal stress of a joint is linear over its area or its points, and may be tensile.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ class Bonds:
             np.array([joint[key] for joint in joints.given], float) for key in STRENGTHS
         )
         self._area, self._friction = joints.area, joints.friction
-        self.cohere = (self.cohesion > 0.0) | (self.after > 0.0)  # shear strength goes with the area
+        self.cohere = (self.cohesion > 0.0) | (self.after > 0.0)  # part of the shear strength grows with the area
         self.bonded = (self.cohesion > 0.0) | (self.tension > 0.0) | (self.residual < self._friction)
         self.brittle = (self.after < self.cohesion) | (self.residual < self._friction)  # in shear
         arms, _, self._areas, self._owner = joints.points
         self._start = joints.point_start
-        # stress at each of these places: phi . H^-1 (N, M_2, -M_1)
+        # stress at each point or corner: phi . H^-1 (N, M_2, -M_1)
         self._places, self._matrices = [], []
         for j in range(joints.n_joint):
             own = slice(self._start[j], self._start[j + 1])
@@ -46,8 +46,8 @@ class Bonds:
         return load @ self._matrices[j] @ self._places[j].T
 
     def tension_utilisation(self, resultants: np.ndarray) -> np.ndarray:
-        """(f, j): greatest tension over the tensile strength, of joints whose bonds all hold; without any strength, how
-        far bending is on its way to a stress that pulls."""
+        """(f, j): greatest tension over tensile strength in joints with intact bonds; without tensile strength, the
+        bending stress over the mean stress, which is 1 at the onset of tension."""
         found = np.zeros(resultants.shape[:2])
         for j in np.flatnonzero(self.bonded):
             stress = self._stress(j, resultants)
@@ -60,10 +60,11 @@ class Bonds:
         return found
 
     def use_of_points(self, forces: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(f, j) and (f, j): the greatest pull over tensile strength, and the greatest shear over c A + mu N, among the
-        contact points of each joint, of their ``forces`` (f, c, 3) in its axes and areas, (f, c) or (c,) in m2.
+        """(f, j) and (f, j): greatest tension over tensile strength, and greatest shear over c A + mu N, among the
+        contact points of each joint, from their ``forces`` (f, c, 3) N in its axes and areas, (f, c) or (c,) in m2.
 
-        No record says which points hold: those that pull do, and what has broken bears less than c A + mu N.
+        The record does not say which points are intact: those in tension are, and broken ones bear less than
+        c A + mu N.
         """
         owner, normal = self._owner, forces[..., 2]
         found = []
@@ -78,8 +79,8 @@ class Bonds:
         return found[0], found[1]
 
     def area_strength(self, N: np.ndarray, held: np.ndarray, closed: np.ndarray) -> np.ndarray:
-        """V_0 (f, j) N of joints under ``N``, ``held`` and ``closed`` (f, j): the parts of their areas with a bond, and
-        that are closed."""
+        """V_0 (f, j) N of joints under ``N``; ``held`` and ``closed`` (f, j): shares of their areas that are bonded,
+        and that are closed."""
         bonded = self.cohesion * self._area + self._friction * N
         broken = np.where(N > 0.0, self.after * self._area * closed + self.residual * N, 0.0)
         return np.maximum(held * bonded + (1.0 - held) * broken, 0.0)
@@ -87,9 +88,9 @@ class Bonds:
     def point_strength(
         self, resultants: np.ndarray, held: np.ndarray, normal: np.ndarray, recorded: bool, area: np.ndarray
     ) -> np.ndarray:
-        """Shear (N) that every contact point (f, c) may carry under its ``normal`` force on its ``area``, (f, c) or
-        (c,) in m2; unless the forces were ``recorded``, under a linear stress in joints whose bonds all hold. Of joints
-        that have lost some of their bonds the mean of both."""
+        """Shear strength (N) of every contact point (f, c) under its ``normal`` force on its ``area``, (f, c) or (c,)
+        in m2; unless the forces were ``recorded``, joints with intact bonds have a linear stress. In joints that have
+        lost some of their bonds, the mean of bonded and broken strength."""
         normal = normal.copy()
         for j in np.flatnonzero(np.diff(self._start)) if not recorded else ():
             own, whole = slice(self._start[j], self._start[j + 1]), held[:, j] == 1.0

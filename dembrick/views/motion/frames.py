@@ -1,4 +1,4 @@
-"""Which row or frame of a record is next to a time, and which frames are of no equilibrium."""
+"""The row or frame of a record nearest to a time, and the frames that show no equilibrium."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views import summary
 
 PEAK, LAST = "peak", "last"
-LEFT = 5e-3  # of a limit load: a row that carries less is of blocks that have left it
+LEFT = 5e-3  # of a limit load: a row whose load differs by more belongs to blocks that have left the limit state
 MECHANISM = "limit"  # status of a history that shows the mechanism of limit analysis
 START = "start"  # status of a history that shows a structure before its run
 
 
 def nearest(times: np.ndarray, wanted) -> np.ndarray:
-    """Index of the entry of ``times`` (ascending) next to each wanted time; halfway, the earlier one."""
+    """Index of the entry of ``times`` (ascending) nearest to each wanted time; halfway, the earlier one."""
     return np.searchsorted(0.5 * (times[1:] + times[:-1]), wanted)
 
 
 def coming_down(history, frames=slice(None)) -> np.ndarray:
-    """Which ``frames`` show a structure that comes down after the last equilibrium of its record: no row tells what
-    its joints and supports carry then."""
+    """Whether each of ``frames`` shows the collapse after the last equilibrium of the record; no row has the forces of
+    joints and supports then."""
     times = np.asarray(history.frame_time[frames])
     if not (history.counts_equilibria and len(history.time)):
         return np.zeros(times.shape, bool)
@@ -28,11 +28,11 @@ def coming_down(history, frames=slice(None)) -> np.ndarray:
 
 
 def frame_number(history, frame: int | str | None = None, time: float | None = None, in_rows: bool = False) -> int:
-    """The number of a frame, which may be counted from the end, or of the one nearest to a ``time`` (s).
+    """The number of a frame, given as such (negative: from the end) or as the one nearest to a ``time`` (s).
 
-    PEAK is the frame at the limit, or at the greatest load of the record; LAST the last one, or ``in_rows`` the last
-    that is not `coming_down`; None is what suits the run, see `usual`. Raises HistoryError if there are no frames,
-    ScenarioError for one that is not there.
+    PEAK is the frame at the limit, or at the greatest load of the record; LAST the last one, or with ``in_rows`` the
+    last that is not `coming_down`; None is the default for the run, see `usual`. Raises HistoryError if there are no
+    frames, ScenarioError for a frame that does not exist.
     """
     if not history.n_frames:
         raise HistoryError(f'{history.path}: no frames were recorded; run it again with "frames" in output.channels')
@@ -63,8 +63,8 @@ def usual(history) -> str:
 
 
 def peak_time(history) -> float:
-    """When the record was at the limit (s, or the number of the equilibrium), or had its greatest load. Raises
-    ScenarioError where no load grows."""
+    """Time (s, or the number of the equilibrium) of the limit, or of the greatest load of the record. Raises
+    ScenarioError if no load grows."""
     point = summary.yield_point(history.results)
     at = point.get("limit_at")
     if history.curve.load is None or not history.n_row:
@@ -77,13 +77,13 @@ def peak_time(history) -> float:
     carry = np.flatnonzero(np.abs(loads - V) <= LEFT * abs(V))
     if not len(carry) or int(nearest(history.time, [at])[0]) in carry:
         return at
-    # steps that went on as the block accelerated have left the limit: the row next to equilibrium of those that carry V
+    # later steps, with the block accelerating, have left the limit: take the best balanced of the rows with load V
     return float(history.time[carry[int(np.argmin(np.asarray(history.unbalanced)[carry]))]])
 
 
 def ejected(history) -> np.ndarray:
-    """Whether each block (n,) comes off after the limit of a search: one of those that move at its end, where these are
-    less than half as many as move at the limit."""
+    """Whether each block (n,) is ejected after the limit of a search: it moves at the end, when fewer than half as many
+    blocks move as at the limit."""
     found = np.zeros(history.n_block, bool)
     results = history.results
     after, limit = (summary.part(results, name).get("blocks") for name in ("after", "collapse"))

@@ -1,4 +1,4 @@
-"""The hinges of a structure in a frame: those of its result where it comes down, else those that its forces tell."""
+"""The hinges of a structure in a frame: during collapse those named by the result, else those found from the forces."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from dembrick.views.motion.joints import HINGE, JointMotion
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-CLOSE = 1e-6  # of a joint: corners whose openings differ by less are as far apart
+CLOSE = 1e-6  # of a joint's size: corners whose gaps differ by less count as equally open
 CARRIES = 1e-6  # of the greatest N of a frame: joints with less carry nothing
 
 
 def hinges(history: History, joints: JointMotion, frame: int) -> list[int]:
     """Numbers of the joints that are hinges in a frame.
 
-    From the last equilibrium before a collapse on they are those that the result names: the joints that turn as the
-    blocks come down. Before that, and where the result names none, those whose centre of pressure has come to the edge.
+    From the last equilibrium before a collapse on, those named by the result: the joints that rotate in the collapse.
+    Before that, and if the result names none, those whose centre of pressure has reached the edge.
     """
     named = summary.part(history.results, "collapse").get("hinges")
     if isinstance(named, list) and named and frame >= frame_number(history, LAST, in_rows=True):
@@ -32,15 +32,15 @@ def hinges(history: History, joints: JointMotion, frame: int) -> list[int]:
         return [j for j, pair in enumerate(pairs) if pair in told]
     now = joints.at([frame])
     N = now.resultants[0, :, 0]
-    # from O of the start, also where a joint was cut as it slid over an edge: a slip is small against the joint
+    # from the initial O even if a joint was cut as it slid over an edge: the slip is small relative to the joint
     at = now.shift[0] + now.pressed_arm[0]
     out = way_to_edge(joints, N[None], at[None])[0]
     return np.flatnonzero((N > CARRIES * N.max(initial=0.0)) & (out >= HINGE)).tolist()
 
 
 def closed_edges(joints: JointMotion, frame: int) -> np.ndarray:
-    """Where the two faces of every joint are nearest to one another in a frame (j, 2) m, from O: half way between the
-    outermost of those corners."""
+    """Point (j, 2) m from O where the faces of each joint are closest in a frame: the middle of the box around the
+    corners with the least gap."""
     owner, corner = np.nonzero(joints.is_corner)
     arms = joints.polygon[owner, corner]
     apart = np.full(joints.is_corner.shape, np.inf)

@@ -1,4 +1,4 @@
-"""The joints of a recorded run in some of its frames: motion, forces, utilisation; see `motion.joints`."""
+"""The joints of a recorded run in selected frames: motion, forces, utilisation; see `motion.joints`."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from dembrick.views.motion.joints import JointMotion
 
 CHANNELS = ("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")
-_ALONG = 0.1  # of a force: with less of it across a face its line of action meets that far away
+_ALONG = 0.1  # of a force: with a smaller component normal to a face, its line of action meets the face far away
 
 
 class JointFrames:
-    """The joints of a history in some frames f, each quantity read and computed when it is first asked for.
+    """The joints of a history in f frames; each quantity is read and computed when first used.
 
     Arrays start with (f, j, ...), those of contact points with (f, c, ...) in the order of ``JointMotion.point_start``.
     """
@@ -49,14 +49,14 @@ class JointFrames:
 
     @cached_property
     def _turned(self) -> np.ndarray:
-        """(f, n, 4): quaternions of the turns of the blocks since the start."""
+        """(f, n, 4): quaternions of the rotations of the blocks since the start."""
         return quaternion_product(self._values("orientation"), self.joints.back)
 
-    # --- places ---
+    # --- positions ---
 
     @cached_property
     def relative(self) -> RelativeMotion:
-        """Motion of b against a since the start."""
+        """Motion of b relative to a since the start."""
         joints, a, b = self.joints, self.joints.block_a, self.joints.block_b
         apart = self._displacement[:, b] - self._displacement[:, a]
         if joints.small:  # displacements and rotation vectors are infinitesimal
@@ -72,7 +72,7 @@ class JointFrames:
         turn[..., 1:] = joints.along_axes(turn[..., 1:])
         s_1, s_2, s_3 = np.moveaxis(shift, -1, 0)
         w, x, y, z = np.moveaxis(turn, -1, 0)
-        # along the normal of the face that the polygon does not ride on; R turns b, n = (0, 0, 1)
+        # along the normal of the face to which the polygon is not attached; R turns b, n = (0, 0, 1)
         on_b = [s_3, 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)]  # n . (s + R p)
         n_1, n_2, n_3 = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), -2.0 * (x * x + y * y)
         on_a = [s_3 + s_1 * n_1 + s_2 * n_2 + s_3 * n_3, -n_1, -n_2]  # (s - p) . R n
@@ -81,37 +81,37 @@ class JointFrames:
 
     @cached_property
     def origin(self) -> np.ndarray:
-        """(f, j, 3) m: the points O of the blocks a in the world."""
+        """(f, j, 3) m: the points O on the blocks a, world coordinates."""
         joints, a = self.joints, self.joints.block_a
         return joints.origin + self._displacement[:, a] + turning(self._turned[:, a], joints.arm_a)
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """(f, j, 3, 3): the joints' axes riding on a, world, as rows."""
+        """(f, j, 3, 3): the joints' axes moving with a, world coordinates, as rows."""
         return self._riding(self.joints.block_a)
 
     @property
     def seen_axes(self) -> np.ndarray:
-        """(f, j, 3, 3): the axes, world, as rows, along which an observer on a sees motion and forces: the `axes`; in
-        the geometry of the start those of the start."""
+        """(f, j, 3, 3): the axes, world coordinates, as rows, along which an observer on a sees motion and forces: the
+        `axes`, or in small displacements the initial ones."""
         return self.acting_axes if self.joints.small else self.axes
 
     def _riding(self, blocks: np.ndarray) -> np.ndarray:
-        """(f, j, 3, 3): the joints' axes riding on one of the blocks (j,) of each, world, as rows."""
+        """(f, j, 3, 3): the joints' axes moving with the given ``blocks`` (j,), world coordinates, as rows."""
         axes = self.joints.axes
         return axes + turning(self._turned[:, blocks, None], axes)
 
     @cached_property
     def shift(self) -> np.ndarray:
-        """(f, j, 2) m: where O is on the block that the polygon rides on, from O of the start: elsewhere where part of
-        the polygon was cut off, because it slid over the edge of the other block's face."""
+        """(f, j, 2) m: current O relative to the initial O, on the host of the polygon; not zero if part of the polygon
+        was cut off because it slid over the edge of the other block's face."""
         found = self._values("joint_shift")
         return np.zeros((len(self._frames), self.joints.n_joint, 2)) if found is None else found
 
     @cached_property
     def acting_origin(self) -> np.ndarray:
-        """(f, j, 3) m: the points O in the world about which the resultants are, on the block that the polygon rides
-        on."""
+        """(f, j, 3) m: the points O, world coordinates, about which the resultants are taken, on the hosts of the
+        polygons."""
         joints, host = self.joints, self.joints.host
         away = np.einsum("fji,jik->fjk", self.shift, joints.axes[:, :2])
         turn = turning(self._turned[:, host], joints.arm_host + away)
@@ -119,9 +119,9 @@ class JointFrames:
 
     @cached_property
     def acting_axes(self) -> np.ndarray:
-        """(f, j, 3, 3): the axes of the resultants, world, as rows: t1 of the block that the polygon rides on, laid
-        into the plane of the other's face, t2, and the normal of that face from a to b. In the geometry of the start
-        those of the start: forces do not turn with the blocks there."""
+        """(f, j, 3, 3): the axes of the resultants, world coordinates, as rows: t1 of the host of the polygon projected
+        into the plane of the other block's face, t2, and the normal of that face from a to b. In small displacements
+        the initial ones: there the forces do not turn with the blocks."""
         joints, axes = self.joints, self.joints.axes
         if joints.small:
             return np.broadcast_to(axes, (len(self._frames), *axes.shape))
@@ -135,7 +135,7 @@ class JointFrames:
 
     @cached_property
     def resultants(self) -> np.ndarray:
-        """(f, j, 7): N, V_1, V_2, M_T, M_1, M_2 (N, N m; b on a, about O of now) and slip (m), of the nearest row."""
+        """(f, j, 7): N, V_1, V_2, M_T, M_1, M_2 (N, N m; b on a, about the current O) and slip (m), nearest row."""
         rows = self.joints.rows(self._frames) if self._rows is None else self._rows
         first, last = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
         found = np.empty((len(rows), self.joints.n_joint, len(CHANNELS)))
@@ -149,8 +149,8 @@ class JointFrames:
 
     @cached_property
     def about_start(self) -> np.ndarray:
-        """(f, j, 7): the `resultants`, their moments about O of the start. They are recorded about the centroid of what
-        is left of a joint that was cut as it slid over an edge, and one law cuts it later than another."""
+        """(f, j, 7): the `resultants` with moments about the initial O. The recorded moments are about the centroid of
+        what is left of a joint that was cut as it slid over an edge, and some laws cut it later than others."""
         found, (s_1, s_2) = self.resultants.copy(), np.moveaxis(self.shift, -1, 0)
         N, V_1, V_2 = np.moveaxis(self.resultants[..., :3], -1, 0)
         found[..., 3] += s_1 * V_2 - s_2 * V_1
@@ -160,17 +160,17 @@ class JointFrames:
 
     @cached_property
     def pressure_centre(self) -> np.ndarray:
-        """(f, j, 2) m: the centre of pressure (M_2, -M_1) / N from O; O where the joint carries no N."""
+        """(f, j, 2) m: the centre of pressure (M_2, -M_1) / N from O; zero if the joint carries no N."""
         N, _, _, _, M_1, M_2, _ = np.moveaxis(self.resultants, -1, 0)
         moments = np.stack([M_2, -M_1], axis=-1)
         return np.divide(moments, N[..., None], out=np.zeros_like(moments), where=N[..., None] > 0.0)
 
     @cached_property
     def pressed_arm(self) -> np.ndarray:
-        """(f, j, 2) m: where the line of action of each joint's force meets the face that the polygon rides on, from O
-        along that face's own t1 and t2: the toe of a block that rocks, however far. In the geometry of the start, in
-        tests at a constant rate, whose joints take slopes for small, and where the force runs along the face, the
-        `pressure_centre`."""
+        """(f, j, 2) m: the point where the line of action of each joint's force meets the face of the host of the
+        polygon, from O along that face's own t1 and t2: the toe of a rocking block at any rotation. The
+        `pressure_centre` in small displacements, in constant-rate tests, whose joints assume small slopes, and if the
+        force is nearly parallel to the face."""
         found = self.pressure_centre.copy()
         if self.joints.small_slopes:
             return found
@@ -187,14 +187,14 @@ class JointFrames:
 
     @cached_property
     def pressure_place(self) -> np.ndarray:
-        """(f, j, 3) m: the `pressed_arm` in the world, on the block that the polygon rides on."""
+        """(f, j, 3) m: the `pressed_arm` as a point in world coordinates, on the host of the polygon."""
         axes = self._riding(self.joints.host)
         return self.acting_origin + np.einsum("fji,fjik->fjk", self.pressed_arm, axes[:, :, :2])
 
     @cached_property
     def point_forces(self) -> np.ndarray | None:
         """(f, c, 3) N: force on b at every contact point, world axes; None if the history does not have them, or not
-        at the rows asked for."""
+        for the requested rows."""
         if self._rows is not None:
             others = self._rows != self.joints.rows(self._frames)
             if (others | coming_down(self._history, self._frames)).any():
@@ -205,32 +205,32 @@ class JointFrames:
     def normal_forces(self) -> np.ndarray:
         """(f, c) N: normal force of every contact point.
 
-        Recorded ones where the history has them; else the joint's N, shared as the springs share it: by tributary
-        area and penetration.
+        The recorded ones, if any; else the joint's N, distributed as by the springs: in proportion to tributary area
+        times penetration.
         """
         joints = self.joints
         arms, _, areas, owner = joints.points
         if self.point_forces is not None:
             return np.maximum(np.einsum("fci,fci->fc", self.point_forces, self.acting_axes[:, owner, 2]), 0.0)
         share = areas * np.maximum(-self.relative.distance(arms, owner), 0.0)
-        share = np.where(joints.sum_of_points(share)[:, owner] > 0.0, share, areas)  # by area where nothing is pressed
+        share = np.where(joints.sum_of_points(share)[:, owner] > 0.0, share, areas)  # by area if no point is pressed
         return self.resultants[:, owner, 0] * share / joints.sum_of_points(share)[:, owner]
 
     @property
     def utilisation(self) -> np.ndarray:
-        """(f, j): how much of its strength each joint uses, in friction or in bending, whichever is more: 1 if it
-        slides or twists, and 1 at a hinge."""
+        """(f, j): utilisation of the strength of each joint, the greater of friction and bending: 1 if it slides or
+        twists, and 1 at a hinge."""
         if self.joints.custom:
             return self.friction_utilisation
         return np.fmax(self.friction_utilisation, self.bending_utilisation)
 
     @cached_property
     def bending_utilisation(self) -> np.ndarray:
-        """(f, j): how far the `pressed_arm` is on its way from O to the edge of what can carry N: the polygon of a
-        convex joint, that around the contact points else; 1 is a hinge. A joint that crushes ends nearer to O, by as
-        much as N presses at f_c; N over f_c A if that is more. Of a bond that holds, tension over strength.
-        0 if the joint carries nothing, NaN if it was cut as it slid over an edge, see `friction_utilisation`, and if it
-        has lost part of a bond that pulls and its contact forces were not recorded."""
+        """(f, j): eccentricity of the `pressed_arm` from O over its limit, the edge of the region that can carry N: the
+        polygon of a convex joint, else the hull of the contact points; 1 is a hinge. In a joint that crushes, the limit
+        is reduced by the strip that bears N at f_c; N over f_c A if that is greater. For an intact bond, tension over
+        tensile strength. 0 if the joint carries nothing; NaN if it was cut as it slid over an edge, see
+        `friction_utilisation`, or has lost part of a tensile bond and its contact forces were not recorded."""
         joints, N = self.joints, self.resultants[..., 0]
         found, bonds = way_to_edge(joints, N, self.pressed_arm), joints.bonds
         if bonds is not None:
@@ -243,13 +243,13 @@ class JointFrames:
 
     @property
     def _loose(self) -> np.ndarray:
-        """(f, j): whether part of the bond is lost and part of it holds; only points break one after another."""
+        """(f, j): whether part of the bond is lost and part of it holds, as points break one after another."""
         return (self._held > 0.0) & (self._held < 1.0)
 
     @cached_property
     def _points_use(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """(f, j) and (f, j): the greatest pull over tensile strength at a contact point of each joint, and the greatest
-        shear over what a bonded point bears; None if contact forces were not recorded."""
+        """(f, j) and (f, j): greatest tension over tensile strength at a contact point of each joint, and greatest
+        shear over the strength of a bonded point; None if contact forces were not recorded."""
         if self.point_forces is None:
             return None
         axes = self.acting_axes[:, self.joints.points[3]]
@@ -267,17 +267,17 @@ class JointFrames:
 
     @cached_property
     def _areas(self) -> np.ndarray | None:
-        """(f, c) m2: areas of the contact points; None if the history does not have them, as older ones."""
+        """(f, c) m2: areas of the contact points; None if the history, an older one, does not have them."""
         return self._values("contact_area")
 
     @property
     def held(self) -> np.ndarray | None:
-        """(f, j): the part of every joint's area whose bond holds; None where no joint has more than friction."""
+        """(f, j): share of each joint's area whose bond holds; None if no joint has more than friction."""
         return None if self.joints.bonds is None else self._held
 
     @cached_property
     def point_strength(self) -> np.ndarray | None:
-        """(f, c) N: the shear that every contact point may carry; None where no joint has more than friction."""
+        """(f, c) N: shear strength of every contact point; None if no joint has more than friction."""
         bonds = self.joints.bonds
         if bonds is None:
             return None
@@ -286,22 +286,21 @@ class JointFrames:
 
     @cached_property
     def _held(self) -> np.ndarray:
-        """(f, j): the part of every joint's area whose bond holds; zero if it never had one."""
+        """(f, j): share of each joint's area whose bond holds; zero if it never had one."""
         found = self._values("bond")
         return np.where(self.joints.bonds.bonded, 0.0 if found is None else found, 0.0)
 
     @cached_property
     def friction_utilisation(self) -> np.ndarray:
-        """(f, j): gauge of (V_1, V_2, M_T) in the joint's own limit set at its N; 1 is the yield domain's edge.
+        """(f, j): gauge of (V_1, V_2, M_T) in the joint's limit set at its N; 1 is the boundary of the yield domain.
 
         ``convex``: the exact surface of the polygon under the pressure of its law. Point formulations: the set of all
         forces that Coulomb friction at the points can give, each under its own normal force. Bonds add their cohesion
-        as long as they hold. A joint without friction
-        strength is at 0 when it carries nothing, and at infinity else. Where contact forces were not recorded, a joint
-        that touches at a corner with next to no force may read above 1. NaN for a joint that was cut where it slid over
-        an edge, unless its contact points were recorded: its strength is that of a polygon which is not known; and for
-        all that touch by a law of the user's own, which is not known either. A joint whose bonds break one after
-        another is at 1 where the next one does; NaN if its contact forces were not recorded.
+        as long as they hold. For a joint without friction strength it is 0 if the joint carries nothing, else infinite.
+        If contact forces were not recorded, it may exceed 1 for a joint that touches at a corner with almost no force.
+        NaN for a joint that was cut as it slid over an edge, unless its contact points were recorded, since its polygon
+        is not known, and for joints in contact with a user-defined law. For a joint whose bonds break one after another
+        it is 1 when the next one breaks; NaN if its contact forces were not recorded.
         """
         joints, resultants = self.joints, self.resultants
         found = np.zeros(resultants.shape[:2])
@@ -340,7 +339,7 @@ class JointFrames:
                     one = slice(k, k + 1)
                     point_gauges(x, y, *rest, normal[one], force[one], joints.twist[1], np.zeros(6), found[one])
         found[unknown] = np.nan
-        if joints.bonds is not None:  # the next bond to give way says how much is used, not the mean of both strengths
+        if joints.bonds is not None:  # the next bond to break sets the utilisation, not the mean of both strengths
             apart = self._loose & (joints.bonds.brittle | (joints.bonds.tension > 0.0))
             if self._points_use is not None:
                 apart &= joints.bonds.brittle
@@ -348,8 +347,9 @@ class JointFrames:
         return found
 
     def _shear_arms(self, k: int, arms: np.ndarray) -> np.ndarray:
-        """Where friction acts (2, c) from O of now, in the ``k``-th frame: nearer to it than the ``arms`` (c, 2) of the
-        points from O of the start by as much as at the start."""
+        """Points where friction acts (2, c) m, from the current O in the ``k``-th frame: the ``arms`` (c, 2) of the
+        points, which are from the initial O, moved to the current O and scaled by the initial ratio of shear arms to
+        normal arms."""
         normal, shear, _, owner = self.joints.points
         size = np.zeros((2, self.joints.n_joint))
         for row, points in zip(size, (normal, shear), strict=True):

@@ -1,12 +1,12 @@
 """Joints of a recorded run: motion, opening, slip, torsion centre, forces, utilisation.
 
-The motion of b against a is a finite rotation and a shift, seen by an observer who rides on a: the rotation is that of
-b's quaternion against a's, the shift goes from the point O of a to the point O of b. Both are measured from the start
-and written in the joint's axes t1, t2, n. Quaternions keep their digits for small rotations, rotation matrices do not.
-A run in small displacements, as searches are, keeps the geometry of the start: there shifts and rotation vectors are
-differences, and openings and slip are linear in them, as the forces are that were found with them.
+The motion of b relative to a is a finite rotation and a shift, as seen by an observer moving with a: the rotation is
+that of b's quaternion relative to a's, the shift goes from point O of a to point O of b. Both are measured from the
+start, in the joint's axes t1, t2, n. Small rotations keep their digits in quaternions, but not in rotation matrices.
+Runs in small displacements, such as searches, use the initial geometry: shifts and rotation vectors are differences,
+and openings and slip are linear in them, like the forces that were computed from them.
 
-Arrays have the shape of the frames asked for in front: (j, ...) for one frame, (f, j, ...) for f of them.
+Arrays begin with the dimension of the requested frames: (j, ...) for one frame, (f, j, ...) for f of them.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from dembrick.views.motion.relative import STATES, torsion_centre
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-HINGE = 0.99  # of the way from O to the edge: the centre of pressure of a hinge of stiff joints is as far out
+HINGE = 0.99  # of the distance from O to the edge: in a hinge of stiff joints the centre of pressure is as far out
 
 
 class JointMotion:
-    """The joints of a history (or of anything with the same attributes), or ``only`` the one of that number.
+    """The joints of a history (or of an object with the same attributes), or ``only`` the one of that number.
 
-    ``polygon`` (j, m, 2): corners, those of joints with fewer than m repeat the last one; ``n_corner`` (j,);
-    ``is_corner`` (j, m): which are none of these; ``size`` (j,) m: greatest distance of a corner from O;
-    ``point_start`` (j + 1,) into the list of all contact points.
+    ``polygon`` (j, m, 2): corners; joints with fewer than m repeat the last one. ``n_corner`` (j,): their number.
+    ``is_corner`` (j, m): false for repeated ones. ``size`` (j,) m: greatest distance of a corner from O.
+    ``point_start`` (j + 1,): offsets into the list of all contact points.
     """
 
     def __init__(self, history: History, only: int | None = None):
@@ -47,7 +47,7 @@ class JointMotion:
         own = slice(None) if only is None else slice(only, only + 1)
         self.given = joints = history.joints[own]
         of_points = slice(None) if only is None else slice(before[only], before[only + 1])
-        # where these joints and their contact points stand in what a history holds of all
+        # positions of these joints and their contact points in the arrays of the history
         self.column = {"joint": own, "joint_shift": own, "bond": own}
         self.column |= dict.fromkeys(("contact_force", "contact_arm", "contact_area"), of_points)
         self.n_joint = len(joints)
@@ -78,14 +78,13 @@ class JointMotion:
         self.back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
 
     def at(self, frames, rows: Sequence[int] | None = None) -> JointFrames:
-        """The joints in some frames: a range, or a list of numbers; with the forces of these ``rows``, else of those
+        """The joints in some frames, a range or a list of numbers; with the forces of ``rows``, by default of the rows
         nearest in time."""
         return JointFrames(self, frames, rows)
 
     def torsion_centre(self, frame: int, since: int | None = None) -> np.ndarray:
-        """Torsion centre (j, 2) of every joint from O in its axes, for the increment from frame ``since`` (default:
-        the one before) to ``frame``; see :func:`torsion_centre`. NaN also in the first frame, and where the joint is
-        open."""
+        """Torsion centre (j, 2) m of every joint from O in its axes, for the increment from frame ``since`` (default:
+        the one before) to ``frame``; see :func:`torsion_centre`. NaN also in the first frame, and for open joints."""
         frame = range(self.history.n_frames)[frame]
         since = frame - 1 if since is None else range(self.history.n_frames)[since]
         if since < 0:
@@ -99,10 +98,10 @@ class JointMotion:
         return nearest(self.history.time, self.history.frame_time[frames])
 
     def along_axes(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (f, j, 3), one a joint, in the joints' axes."""
+        """Vectors (f, j, 3), one per joint, in the joints' axes."""
         return np.einsum("jik,fjk->fji", self.axes, vectors)
 
-    # --- what does not move ---
+    # --- constant quantities ---
 
     @cached_property
     def points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -115,7 +114,7 @@ class JointMotion:
         return normal, shear, areas, np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
 
     def sum_of_points(self, values: np.ndarray) -> np.ndarray:
-        """(f, j): the sum of what the contact points (f, c) of each joint have; zero without any."""
+        """(f, j): sum of the values (f, c) of the contact points of each joint; zero for joints without points."""
         found, own = np.zeros((len(values), self.n_joint)), np.flatnonzero(np.diff(self.point_start))
         if len(own):
             found[:, own] = np.add.reduceat(values, self.point_start[own], axis=1)
@@ -123,36 +122,36 @@ class JointMotion:
 
     @cached_property
     def pieces(self) -> list[list[np.ndarray]]:
-        """Numbers of the corners of each convex piece of every joint: one piece, but where blocks of several parts
-        touch in one plane."""
+        """Numbers of the corners of each convex piece of every joint: one piece, unless blocks of several parts touch
+        in one plane."""
         return [pieces(corners[:count]) for corners, count in zip(self.polygon, self.n_corner, strict=True)]
 
     @cached_property
     def bonds(self) -> Bonds | None:
-        """Strengths of the joints beside friction; None if they have none."""
+        """Strengths of the joints besides friction; None if they have none."""
         return Bonds(self) if self.given and "cohesion" in self.given[0] else None
 
     @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Outward normals (j, m, 2) of the edges of what can carry the normal force of every joint, and their distances
-        (j, m) from O (m); joints with fewer than m edges have normals of no length."""
+        """Outward normals (j, m, 2) of the edges of the region that can carry the normal force of each joint, and their
+        distances (j, m) from O (m); joints with fewer than m edges are filled up with zero normals."""
         return edges(self)
 
     @cached_property
     def twist(self) -> tuple[np.ndarray, np.ndarray]:
-        """Slip twists that told the utilisation of convex joints and of those with points, where the next search
-        starts: that of a neighbouring frame is found five times as fast from there."""
+        """Last slip twists from the utilisation of convex joints and of joints with points: the start of the next
+        search, which is five times as fast from there in a neighbouring frame."""
         with_points = np.diff(self.point_start) > 0
         return np.zeros(((~with_points).sum(), 3)), np.zeros((with_points.sum(), 3))
 
     @cached_property
     def pressures(self) -> list[str]:
-        """Pressure that the law of each convex joint assumes."""
+        """Pressure assumed by the law of each convex joint."""
         return [self.given[j]["pressure"] for j in self.surfaces[-1]]
 
     @cached_property
     def surfaces(self) -> tuple[Outlines, np.ndarray, np.ndarray] | None:
-        """Joints without contact points: what `area_gauges` needs of their polygons, and their numbers."""
+        """Polygons of the joints without contact points, as `area_gauges` needs them, and numbers of these joints."""
         joint = np.flatnonzero(np.diff(self.point_start) == 0)
         if not len(joint):
             return None
@@ -162,7 +161,7 @@ class JointMotion:
         return outlines, np.arange(len(joint)), joint
 
     def greatest_of_blocks(self, of_joint: np.ndarray) -> np.ndarray:
-        """(f, n_block): the greatest of what the joints (f, j) of each block have; NaN of a joint says nothing."""
+        """(f, n_block): greatest value of the joints (f, j) of each block; NaN values are ignored."""
         found = np.zeros((self.history.n_block, len(of_joint)))
         for blocks in (self.block_a, self.block_b):
             np.fmax.at(found, blocks, of_joint.T)

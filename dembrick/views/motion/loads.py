@@ -1,6 +1,4 @@
-"""Loads and ties of a recorded run: where the arrow of a load ends on its block, so that it is seen outside the stone;
-the ends of ties in its frames, and what they carry.
-"""
+"""Loads and ties of a recorded run: placement of load arrows outside their blocks; ends and forces of ties."""
 
 from __future__ import annotations
 
@@ -17,22 +15,22 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 
-_BEFORE = 0.05  # of a structure's extent: so far before it ends the arrow of the forces on all its blocks
-_ON_FACE = 1e-6  # of a block's size: a point so near to a face lies on it
-_ALONG = 0.05  # of a direction: what is less across a face goes along it
+_BEFORE = 0.05  # of a structure's extent: gap between it and the tip of the arrow of the forces on all its blocks
+_ON_FACE = 1e-6  # of a block's size: a point this close to a face lies on it
+_ALONG = 0.05  # normal component of a unit direction below which it counts as parallel to a face
 
 
 class Place(NamedTuple):
-    """Where the arrow of a load ends: ``shift`` (m) along its direction from the point of application to its tip, or to
-    its tail if it ``pulls``."""
+    """Placement of the arrow of a load: ``shift`` (m) along its direction from the point of application to its tip, or
+    to its tail if it ``pulls``."""
 
     shift: float
     pulls: bool
 
 
 class Load(NamedTuple):
-    """A load on ``block`` at ``arm`` (3,) m from its centroid, world axes at the start, along ``way`` (3,), of some
-    ``size``: the weight of an actuator, N of a dead load."""
+    """A load on ``block`` at ``arm`` (3,) m from its centroid, in world axes at the start, along the unit vector
+    ``way`` (3,). ``size``: the weight of an actuator, or the size of a dead load in N; ``place``: of its arrow."""
 
     block: int
     arm: np.ndarray
@@ -42,7 +40,7 @@ class Load(NamedTuple):
 
 
 def driven_loads(history: History) -> list[Load]:
-    """The actuators and driven pressures, in the order of the history; forces on all blocks as one, their resultant."""
+    """The actuators and driven pressures, in the order of the history; forces on all blocks as their resultant."""
     actuators = history.actuators
     if all_of(history, BODY_FORCE):
         return _resultant(history)
@@ -58,8 +56,8 @@ def driven_loads(history: History) -> list[Load]:
 
 
 def _resultant(history: History) -> list[Load]:
-    """The forces on all blocks as one load that rides on a support, whose arrow ends before the structure; none if they
-    balance."""
+    """The resultant of the forces on all blocks as a load attached to a support, whose arrow ends in front of the
+    structure; empty if they balance."""
     forces = np.array([actuator["direction"] * actuator["weight"] for actuator in history.actuators])
     size, total = np.linalg.norm(forces, axis=1), forces.sum(axis=0)
     most = float(np.linalg.norm(total))
@@ -79,7 +77,7 @@ def _resultant(history: History) -> list[Load]:
 
 
 def dead_loads(history: History) -> list[Load]:
-    """The dead loads besides gravity, pressures as one resultant a face; none of them zero."""
+    """The dead loads other than gravity that are not zero; pressures as one resultant per face."""
     found = []
     for load in history.loads:
         arm = load["point"] - history.position0[load["block"]]
@@ -89,7 +87,7 @@ def dead_loads(history: History) -> list[Load]:
 
 
 def all_of(history: History, kind: str) -> bool:
-    """Whether there are actuators and all of them are of a ``kind``, of `assembly.actuators.KINDS`."""
+    """Whether there are actuators and all of them are of one ``kind`` of `assembly.actuators.KINDS`."""
     return {actuator["kind"] for actuator in history.actuators} == {kind}
 
 
@@ -100,10 +98,10 @@ def _load(history: History, block: int, arm: np.ndarray, force: np.ndarray) -> L
 
 
 def arrow_place(history: History, block: int, arm: np.ndarray, way: np.ndarray) -> Place:
-    """Where the arrow of a force along ``way`` (3,) at ``arm`` (3,) m of a block ends.
+    """Placement of the arrow of a force along ``way`` (3,) at ``arm`` (3,) m of a block.
 
-    One that presses on the face that its point lies on ends there; one that draws at its face begins there. Of any
-    other, within the stone or along a face, the tip is where the line of action enters the block.
+    A force that pushes on the face that contains its point ends there; one that pulls on it begins there. For any
+    other, inside the block or parallel to a face, the tip is where the line of action enters the block.
     """
     corners = history.block_vertices(block) @ rotation_matrix(history.orientation0[block]).T
     size, entry = float(np.ptp(corners, axis=0).max()), -np.inf
@@ -122,15 +120,15 @@ def arrow_place(history: History, block: int, arm: np.ndarray, way: np.ndarray) 
 
 
 def leaving(history: History, block: int, way: np.ndarray) -> Load:
-    """A block's own motion along ``way`` (3,) m as a load whose arrow begins where the line from its centroid leaves
-    it."""
+    """The displacement ``way`` (3,) m of a block as a load whose arrow begins where the line from its centroid leaves
+    the block."""
     size, corners = float(np.linalg.norm(way)), history.block_vertices(block)
     along = corners @ rotation_matrix(history.orientation0[block]).T @ way / size
     return Load(block, np.zeros(3), way / size, size, Place(float(along.max(initial=0.0)), True))
 
 
 class TieMotion:
-    """The t ties of a history, carried by their blocks."""
+    """The t ties of a history, moving with their blocks."""
 
     def __init__(self, history: History):
         self._history, self.count = history, history.n_tie
@@ -145,7 +143,7 @@ class TieMotion:
         return self._ends.magnified(poses, factor)
 
     def series(self, name: str, start: int, stop: int) -> np.ndarray:
-        """``tension`` (N) or ``yielded`` (m) of the frames start to stop (f, t)."""
+        """``tension`` (N) or ``yielded`` (m) in the frames start to stop (f, t)."""
         history = self._history
         if not history.n_row:
             return np.zeros((stop - start, self.count))

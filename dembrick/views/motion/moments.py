@@ -1,4 +1,4 @@
-"""The moment that a picture or a table shows, in words: the time or the equilibrium, and the load."""
+"""Description of the moment that a picture or a table shows: the time or the equilibrium, and the load."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from dembrick.views.motion.frames import START, coming_down, nearest, peak_time,
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-_SAME = 1e-12  # of a time: two that are one
+_SAME = 1e-12  # of a time: two times that differ by less are equal
 
 
 def words(history: History, frame: int) -> list[str]:
-    """When a frame is, and the load then."""
+    """Time or equilibrium of a frame, and its load, in words."""
     if history.status == START:
         return ["before the run"]
     now = float(history.frame_time[frame])
@@ -29,7 +29,7 @@ def words(history: History, frame: int) -> list[str]:
 
 
 def words_of_row(history: History, row: int, time: float | None = None) -> list[str]:
-    """When a row is, or the ``time`` (s) next to it, and the load of the row."""
+    """Time or equilibrium of a row, or the given ``time`` (s) near it, and the load of the row, in words."""
     now = float(history.time[row]) if time is None else time
     return [f"{_when(history, now)}{_at_limit(history, now)}", *_load(history, float(history.load[row]))]
 
@@ -48,7 +48,7 @@ def _at_limit(history: History, now: float) -> str:
 
 
 def _load(history: History, value: float) -> list[str]:
-    """The load in words; of a table that tilts its angle too."""
+    """The load in words; for a tilting table also its angle."""
     curve = history.curve
     if curve.load is None:
         return []

@@ -1,4 +1,4 @@
-"""The motion of a joint's block b against its block a since the start, as an observer on a sees it."""
+"""The motion of a joint's block b relative to its block a since the start, as seen by an observer on a."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 from dembrick.geometry.rotations import quaternion_product, rotation_vector, turning
 
 STATES = ("closed", "partly open", "open")
-TOUCHING = 1e-12  # of a joint's size: an opening below it is rounding
-STILL = 1e-13  # of a joint's size: an increment below it is rounding
-PURE = 1e-7  # of the slip at the joint's rim: a part of an increment that is not there
+TOUCHING = 1e-12  # of a joint's size: a smaller opening is rounding
+STILL = 1e-13  # of a joint's size: a smaller increment is rounding
+PURE = 1e-7  # of the slip at the joint's edge: a smaller rotational part of an increment counts as zero
 
 
 @dataclass(frozen=True)
 class RelativeMotion:
-    """Motion of b against a since the start, in the joint's axes riding on a.
+    """Motion of b relative to a since the start, in the joint's axes moving with a.
 
-    ``shift`` (..., j, 3) m: from the point O of a to the point O of b; ``turn`` (..., j, 4): quaternion of b;
-    ``plane`` (..., j, 3): the opening of the joint at O (m) and its slopes along t1 and t2, measured along the normal
-    of the face that the polygon does not ride on. ``joints``: what a `JointMotion` says of their shapes. ``small``
-    (..., j, 3) rad: the rotation vector where rotations are infinitesimal, else None.
+    ``shift`` (..., j, 3) m: from point O of a to point O of b; ``turn`` (..., j, 4): quaternion of b; ``plane``
+    (..., j, 3): the opening of the joint at O (m) and its slopes along t1 and t2, measured along the normal of the face
+    to which the polygon is not attached. ``joints``: the `JointMotion` with their shapes. ``small`` (..., j, 3) rad:
+    the rotation vector if rotations are infinitesimal, else None.
     """
 
     joints: Any
@@ -39,7 +39,7 @@ class RelativeMotion:
 
     @property
     def rotation(self) -> np.ndarray:
-        """(..., j, 3) rad: rotation vector r1, r2, rn, its length at most half a turn."""
+        """(..., j, 3) rad: rotation vector r1, r2, rn, of at most half a turn."""
         return rotation_vector(self.turn) if self.small is None else self.small
 
     @property
@@ -49,23 +49,23 @@ class RelativeMotion:
 
     @cached_property
     def opening(self) -> np.ndarray:
-        """(..., j, m) m: distance of the faces at the corners of the polygon, negative if they press."""
+        """(..., j, m) m: gap between the faces at the corners of the polygon, negative if they penetrate."""
         plane, corners = self.plane[..., None, :], self.joints.polygon
         return plane[..., 0] + plane[..., 1] * corners[..., 0] + plane[..., 2] * corners[..., 1]
 
     @cached_property
     def _apart(self) -> np.ndarray:
-        """(..., j, m): whether the faces are apart at the corners by more than rounding."""
+        """(..., j, m): whether the gap at the corners is more than rounding."""
         return self.opening > TOUCHING * self.joints.size[:, None]
 
     @property
     def state(self) -> np.ndarray:
-        """(..., j) int: index into ``STATES``; faces are apart where it is by more than rounding."""
+        """(..., j) int: index into ``STATES``; gaps within rounding count as closed."""
         return self._apart.any(axis=-1).astype(int) + self._apart.all(axis=-1)
 
     @property
     def open_share(self) -> np.ndarray:
-        """(..., j): the part of the polygon's area over which the faces are apart."""
+        """(..., j): share of the polygon's area over which the joint is open."""
         partly = np.nonzero(self._apart.any(axis=-1) & ~self._apart.all(axis=-1))
         found, joint = self._apart.all(axis=-1).astype(float), partly[-1]
         height = self.opening[partly] - TOUCHING * self.joints.size[joint, None]
@@ -73,14 +73,14 @@ class RelativeMotion:
         return found
 
     def distance(self, points: np.ndarray, which) -> np.ndarray:
-        """(..., k) m: distance of the faces at points (k, 2), each of a joint of ``which`` (k,)."""
+        """(..., k) m: gap between the faces at points (k, 2), each in the joint given by ``which`` (k,)."""
         plane = self.plane[..., which, :]
         return plane[..., 0] + plane[..., 1] * points[..., 0] + plane[..., 2] * points[..., 1]
 
     def slip(self, joint: int, points: np.ndarray) -> np.ndarray:
-        """(..., k, 2) m: movement of b over a along t1 and t2 at points (k, 2) of one joint, elastic part included.
+        """(..., k, 2) m: displacement of b over a along t1 and t2 at points (k, 2) of one joint, elastic part included.
 
-        The shear arms of the contact points, or a :meth:`JointMotion.grid`.
+        The points may be the shear arms of the contact points or a :meth:`JointMotion.grid`.
         """
         points = np.asarray(points, float)
         flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
@@ -92,12 +92,11 @@ class RelativeMotion:
 
 
 def torsion_centre(first: RelativeMotion, second: RelativeMotion) -> np.ndarray:
-    """(..., j, 2) m: where b turned about from one motion to the other, from O in the joint's axes riding on a.
+    """(..., j, 2) m: centre of the rotation of b from one motion to the other, from O in the joint's axes on a.
 
-    The material point of b that comes back to its place in the joint's plane, the fixed point of a plane rotation by
-    delta about c: c = middle of the shifts + cot(delta / 2) / 2 times the increment turned by a right angle; cot(delta
-    / 2) = w / z of the quaternion. NaN if nothing moved, where the increment is pure shear, and where it is mostly a
-    tilt.
+    The material point of b that stays in place in the joint's plane, the fixed point of a plane rotation by delta about
+    c: c = middle of the shifts + cot(delta / 2) / 2 times the increment turned by a right angle; cot(delta / 2) = w / z
+    of the quaternion. NaN if nothing moved, and if the increment is pure shear or mostly a tilt.
     """
     w, x, y, z = np.moveaxis(quaternion_product(second.turn, first.turn * [1.0, -1.0, -1.0, -1.0]), -1, 0)
     size, step = first.joints.size, (second.shift - first.shift)[..., :2]
@@ -109,14 +108,14 @@ def torsion_centre(first: RelativeMotion, second: RelativeMotion) -> np.ndarray:
 
 
 def positive_area(corners: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Area (k,) of the part of convex polygons (k, m, 2) over which a linear function is above zero, of its values at
-    the corners (k, m), which are not all of one sign."""
+    """Area (k,) of the part of convex polygons (k, m, 2) where a linear function is positive; ``height`` (k, m): its
+    values at the corners, which must not all have the same sign."""
     following, at_following = np.roll(corners, -1, axis=1), np.roll(height, -1, axis=1)
     above, above_following = height > 0.0, at_following > 0.0
     crosses = above != above_following
     way = np.divide(height, height - at_following, out=np.zeros_like(height), where=crosses)
     cut = corners + way[..., None] * (following - corners)
-    # seen from a point of the cut, the cut itself spans no area
+    # taken from a point of the cut, the cut itself spans no area
     base = cut[np.arange(len(cut)), crosses.argmax(axis=1)][:, None]
     (x_1, y_1), (x_2, y_2) = (
         np.moveaxis(np.where(kept[..., None], own, cut) - base, -1, 0)

@@ -29,13 +29,13 @@ UNITS = {
 
 REACTION = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 CONTACT = {"N": "N", "V": "N", "M_T": "N m", "area": "m2", "slip": "m", "x": "m", "y": "m", "z": "m"}
-HANDED_OVER = "handed over"  # state of a joint of which a new contact of its two blocks bears more than it does
+HANDED_OVER = "handed over"  # state of a joint whose two blocks now bear more on a new contact than on the joint
 _FLAT = 0.7  # cosine of the angle between the normals of a joint and of a new contact that has taken its place
 
 
 class Moment(NamedTuple):
-    """The moment that a table is of: the ``frame`` that shows the motion, the ``row`` that has the forces, and the time
-    (s, or the number of the equilibrium) of each."""
+    """The moment of a table: the ``frame`` with the motion, the ``row`` with the forces, and their times
+    ``frame_time`` and ``time`` (s, or the number of the equilibrium)."""
 
     frame: int
     row: int
@@ -44,7 +44,7 @@ class Moment(NamedTuple):
 
 
 def moment(history: History, frame: int | str | None = None, time: float | None = None) -> Moment:
-    """The moment of a frame, the row next to it; or the frame and the row nearest to a ``time`` (s)."""
+    """The moment of a frame and the row nearest to it, or the frame and the row nearest to a ``time`` (s)."""
     number = frame_number(history, frame, time, in_rows=True)
     shown = float(history.frame_time[number])
     row = int(nearest(history.time, [shown if time is None else time])[0]) if history.n_row else 0
@@ -52,24 +52,23 @@ def moment(history: History, frame: int | str | None = None, time: float | None 
 
 
 def joint_table(history: History, frame: int | str | None = None, time: float | None = None) -> list[dict]:
-    """One dict a joint: ``joint`` (its two blocks), ``state`` and the quantities of ``UNITS``, in a frame, or at a
-    ``time`` (s): forces of the row and motion of the frame nearest to it.
+    """One dict per joint: ``joint`` (its two blocks), ``state`` and the quantities of ``UNITS``, in a frame, or at a
+    ``time`` (s) with the forces of the row and the motion of the frame nearest to it.
 
-    Resultants are the action of the second block on the first, in the axes t1 and t2 of the joint, about its centroid O
-    of the start, which rides on the block that its polygon rides on. ``e_1`` and ``e_2``: where the force meets the
-    face of that block, from O along its own t1 and t2: (M_2, -M_1) / N of joints that have not opened far, and the toe
-    of a block that rocks, however far; None if the joint carries nothing.
-    ``open_share``: the part of its area over which it is open. ``utilisation``: the gauge of V_1, V_2 and M_T in the
-    joint's yield domain at its N, or how far the centre of pressure is on its way to the edge, whichever is more; None
-    where it is not known, as of a joint that was ``HANDED_OVER``: see `new_contact_table`.
-    HistoryError if frames or joint forces were not recorded.
+    Resultants are the action of the second block on the first, in the axes t1 and t2 of the joint, about its initial
+    centroid O, which moves with the host of its polygon. ``e_1`` and ``e_2``: the point where the force meets the face
+    of the host, from O along its own t1 and t2: (M_2, -M_1) / N if the joint has not opened far, the toe of a rocking
+    block at any rotation; None if the joint carries nothing. ``open_share``: share of its area over which it is open.
+    ``utilisation``: the gauge of V_1, V_2 and M_T in the joint's yield domain at its N, or the eccentricity of N over
+    its limit, whichever is greater; None if not known, as for a joint that was ``HANDED_OVER``, see
+    `new_contact_table`. HistoryError if frames or joint forces were not recorded.
     """
     if not history.has_joints:
-        history.joint("N")  # says what to record
+        history.joint("N")  # raises, and says what to record
     at = moment(history, frame, time)
     joints = JointMotion(history)
     moved = now = joints.at([at.frame])
-    if time is not None:  # the row has a frame of its own, from which contact forces and bonds are
+    if time is not None:  # contact forces and bonds come from the frame nearest to the row
         now = joints.at([int(nearest(history.frame_time, [at.time])[0])], [at.row])
     columns = dict(zip(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip"), now.about_start[0].T, strict=True))
     columns["e_1"], columns["e_2"] = np.where(columns["N"] > 0.0, (now.shift + now.pressed_arm)[0].T, np.nan)
@@ -85,7 +84,7 @@ def joint_table(history: History, frame: int | str | None = None, time: float | 
 
 
 def _handed_over(history: History, now: JointFrames, frame: int) -> list[int]:
-    """Joints whose place new contacts have taken: of the same blocks, along the same normal, and pressed by more."""
+    """Joints replaced by new contacts of the same blocks with the same normal and a greater normal force."""
     met = history.frame_new_contacts(frame, frame + 1)
     if met is None or not len(met[1]["area"]):
         return []
@@ -101,9 +100,9 @@ def _handed_over(history: History, now: JointFrames, frame: int) -> list[int]:
 
 
 def new_contact_table(history: History, frame: int | str | None = None, time: float | None = None) -> list[dict] | None:
-    """One dict a contact that formed in the run and carries a force, in a frame or that nearest to a ``time`` (s):
-    ``contact`` (its two blocks) and the quantities of ``CONTACT``: forces along and across its normal, the torque about
-    it, and its centre of pressure, world axes. None where such forces act and were not recorded."""
+    """One dict per contact that formed during the run and carries a force, in a frame or in that nearest to a ``time``
+    (s): ``contact`` (its two blocks) and the quantities of ``CONTACT``: normal and shear force, torque about the
+    normal, and centre of pressure in world axes. None if such forces act but were not recorded."""
     if not history.in_real_time:
         return []
     at = moment(history, frame, time)
@@ -121,9 +120,9 @@ def new_contact_table(history: History, frame: int | str | None = None, time: fl
 
 
 def reaction_table(history: History, frame: int | str | None = None, time: float | None = None) -> list[dict]:
-    """One dict a support: ``support`` and its force ``F_x``, ``F_y``, ``F_z`` (N) and moment ``M_x``, ``M_y``, ``M_z``
-    (N m, about its centroid at the start) on the structure, in the row next to a frame or to a ``time`` (s); zero, as
-    the forces of joints are, in a frame that no row tells of."""
+    """One dict per support: ``support``, and the force ``F_x``, ``F_y``, ``F_z`` (N) and moment ``M_x``, ``M_y``,
+    ``M_z`` (N m, about its initial centroid) that it exerts on the structure, in the row nearest to a frame or to a
+    ``time`` (s); zero, like the joint forces, in frames of a collapse, which have no row."""
     if not (history.n_support and history.n_row):
         return []
     at = moment(history, frame, time)
