@@ -1,4 +1,4 @@
-"""Pictures and movies of the moving blocks, drawn without a display by pyvista, and a window to look at them."""
+"""Pictures and movies of the moving blocks, drawn by pyvista without a display, and an interactive window."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 SIZE = (1600, 1200)  # pixels of a picture
 MOVIE_SIZE = (960, 720)
-MOVIE_FRAMES = 100  # most frames of a movie, unless more are asked for
-EVEN = 0.01  # of the time between two frames: what differs by less is as good as even
+MOVIE_FRAMES = 100  # default for the greatest number of frames of a movie
+EVEN = 0.01  # of the time between two frames: frames that deviate by less count as evenly spaced
 
 
 @takes_paths
@@ -39,9 +39,8 @@ def meshes(
 ) -> pyvista.MultiBlock:
     """The blocks in one frame as a MultiBlock of PolyData, by name, with ``displacement`` (m, true) at the vertices.
 
-    ``frame``: "peak", "last" or a number; None is the peak of a search, else the last. ``time`` (s) takes the nearest
-    frame instead. ``magnification`` multiplies the motion: translation
-    and turning angle of each block.
+    ``frame``: "peak", "last" or a number; None is the peak of a search, else the last. ``time`` (s) selects the nearest
+    frame instead. ``magnification`` multiplies the translation and the rotation angle of each block.
     """
     import pyvista
 
@@ -69,12 +68,11 @@ def picture(
     size: tuple[int, int] | None = None,
     **look: Unpack[LookOptions],
 ) -> str:
-    """Write a PNG of one frame: the blocks, where they started, actuators, torsion centre; the path.
+    """Write a PNG of one frame: blocks, their initial positions, actuators, torsion centre; returns the path.
 
     Several histories are drawn side by side, to one scale, with the same colours and magnification. ``frame`` is
-    "peak", "last" or a number, from the end where negative; None is the peak of a search, else the last. ``time`` (s)
-    takes the nearest frame instead. ``look``: the fields of
-    :class:`dembrick.views.render.look.Look`.
+    "peak", "last" or a number, negative from the end; None is the peak of a search, else the last. ``time`` (s)
+    selects the nearest frame instead. ``look``: the fields of :class:`dembrick.views.render.look.Look`.
     """
     path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() != ".png":
@@ -97,9 +95,9 @@ def movie(
     progress: Callable[[int, int], None] | None = None,
     **look: Unpack[LookOptions],
 ) -> str:
-    """Write the motion as an animated GIF or an MP4 by the ending of ``path``; the path.
+    """Write the motion as an animated GIF or an MP4, by the ending of ``path``; returns the path.
 
-    At most ``count`` frames, ``fps`` of them a second, as :func:`movie_frames` chooses them; the rest as for
+    At most ``count`` frames, ``fps`` per second, chosen by :func:`movie_frames`; other arguments as for
     :func:`picture`. MP4 needs the extra ``movie``.
     """
     path, chosen, histories = os.fspath(path), Look(**look), _several(history)
@@ -112,9 +110,9 @@ def movie(
     target = check_output(path)
     frames = frames_side_by_side(histories, count)
     images.require(path)
-    # smooth edges would take most of the time of a movie
+    # anti-aliasing would take most of the time of a movie
     with _scenes(histories, chosen, frames, size or MOVIE_SIZE, smooth=False) as scenes:
-        # the scenes show their last frames, those with most colours
+        # the scenes show their last frames, which have the most colours
         sample = _pixels(scenes)[..., :3]
         sample = np.concatenate([sample, scenes[0].shades(sample.shape[1])])
         with images.movie(path, target, fps, sample) as add:
@@ -135,7 +133,7 @@ def _several(history: History | Sequence[History]) -> list[History]:
 def _scenes(
     histories: list[History], look: Look, frames: list[list[int]], size: tuple[int, int], smooth: bool
 ) -> Iterator[list[Scene]]:
-    """A scene for each history, side by side: to one scale, with the same colours and magnification."""
+    """A scene for each history, for display side by side: to one scale, with the same colours and magnification."""
     require_drawing()
     if len(histories) > 1 and look.magnification is None:
         factors = [automatic_magnification(own, numbers) for own, numbers in zip(histories, frames, strict=True)]
@@ -157,14 +155,14 @@ def _scenes(
 
 
 def _pixels(scenes: list[Scene]) -> np.ndarray:
-    """The scenes beside one another, (h, w, 3)."""
+    """Pixels (h, w, 3) of the scenes side by side."""
     return np.concatenate([scene.pixels()[..., :3] for scene in scenes], axis=1)
 
 
 def frames_side_by_side(histories: list[History], count: int) -> list[list[int]]:
-    """The frames of a movie of at most ``count``, as many of each history.
+    """The frames of a movie of several histories, at most ``count`` and equally many of each.
 
-    Equal times in real time, where a run that has ended stays as it is; equal parts of the way for equilibria.
+    Frames at equal times; a run that has ended keeps its last frame. For equilibria, frames at equal parts of the run.
     """
     if len(histories) == 1:
         return [movie_frames(histories[0], count)]
@@ -178,11 +176,11 @@ def frames_side_by_side(histories: list[History], count: int) -> list[list[int]]
 
 
 def movie_frames(history: History, count: int) -> list[int]:
-    """The frames of a movie of at most ``count``, so that equal times of the run take equal times of the movie.
+    """The frames of a movie, at most ``count``, such that equal times of the run take equal times of the movie.
 
-    All of them where there are no more and they follow each other evenly (but for the last, at which the run ended);
-    else those nearest to moments spread evenly over the run, one held as long as it is the nearest. Equilibria, which
-    know no time, are spread evenly by their numbers. Raises HistoryError if there are no frames.
+    All frames if there are few enough and they are evenly spaced in time (except the last, when the run ended);
+    else those nearest to moments spread evenly over the run, repeated as long as they are the nearest. Equilibria,
+    which have no time, are spread evenly by their numbers. Raises HistoryError if there are no frames.
     """
     last, times = frame_number(history, LAST), history.frame_time
     steps = np.diff(times)
@@ -194,7 +192,7 @@ def movie_frames(history: History, count: int) -> list[int]:
 
 @takes_paths
 def view(history: History, **look: Unpack[LookOptions]) -> None:
-    """Open a window with a time slider; the arrow keys go from frame to frame. Returns when it is closed.
+    """Open a window with a time slider; the arrow keys step from frame to frame. Returns when it is closed.
 
     ``look`` as for :func:`picture`.
     """

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 CRIMSON = "#B3003C"
-_WIDEST = 0.13  # of the picture's width: the longest scale bar
-_BAR = (0.9, 0.055)  # middle of the scale bar in the picture
-_IN_FRONT = -1e6  # of the depth of the scene: what is drawn so stands before everything else
+_WIDEST = 0.13  # of the picture's width: greatest length of the scale bar
+_BAR = (0.9, 0.055)  # middle of the scale bar, in shares of width and height
+_IN_FRONT = -1e6  # depth offset that puts lines and points in front of everything else
 
 
 def length_text(length: float) -> str:
@@ -32,7 +32,7 @@ def length_text(length: float) -> str:
 
 
 class ScaleBar:
-    """A bar of a round length of the scene, at the lower right; it follows the camera, whose projection is parallel."""
+    """A scale bar of round length at the lower right; it follows the camera, whose projection is parallel."""
 
     def __init__(self, plotter):
         import pyvista
@@ -58,7 +58,7 @@ class ScaleBar:
         plotter.renderer.AddObserver("StartEvent", lambda *_: self.fit())
 
     def fit(self) -> None:
-        """Give the bar the length that suits the camera."""
+        """Set the length of the bar for the current camera."""
         width, height = self._plotter.window_size
         whole = 2.0 * self._plotter.camera.parallel_scale * width / height
         if not (np.isfinite(whole) and whole > 0.0):
@@ -78,9 +78,9 @@ class ScaleBar:
 
 
 class ThrustLine:
-    """The line of thrust: the centres of pressure of the joints, joined through every block that two joints press.
+    """The line of thrust: centres of pressure of the joints, connected through each block between two loaded joints.
 
-    A dot is a hinge, see `hinges`.
+    Dots are hinges, see `hinges`.
     """
 
     def __init__(self, plotter, history: History, joints: JointMotion, forces: DrawnForces):
@@ -92,7 +92,7 @@ class ThrustLine:
         self._dots = pyvista.PolyData(np.zeros((joints.n_joint, 3)))
         width = max(2.0, plotter.window_size[0] / 360)
         how = {"color": CRIMSON, "lighting": False, "reset_camera": False}
-        # an empty mesh cannot be added: every joint has a line of no length until the first frame is shown
+        # an empty mesh cannot be added: every joint has a line of zero length until the first frame is shown
         self._line.lines = self._dots.verts = np.column_stack(
             [np.full(joints.n_joint, 2), np.arange(joints.n_joint), np.arange(joints.n_joint)]
         ).ravel()
@@ -117,12 +117,12 @@ class ThrustLine:
 def thrust_line(
     joints: JointMotion, forces: DrawnForces, free: Sequence[int], frame: int, poses: Poses
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Centres of pressure (j, 3) m on the drawn blocks, the pairs of joints (k, 2) that blocks join, the hinges."""
+    """Centres of pressure (j, 3) m on the drawn blocks, pairs of joints (k, 2) connected by a block, and hinges."""
     place, _ = forces.of_joints(frame, poses)
     now = joints.at([frame])
     N = now.resultants[0, :, 0]
     carries, bent = N > CARRIES * N.max(initial=0.0), hinges(joints.history, joints, frame)
-    if not carries[bent].all():  # it has opened so far that a new contact carries for it, along the edge that is left
+    if not carries[bent].all():  # a hinge opened so far that a new contact along the remaining edge carries its force
         meet = forces.on_joints(poses, closed_edges(joints, frame))
         place = np.where(carries[:, None], place, meet)
         carries[bent] = True
@@ -136,7 +136,7 @@ def thrust_line(
 
 
 def require_thrust(history: History, joints: JointMotion | None) -> JointMotion:
-    """The joints that a line of thrust goes through; HistoryError if there is no such line to draw."""
+    """The joints of the line of thrust; HistoryError if there is no such line."""
     if not (joints and history.has_joints and history.n_row):
         raise HistoryError(
             f"{history.path}: the line of thrust cannot be drawn because the forces of joints were not recorded; run "

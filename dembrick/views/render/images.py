@@ -1,4 +1,4 @@
-"""Pixels to files: PNG and GIF by Pillow (which pyvista brings), MP4 by the ffmpeg of imageio-ffmpeg or the PATH."""
+"""Write pixels to files: PNG and GIF with Pillow (comes with pyvista), MP4 with ffmpeg (imageio-ffmpeg or PATH)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dembrick.errors import MissingDependency
 from dembrick.history.files import replacing, write_whole, writing
 
 MOVIES = (".gif", ".mp4")
-_COLOURS = 256  # of a GIF's palette, taken from its last frame, which has the most colours
+_COLOURS = 256  # size of a GIF's palette, taken from its last frame, which has the most colours
 
 
 def write_png(image: np.ndarray, path: str) -> None:
@@ -41,7 +41,7 @@ def require(path: str) -> None:
 
 
 def _ffmpeg_program() -> str | None:
-    """Path of the ffmpeg that imageio-ffmpeg brings, else of that on the PATH; None if there is neither."""
+    """Path of the ffmpeg bundled with imageio-ffmpeg, else of that on the PATH; None if there is neither."""
     try:
         import imageio_ffmpeg
 
@@ -52,8 +52,8 @@ def _ffmpeg_program() -> str | None:
 
 @contextmanager
 def movie(path: str, target: str, fps: float, sample: np.ndarray) -> Iterator[Callable[[np.ndarray], None]]:
-    """Function that appends frames, pixels (h, w, 3), to a movie in ``target``, the file behind ``path``, which appears
-    when all are in it. ``sample``: pixels of a frame that has all the colours, which a GIF chooses its palette from."""
+    """Yield a function that appends frames, pixels (h, w, 3), to a movie. The file ``target``, the real path of
+    ``path``, appears when the movie is complete. ``sample``: pixels with all colours, for the palette of a GIF."""
     with replacing(target) as part:
         if os.path.splitext(path)[1].lower() == ".gif":
             frames: list = []
@@ -80,7 +80,7 @@ def movie(path: str, target: str, fps: float, sample: np.ndarray) -> Iterator[Ca
 
 
 def _gif_frames(frames: list, sample: np.ndarray) -> Callable[[np.ndarray], None]:
-    """Function that appends pixels to ``frames`` in the palette of a ``sample``."""
+    """Return a function that appends pixels to ``frames`` in the palette of a ``sample``."""
     from PIL import Image
 
     palette = Image.fromarray(sample).quantize(_COLOURS)
@@ -93,11 +93,11 @@ def _gif_frames(frames: list, sample: np.ndarray) -> Callable[[np.ndarray], None
 
 
 class _Ffmpeg:
-    """Process of ffmpeg that takes frames; even numbers of pixels and 4:2:0 are what every player shows."""
+    """An ffmpeg process that receives frames; sizes are made even and colours 4:2:0, which every player supports."""
 
     def __init__(self, part: str, fps: float, width: int, height: int):
         program = _ffmpeg_program()
-        assert program is not None  # `require` has asked
+        assert program is not None  # checked by `require`
         raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:.12g}", "-i", "-"]
         even = ["-vf", "scale=ceil(iw/2)*2:ceil(ih/2)*2"]
         coded = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "10", "-f", "mp4", "-movflags", "+faststart"]
@@ -106,7 +106,7 @@ class _Ffmpeg:
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._log)
 
     def add(self, image: np.ndarray) -> None:
-        """Append pixels (h, w, 3); OSError with the words of ffmpeg if it has ended."""
+        """Append pixels (h, w, 3); OSError with the message of ffmpeg if it has ended."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(np.ascontiguousarray(image).tobytes())
@@ -115,7 +115,7 @@ class _Ffmpeg:
             raise
 
     def close(self) -> None:
-        """Finish the file; OSError with the words of ffmpeg if it failed."""
+        """Finish the file; OSError with the message of ffmpeg if it failed."""
         with suppress(BrokenPipeError):
             self._process.communicate()
         if self._log.closed:

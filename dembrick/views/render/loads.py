@@ -1,6 +1,5 @@
-"""Loads in a picture: arrows outside the stone that end where they act, of driven loads and of dead ones.
-
-Reactions of supports in a picture: an arrow along the line of action of each, below its support.
+"""Arrows in a picture: driven and dead loads outside the blocks, with tips at their points of application; reactions
+along their lines of action, below the supports; ties as lines.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ if TYPE_CHECKING:
 
 
 DRIVEN, DEAD, SETTLES, REACTION, TIE = "#D55E00", "#5B3FA0", "#0072B2", "#333333", "#D8008A"
-_LONGEST = 0.5  # of the largest block that is free to move: the longest arrow
-_OF_BODIES = 0.15  # of the extent of the structure: the arrow of the forces on all blocks
-_POINT = 0.03  # of the longest arrow: the ball at a point of application
+_LONGEST = 0.5  # of the largest free block: length of the longest arrow
+_OF_BODIES = 0.15  # of the extent of the structure: length of the arrow of the forces on all blocks
+_POINT = 0.03  # of the longest arrow: radius of the ball at a point of application
 
 
 class LoadArrows:
-    """The ``loads`` of a ``history`` in one colour, drawn with the motion of the blocks times ``factor``; ``length``
-    (m) is that of the longest arrow; ``balls`` mark the points of application."""
+    """Loads ``given`` of a ``history`` in one colour, on blocks whose motion is multiplied by ``factor``. ``length``
+    (m): that of the longest arrow; ``balls``: mark the points of application."""
 
     def __init__(self, history: History, given: Sequence[loads.Load], factor: float, length: float, balls: bool = True):
         self._given, self._factor, self._length, self._has_balls = given, factor, length, balls
@@ -51,7 +50,7 @@ class LoadArrows:
         return len(self._given)
 
     def ends(self, poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points of application on the drawn blocks, tails and tips of the arrows, (k, 3) each."""
+        """Points of application on the drawn blocks, tails and tips of the arrows, (k, 3) m each."""
         if not self._given:
             return (np.zeros((0, 3)),) * 3
         points = self._points.magnified(poses, self._factor)[0]
@@ -59,7 +58,7 @@ class LoadArrows:
         return points, tails, tails + self._arrow
 
     def build(self, plotter, colour: str, somewhere: np.ndarray) -> None:
-        """Put the arrows into a plotter, ``somewhere`` (3,), until they are shown."""
+        """Add the arrows to a plotter; they lie ``somewhere`` (3,) until they are shown."""
         import pyvista
 
         place = np.tile(somewhere, (len(self._given), 1))
@@ -73,8 +72,8 @@ class LoadArrows:
 
 
 class DrawnLoads:
-    """All loads of a history but gravity: driven ones in orange, dead ones in violet. ``length`` (m): of the largest
-    block that is free to move; ``extent`` (m): of the structure."""
+    """All loads of a history except gravity: driven ones in orange, dead ones in violet. ``length`` (m): size of the
+    largest free block; ``extent`` (m): that of the structure."""
 
     def __init__(self, history: History, factor: float, length: float, extent: float):
         self._history, dead = history, loads.dead_loads(history)
@@ -113,8 +112,8 @@ class DrawnLoads:
 
 
 class DrawnSettlement:
-    """How the supports of a ``history`` will move, before a run: an arrow out of each; ``length`` (m) is that of the
-    longest one."""
+    """Prescribed displacements of the supports of a ``history``, shown before a run by an arrow from each. ``length``
+    (m): that of the longest."""
 
     def __init__(self, history: History, length: float):
         found = history.results.get("moving_supports") if history.status == START else None
@@ -145,13 +144,13 @@ class DrawnSettlement:
         return [f"{'blue: ' if far else ''}{summary.listed(list(self._ways))} {what} {told}"]
 
 
-LONGEST = 0.2  # of the structure's greatest extent: the arrow of the greatest reaction
+LONGEST = 0.2  # of the structure's greatest extent: length of the arrow of the greatest reaction
 
 
 class DrawnReactions:
-    """The reactions of a ``history``, drawn with the motion of the supports times ``factor``; none unless ``wanted``.
+    """The reactions of a ``history``, on supports whose motion is multiplied by ``factor``; none unless ``wanted``.
 
-    ``extent`` (m) is that of the structure. Raises HistoryError if they are wanted and nothing is fixed.
+    ``extent`` (m): that of the structure. Raises HistoryError if they are wanted but there are none.
     """
 
     def __init__(self, history: History, wanted: bool, factor: float, extent: float):
@@ -163,25 +162,25 @@ class DrawnReactions:
         self.largest = 0.0
 
     def survey(self, frames: list[int], poses_of, make_room) -> None:
-        """Let the longest arrow of all ``frames`` stand for the greatest reaction, and make room for the arrows."""
+        """Scale the arrows by the greatest reaction of all ``frames``, and make room for them in the picture."""
         if self._blocks:
             self.largest = max(float(np.linalg.norm(self._now(frame)[:, :3], axis=1).max()) for frame in frames)
             for frame in frames:
                 make_room(self.ends(frame, poses_of(frame)).reshape(-1, 3))
 
     def _now(self, frame: int) -> np.ndarray:
-        """Forces and moments (s, 6) of the row next to a frame; zero if the structure comes down."""
+        """Forces and moments (s, 6) of the row nearest to a frame; zero during a collapse."""
         history = self._history
         if coming_down(history, [frame])[0]:
             return np.zeros((len(self._blocks), 6))
         return history.reaction[nearest(history.time, [history.frame_time[frame]])[0]]
 
     def ends(self, frame: int, poses: Poses) -> np.ndarray:
-        """Tails and tips (s, 2, 3) of the arrows. They end at the far side of the support, on the line of action."""
+        """Tails and tips (s, 2, 3) m of the arrows, which end on the line of action at the far side of the support."""
         history, found = self._history, np.zeros((len(self._blocks), 2, 3))
         for k, (i, wrench) in enumerate(zip(self._blocks, self._now(frame), strict=True)):
             force = wrench[:3]
-            moment = wrench[3:] - np.cross(poses.displacement[0, i], force)  # about its centroid now
+            moment = wrench[3:] - np.cross(poses.displacement[0, i], force)  # about its current centroid
             size = float(np.linalg.norm(force))
             corners = history.block_vertices(i) @ rotation_matrix(history.orientation0[i]).T
             place, way = np.zeros(3), force / (size or 1.0)
@@ -213,13 +212,13 @@ WIDTH = 5
 
 
 class DrawnTies:
-    """The ties of a ``history``, drawn with the motion of their blocks times ``factor``."""
+    """The ties of a ``history``, on blocks whose motion is multiplied by ``factor``."""
 
     def __init__(self, history: History, factor: float):
         self._motion, self._factor, self._mesh = TieMotion(history), factor, None
 
     def ends(self, poses: Poses) -> np.ndarray:
-        """Where they are drawn (2 t, 3)."""
+        """Drawn ends (2 t, 3) m."""
         return self._motion.ends(poses, self._factor)[0]
 
     def build(self, plotter) -> None:

@@ -1,6 +1,4 @@
-"""How a history is shown: camera, magnification of the motion, colours, the quantity that the blocks are
-coloured by, and the unit that suits its size.
-"""
+"""Display options of a history: camera, magnification, the quantity that colours the blocks and its unit."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 
-VIEWS = {  # direction from the focus to the camera, and what is up in the picture
+VIEWS = {  # direction from the focus to the camera, and the upward direction of the picture
     "iso": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),
     "front": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
     "back": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
@@ -31,7 +29,7 @@ NAMES = ("none", "blocks", "joints", "all")
 
 
 class LookOptions(TypedDict, total=False):
-    """The fields of `Look` as keywords, each of which may be left out."""
+    """The fields of `Look` as optional keywords."""
 
     view: str
     magnification: float | None
@@ -44,11 +42,11 @@ class LookOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a history is shown: camera ``view`` (iso, iso-front, front, back, side, top), ``magnification`` of the motion
-    (None: so that it is seen; the picture says how much), the ``color`` of blocks (displacement, utilisation, slip, the
-    greatest of their joints, energy, kinetic, or none), whether the ``forces`` of joints and of new contacts are drawn.
-    ``names``: of blocks, joints, all or none of them, and only of those that move, where any does. ``thrust``: the line
-    of thrust with its hinges. ``reactions``: of the supports."""
+    """Display options of a history: camera ``view`` (iso, iso-front, front, back, side, top); ``magnification`` of the
+    motion (None: chosen to make it visible, and stated in the picture); ``color`` of the blocks (displacement; energy,
+    which is kinetic; utilisation or slip, the greatest of their joints; or none). ``forces``: draw the forces of joints
+    and new contacts. ``names``: those of blocks, joints, all or none, and only of moving ones if any block moves.
+    ``thrust``: draw the line of thrust with its hinges. ``reactions``: draw those of the supports."""
 
     view: str = "iso"
     magnification: float | None = None
@@ -60,7 +58,7 @@ class Look:
 
     @property
     def needs_forces(self) -> bool:
-        """Whether it shows anything of what joints and supports carry."""
+        """Whether forces of joints or supports are shown."""
         return self.forces or self.thrust or self.reactions or self.color in ("utilisation", "slip")
 
     def __post_init__(self):
@@ -91,7 +89,7 @@ _UNITS = {  # unit in steps of a thousand
 class Colouring:
     """Values of ``color`` at the vertices ("displacement") or of the blocks (all others), frame by frame.
 
-    Raises HistoryError if the history does not hold what they need.
+    Raises HistoryError if the history lacks the data for them.
     """
 
     def __init__(self, history: History, color: str, carried: CarriedPoints, joints: JointMotion | None):
@@ -109,7 +107,7 @@ class Colouring:
         return self.color == "displacement"
 
     def values(self, frame: int, poses: Poses) -> np.ndarray:
-        """(n_vertex,) or (n_block,), in SI units, of one frame whose poses are given."""
+        """(n_vertex,) or (n_block,), in SI units, in a frame with the given ``poses``."""
         if self.color == "displacement":
             return np.linalg.norm(self._carried.moved(poses)[0], axis=1)
         if self.color == "energy":
@@ -124,7 +122,7 @@ class Colouring:
             return Scale("velocity over\nthe greatest [-]", 1.0 / max(largest, 1e-300), 1.0)
         units = _UNITS[self.color]
         step = 0
-        # lengths in metres from 1 m on, as all other views
+        # lengths in metres from 1 m on, as in all other views
         while step < len(units) - 1 and 0.0 < largest * 1e3**step < (1.0 if units[step] == "m" else 0.1):
             step += 1
         top = 1.0 if self.color == "utilisation" else max(largest * 1e3**step, 1e-12)
@@ -133,7 +131,7 @@ class Colouring:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """``factor`` from SI to the unit of ``title``; the colours reach up to ``top``."""
+    """``factor``: from SI units to the unit of ``title``; ``top``: value at the end of the colour scale."""
 
     title: str
     factor: float

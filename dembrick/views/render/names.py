@@ -1,4 +1,4 @@
-"""Names over the blocks, none of which covers another one."""
+"""Labels over the blocks, placed so that none covers another."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 if TYPE_CHECKING:
     from dembrick.views.motion.blocks import Poses
 
-_STEPS = (0.0, 1.0, -1.0)  # heights of a name: how far up or down from its place it may stand
+_STEPS = (0.0, 1.0, -1.0)  # allowed vertical shifts of a name from its point, in heights of the name
 _GAP = 2.0  # pixels between names
 
 
 class Names:
     """Names at points of the scene, in front of everything; `spread` draws those that have room.
 
-    ``points`` (n, 3) m: where they belong; ``size`` (n, 2): pixels along and up; ``drawn`` (k,): which are in the
-    picture.
+    ``points`` (n, 3) m: their points; ``size`` (n, 2): width and height in pixels; ``drawn`` (k,): indices of those in
+    the picture.
     """
 
     def __init__(self, plotter, names: Sequence[str], colour: str):
@@ -42,11 +42,11 @@ class Names:
         plotter.add_actor(actor, reset_camera=False)
 
     def show(self, points: np.ndarray) -> None:
-        """Take the points where the names belong (n, 3) m."""
+        """Set the points of the names (n, 3) m."""
         self.points = np.array(points, float).reshape(-1, 3)
 
     def draw(self, which: np.ndarray, places: np.ndarray) -> None:
-        """Draw the names of these numbers (k,) at these places (k, 3) m."""
+        """Draw the names with the indices ``which`` (k,) at ``places`` (k, 3) m."""
         import pyvista
         from vtkmodules.vtkCommonCore import vtkStringArray
 
@@ -60,8 +60,8 @@ class Names:
 
 
 class NameBoard:
-    """The names of a picture, ``named``: each list of `Names` with what tells where they are, ``(poses, vertices) ->
-    points``; ``left_out``: how many of them have no room."""
+    """All names of a picture. ``named``: pairs of `Names` and the function ``(poses, vertices) -> points`` that gives
+    their points; ``left_out``: the number of names without room."""
 
     def __init__(self, plotter, named: Sequence[tuple[Names, Callable]]):
         self._plotter, self.named, self.left_out = plotter, list(named), 0
@@ -75,7 +75,7 @@ class NameBoard:
         self.spread()
 
     def spread(self) -> bool:
-        """Draw the names that have room as the camera stands; whether they may be others than before."""
+        """Draw the names that have room in the current view; return whether they may have changed."""
         camera = self._plotter.camera
         seen = (*camera.position, *camera.focal_point, *camera.up, camera.parallel_scale, *self._plotter.window_size)
         if not self.named or seen == self._seen:
@@ -86,8 +86,8 @@ class NameBoard:
 
 
 def spread(plotter, names: Iterable[Names]) -> int:
-    """Draw the ``names`` of the picture, the first ones first, each at its place or a line above or below it, and leave
-    out those that would cover another one. Returns how many these are."""
+    """Draw the ``names`` of the picture in order, each at its point or one line above or below it, and leave out those
+    that would cover another one. Returns how many are left out."""
     camera, (_, height) = plotter.camera, plotter.renderer.GetSize()
     up = np.array(camera.up, float)
     right = np.cross(np.array(camera.direction), up)
@@ -114,7 +114,7 @@ def spread(plotter, names: Iterable[Names]) -> int:
 
 
 def _pixels(plotter, look, text: str) -> tuple[float, float]:
-    """How many pixels a text is long and high."""
+    """Width and height of a text in pixels."""
     from vtkmodules.vtkRenderingCore import vtkTextRenderer
 
     box = [0, 0, 0, 0]

@@ -1,4 +1,4 @@
-"""The picture of blocks that overlap: they cannot be run, so there is no history of them."""
+"""Picture of overlapping blocks: such a scenario cannot be run, so it has no history."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
 SIZE = (1200, 900)
-_FEW = 8  # overlapping blocks: of more no names are written
-_GREY, _OTHERS = "#CFCFCF", 0.25  # colour of the blocks that do not overlap, and how much hides what is behind them
+_FEW = 8  # greatest number of overlapping blocks whose names are written
+_GREY, _OTHERS = "#CFCFCF", 0.25  # colour and opacity of the blocks that do not overlap
 
 
 def overlap_picture(scenario: Scenario, overlapping: Collection[int], path: str | os.PathLike) -> str:
-    """Path of a PNG of all blocks, those with the numbers ``overlapping`` in red, the others faint."""
+    """Write a PNG of all blocks, those with the numbers ``overlapping`` in red, the others faint; returns its path."""
     import pyvista
 
     path = os.fspath(path)

@@ -1,6 +1,6 @@
-"""The picture of a history in one of its frames: built once, moved from frame to frame.
+"""The picture of a history in one of its frames: built once, then moved from frame to frame.
 
-Nothing is rebuilt for a frame: points and colours are written into the meshes that VTK draws already.
+Nothing is rebuilt for a new frame: its points and colours are written into the existing VTK meshes.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from dembrick.views.render.names import NameBoard, Names
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-# Where the blocks go in a picture, as parts of its width and height: text above, colour bar, axes and scale beside.
+# Part of the picture that the blocks fill, in shares of its width and height: text above, colour bar and axes beside.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
-_WORDS, _LINE = 0.985, 1.95  # part of the height at which the words begin; pixels of a line over the size of letters
+_WORDS, _LINE = 0.985, 1.95  # top of the text, share of the height; height of a line (pixels) over the font size
 _GREY, _SAND, _BLUE = "#CFCFCF", "#EBDDBE", "#0072B2"
-_WIDE = 76  # characters of a line above the blocks
-# blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
+_WIDE = 76  # characters of a line of text above the blocks
+# greatest number of blocks drawn with thick lines and their initial positions; fewer if force arrows are drawn
 _FEW, _FEW_WITH_FORCES = 50, 12
-_FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
+_FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest free block: the longest arrow of a joint force
 
 
 class Scene:
     """Blocks, actuators, ties, reactions, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
 
-    ``frames``: those that will be shown; the colours, the camera and the magnification suit all of them. ``below``: the
-    part of the picture's height that is left free at its foot. ``name`` stands before the title. With ``waits`` nothing
-    is built yet: :meth:`build` is called once the scenes beside it are known.
+    ``frames``: those to be shown; colours, camera and magnification are chosen for all of them. ``below``: the share of
+    the picture's height left free at the bottom. ``name``: put before the title. With ``waits`` nothing is built yet;
+    :meth:`build` must be called when the scenes beside it are known.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Scene:
         self._reactions = DrawnReactions(history, look.reactions, self._factor, extent)
         direction, up = (np.array(v) for v in VIEWS[look.view])
         right = np.cross(up, direction)
-        # rows: to the right and up in the picture, and towards the camera
+        # rows: right and up in the picture, and towards the camera
         self._screen = np.array([right, np.cross(direction, right), direction])
         self._screen /= np.linalg.norm(self._screen, axis=1)[:, None]
         self._many = history.n_block > (_FEW_WITH_FORCES if look.forces else _FEW)
@@ -96,7 +96,7 @@ class Scene:
             self.build(self.largest, self.whole)
 
     def build(self, largest: float, whole: float) -> None:
-        """Draw the last of the frames: colours up to the value ``largest``, ``whole`` (m) the height of the picture."""
+        """Draw the last of the frames, with colours up to the value ``largest``; ``whole`` (m): picture height."""
         if self._colouring is not None:
             self._scale = self._colouring.scale(largest)
         self._build()
@@ -136,17 +136,17 @@ class Scene:
         self._text.input = self._words(self._centre_shown)
 
     def _spread_names(self) -> None:
-        """Where names have room as the camera stands now."""
+        """Place the names for the current camera."""
         if self._names.spread():
             self._text.input = self._words(self._centre_shown)
 
     def pixels(self) -> np.ndarray:
-        """The picture (h, w, 3) as it is now."""
+        """Pixels (h, w, 3) of the current picture."""
         self._plotter.render()
         return self._plotter.screenshot(return_img=True)
 
     def shades(self, width: int) -> np.ndarray:
-        """Pixels (h, width, 3) of all shades of the arrows, thin as they are, for who chooses few colours."""
+        """Pixels (h, width, 3) of all shades of the thin arrows, to be included in the choice of a small palette."""
         import pyvista
 
         rows = [np.zeros((0, 3))]
@@ -154,13 +154,13 @@ class Scene:
             rows.append(np.outer(np.linspace(0.25, 1.0, 8), pyvista.Color(colour).int_rgb))
         return np.repeat(np.repeat(np.concatenate(rows)[:, None], 8, axis=0), width, axis=1).astype(np.uint8)
 
-    # --- once ---
+    # --- done once ---
 
     def _poses(self, frame: int) -> Poses:
         return Poses.read(self._history, frame, frame + 1)
 
     def _marked_joint(self) -> tuple[dict, JointMotion] | None:
-        """The joint whose torsion centre is marked: the one that gave way under an actuator."""
+        """The joint whose torsion centre is marked: the one that failed under an actuator."""
         history = self._history
         if not (history.n_joint and history.actuators):
             return None
@@ -168,7 +168,7 @@ class Scene:
         return history.joints[number], JointMotion(history, number)
 
     def _survey(self, frames: list[int]) -> None:
-        """The room that the motion needs, seen from the camera, and the largest values, over all frames to be shown."""
+        """Find the extent of the motion seen from the camera, and the largest values, over all frames to be shown."""
         self._seen = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
         largest, gone = 0.0, ejected(self._history)
         past = frame_number(self._history, PEAK) if gone.any() and len(frames) > 1 else None
@@ -193,13 +193,13 @@ class Scene:
         extent = (self._seen[1] - self._seen[0])[:2]
         keys = self._keys(frames[-1], bool(self._marked), 9, n_left_out=9 if self._look.names != "none" else 0)
         lines = len(self._title()) + 1 + len(_lines(keys))
-        # letters grow with the width of the picture
+        # the font size grows with the width of the picture
         taken = (lines + 0.4) * _LINE * _font_size(width) / height
         self._top = max(min(_TOP, _WORDS - taken), self._below + 0.4)
         self.whole = max(extent[1] / (self._top - self._below), extent[0] / (_RIGHT - _LEFT) * height / width)
 
     def _make_room(self, points: np.ndarray) -> None:
-        """Points (n, 3) that must be in the picture."""
+        """Extend the picture to contain points (n, 3) m."""
         if len(points):
             seen = points @ self._screen.T
             self._seen[0] = np.minimum(self._seen[0], seen.min(axis=0))
@@ -211,7 +211,7 @@ class Scene:
         plotter, history, fixed = self._plotter, self._history, self._history.block_fixed
         plotter.set_background("white")
         many, forces = self._many, self._look.forces
-        # arrows stand between the blocks: the more blocks, the clearer these must be
+        # arrows are drawn between the blocks: the more blocks, the more transparent they must be
         opacity = (0.1 if many else 0.35) if forces else 1.0
         free = [i for i in range(history.n_block) if not fixed[i]]
         held = [i for i in range(history.n_block) if fixed[i]]
@@ -232,13 +232,13 @@ class Scene:
                 scalars="shown",
                 cmap="cividis",
                 clim=(0.0, self._scale.top),
-                ambient=0.35,  # with the diffuse part to one: what faces the light has the colour of the bar
+                ambient=0.35,  # sums to 1 with the diffuse part: faces towards the light have the colour of the bar
                 diffuse=0.65,
                 opacity=opacity,
                 scalar_bar_args=self._bar(),
             )
             if forces:
-                self._fade_bar(1.0 - (1.0 - opacity) ** (4 if many else 2))  # two faces of a block or two
+                self._fade_bar(1.0 - (1.0 - opacity) ** (4 if many else 2))  # two faces each of one or two blocks
         thin = {"color": "#999999", "opacity": 0.5} if forces and many else {"color": "black"}
         plotter.add_mesh(edges, line_width=1.5 if many else 3, **thin)
         if not many:
@@ -265,7 +265,7 @@ class Scene:
         self._text.prop.justification_vertical = "top"
 
     def _build_names(self) -> list[tuple[Names, Callable]]:
-        """The names that were asked for, each with what tells where they are: ``(poses, vertices) -> points``."""
+        """The requested names, each with the function ``(poses, vertices) -> points`` that gives their points."""
         history, found = self._history, [] if self._many else self._guides()
         if self._look.names in ("blocks", "all"):
             own = moving_blocks(history, self._last)
@@ -290,7 +290,7 @@ class Scene:
         return found
 
     def _guides(self) -> list[tuple[Names, Callable]]:
-        """Names of the directions in which guided blocks are held, on top of each."""
+        """Labels on top of guided blocks with the directions in which they are fixed."""
         history = self._history
         held = history.block_held
         guided = np.flatnonzero(held.any(axis=1) & ~history.block_fixed)
@@ -305,7 +305,7 @@ class Scene:
         return [(Names(self._plotter, told, _BLUE), tops)]
 
     def _surface(self, blocks: list[int]):
-        """The faces of some blocks on the vertices of all."""
+        """Mesh of the faces of some blocks, with the vertices of all blocks."""
         import pyvista
 
         faces = [
@@ -334,7 +334,7 @@ class Scene:
         return bar | {"title_font_size": size, "label_font_size": size}
 
     def _fade_bar(self, opacity: float) -> None:
-        """Give the colour bar the colours of blocks that shine through, on white."""
+        """Give the colour bar the colours of transparent blocks on white."""
         from vtkmodules.vtkCommonCore import vtkLookupTable
 
         (bar,) = self._plotter.scalar_bars.values()
@@ -346,14 +346,14 @@ class Scene:
         bar.SetLookupTable(table)
 
     def _place_camera(self, whole: float) -> None:
-        """Parallel projection: what must be seen fills the part of the picture that is left for it.
+        """Set a parallel projection in which the required extent fills its part of the picture.
 
         ``whole`` (m): height of the whole picture in the scene.
         """
         plotter = self._plotter
         low, high = self._seen
         width, height = plotter.window_size
-        # its middle against that of the part used
+        # offset of the middle of the picture from that of the part used
         aside = np.array([(1.0 - _LEFT - _RIGHT) * width / height, 1.0 - self._below - self._top, 0.0])
         focus = (0.5 * (low + high) + 0.5 * whole * aside) @ self._screen
         distance = (high - low)[2] + self._length
@@ -365,18 +365,18 @@ class Scene:
     # --- frame by frame ---
 
     def _rod_at(self, frame: int) -> np.ndarray:
-        """Ends (2, 3) of a thin axis through the torsion centre of the marked joint; (0, 3) where none is in sight."""
+        """Ends (2, 3) m of a rod through the torsion centre of the marked joint; (0, 3) if there is none nearby."""
         if self._marked:
             joint, motion = self._marked
             centre = motion.torsion_centre(frame)[0]
-            # nearly pure shear: a mark far away would shrink the blocks
+            # in nearly pure shear a mark far away would make the blocks small
             if np.isfinite(centre).all() and np.linalg.norm(centre) <= 2.0 * self._length:
                 middle = joint["origin"] + centre @ joint["axes"][:2]
                 return middle + 0.5 * self._length * np.outer([-1.0, 1.0], joint["axes"][2])
         return np.zeros((0, 3))
 
     def _show_centre(self, frame: int) -> bool:
-        """The axis of the torsion centre; whether it is in sight."""
+        """Show the axis of the torsion centre; return whether it is visible."""
         ends = self._rod_at(frame)
         if self._marked:
             put_glyphs(self._rod, ends[:1] + 0.5 * np.diff(ends, axis=0), np.diff(ends, axis=0), 1.0)
@@ -396,18 +396,18 @@ class Scene:
         return "\n".join([*self._title(), told, *_lines(keys)]).rstrip()
 
     def _has_moved(self, frame: int) -> bool:
-        """Whether any block is drawn elsewhere than at the start."""
+        """Whether any block is drawn away from its initial position."""
         poses = self._poses(frame)
         moved = poses.displacement.any() or (poses.orientation != self._history.orientation0).any()
         return bool(moved and self._factor)
 
     def _title(self) -> list[str]:
-        """One line or two."""
+        """The title in one or two lines."""
         title = self._history.title
         return textwrap.wrap(f"{self._name}: {title}" if self._name else title, _WIDE)[:2]
 
     def _keys(self, frame: int, marked: bool, n_hinges: int, n_left_out: int) -> list[str]:
-        """Explanations of colours and arrows."""
+        """Legend of colours and arrows."""
         history = self._history
         if history.status == START:
             keys = ["grey: fixed"] if history.block_fixed.any() and self._colouring is None else []
@@ -426,12 +426,12 @@ class Scene:
 
 
 def _font_size(width: int) -> int:
-    """Size of the letters in a picture ``width`` pixels wide."""
+    """Font size for a picture ``width`` pixels wide."""
     return max(8, round(width / 120))
 
 
 def _lines(keys: list[str]) -> list[str]:
-    """Keys one after the other, in lines that are not too wide for the picture."""
+    """Legend entries joined into lines that fit the width of the picture."""
     lines: list[str] = []
     for key in keys:
         if lines and len(lines[-1]) + len(key) < _WIDE:

@@ -1,7 +1,7 @@
-"""Whether this machine can draw: off screen for pictures, on a display for the window.
+"""Check whether this machine can draw: off screen for pictures, on a display for the window.
 
-Where neither EGL nor OSMesa is installed VTK does not raise, it crashes: a child process tries first, once. Whoever
-has something else to do before a picture lets it try meanwhile (`expect_drawing`).
+Without EGL and OSMesa, VTK crashes instead of raising an error, so a child process tries first, once.
+`expect_drawing` starts this trial early, while other work is done before the picture.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ PROBE = (
 
 
 class _Known:
-    trial: subprocess.Popen | None = None  # begun by `expect_drawing`
+    trial: subprocess.Popen | None = None  # started by `expect_drawing`
 
 
 def expect_drawing() -> None:
-    """Begin to try whether this machine can draw off screen; `require_drawing` waits for the answer."""
+    """Start the trial whether this machine can draw off screen; `require_drawing` waits for its result."""
     _prefer_egl()
     if _Known.trial is None:
         with suppress(OSError):
@@ -65,13 +65,13 @@ def _prefer_egl() -> None:
 
 
 def _begun(off: int) -> subprocess.Popen:
-    """The process that tries."""
+    """Start the child process of a trial."""
     silent = subprocess.DEVNULL
     return subprocess.Popen([sys.executable, "-c", PROBE.format(off=off)], stdin=silent, stdout=silent, stderr=silent)
 
 
 def _works(off: int, trial: subprocess.Popen | None = None) -> bool:
-    """Whether drawing worked in a ``trial``, in a new one by default."""
+    """Whether drawing worked in a ``trial``, by default in a new one."""
     try:
         trial = trial or _begun(off)
     except OSError:
