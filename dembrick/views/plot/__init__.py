@@ -1,7 +1,7 @@
-"""Figures out of histories: force-displacement curves, yield domains with simulated points, loading layouts.
+"""Figures of histories: force-displacement curves, yield domains with simulated points, loading layouts.
 
-Every function returns a matplotlib ``Figure`` and draws into ``ax`` where one is given. matplotlib is imported when a
-figure is made, never before; its state machine (pyplot) is not used, so no window or backend is touched.
+Every function returns a matplotlib ``Figure`` and draws into ``ax`` if given. matplotlib is imported only when a figure
+is made; its state machine (pyplot) is not used, so no window or backend is touched.
 """
 
 from dembrick.views.plot.causes import Motion, causes

@@ -1,4 +1,4 @@
-"""Figure of causes of cracks: what was seen, and beside it how the blocks move if a support does."""
+"""Figure of causes of cracks: the observed openings, and beside them the motion of the blocks for likely causes."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
     from dembrick.assembly.build import Assembly
 
-MOST = 3  # causes beside what was seen
-SEEN = 0.08  # of the structure: how far the block moves that moves furthest
+MOST = 3  # greatest number of causes shown beside the observation
+SEEN = 0.08  # of the structure's size: drawn displacement of the block that moves farthest
 _STONE, _SUPPORT, _EDGE = "#e8e4da", "#b8b4aa", "#6b675e"
 _OPEN = "#c1272d"
 
 
 class Motion(NamedTuple):
-    """A panel: its ``title``, the ``velocity`` (n, 6) of the blocks, and the ``opening`` (j,) of the joints over the
-    greatest."""
+    """A panel: its ``title``, the ``velocity`` (n, 6) of the blocks, and the ``opening`` (j,) of the joints relative to
+    the greatest."""
 
     title: str
     velocity: np.ndarray
@@ -33,8 +33,8 @@ class Motion(NamedTuple):
 
 
 def causes(assembly: Assembly, seen: np.ndarray, likely: Sequence[Motion]) -> Figure:
-    """The joints that are ``seen`` (j,) to be open, in red, and the likeliest causes beside them, motions enlarged, all
-    looked at across the plane in which the structure is widest."""
+    """Draw the joints that were ``seen`` (j,) to be open, in red, and beside them the likeliest causes, with enlarged
+    motions; the view is along the structure's smallest dimension."""
     likely, still = likely[:MOST], np.zeros((len(assembly.names), 6))
     with style.settings():
         figure = style.new_figure((3.4 * (1 + len(likely)), 3.0))
@@ -48,7 +48,8 @@ def causes(assembly: Assembly, seen: np.ndarray, likely: Sequence[Motion]) -> Fi
 
 
 def _structure(axes: Axes, assembly: Assembly, velocity: np.ndarray, opens: np.ndarray, width=None) -> None:
-    """Blocks moved by ``velocity`` (n, 6), enlarged, and the joints that open, the wider the stronger."""
+    """Draw blocks moved by the enlarged ``velocity`` (n, 6), and the joints that open, with thicker lines for wider
+    openings."""
     from matplotlib.collections import LineCollection, PolyCollection
 
     across = int(np.argmin(np.ptp(assembly.position, axis=0)))
@@ -83,7 +84,7 @@ def _structure(axes: Axes, assembly: Assembly, velocity: np.ndarray, opens: np.n
 
 
 def _ways(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The direction in which a projected polygon (k, 2) is longest, and the opposite one."""
+    """The direction in which a projected polygon (k, 2) is longest, and its opposite."""
     away = corners - corners.mean(axis=0)
     way = np.linalg.svd(away, full_matrices=False)[2][0]
     return way, -way

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 _THETA = r"$\theta$"
-_OPEN = {"lw": 0.8, "ls": (0, (5, 3))}  # line of a bound that has none opposite
+_OPEN = {"lw": 0.8, "ls": (0, (5, 3))}  # line of a lower bound without an upper one
 _ALLOWED = {"least": {"lw": 0.9, "ls": (0, (1, 2))}, "greatest": {"lw": 0.9, "ls": (0, (6, 2, 1, 2))}}
-_WIDE = 36  # characters of a text that has a line of the legend to itself
+_WIDE = 36  # characters: with a longer text the legend has one column
 MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
 
 
 class MeasuredCurve(NamedTuple):
-    """A curve from the laboratory: its name, ``displacement`` (k,) m, ``load`` (k,) N."""
+    """A measured curve: its name, ``displacement`` (k,) m, ``load`` (k,) N."""
 
     name: str
     displacement: np.ndarray
@@ -56,13 +56,13 @@ def force_displacement(
 ) -> Figure:
     """V (N) over the driven displacement of one or several histories (or results).
 
-    Of a table that tilts its angle over the displacement of the block that moved furthest, of shaken and free blocks
+    For a tilting table, its angle over the displacement of the block that moved farthest; for shaken and free blocks,
     that displacement over time. Forces from 10 kN on are drawn in kN. The colour of a run is that of its formulation.
 
-    ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
-    bounds of each yield point, a line with arrows at the lower one where there is no upper one, and
-    of supports that move the least and the greatest reaction that limit analysis allowed. ``measured``: curves of the
-    laboratory (:func:`read_measured`), laid over.
+    ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: draw the band between
+    the bounds of each yield point, or a line with arrows at the lower bound if there is no upper one, and for moving
+    supports the least and the greatest reaction by limit analysis. ``measured``: measured curves
+    (:func:`read_measured`) to be drawn over.
     """
     above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
@@ -125,7 +125,7 @@ def force_displacement(
 
 
 def _at_least(axes: Axes, load: float, colour: str, label: str | None) -> None:
-    """A line at a load that a limit has at least, and arrows up from it."""
+    """Draw a line at a lower bound of a limit load, with arrows upwards."""
     axes.axhline(load, color=colour, **_OPEN, label=label)
     for share in (0.06, 0.94):  # of the width
         axes.annotate(
@@ -135,7 +135,7 @@ def _at_least(axes: Axes, load: float, colour: str, label: str | None) -> None:
 
 
 def curve_panels(panels: Sequence[CurvePanel]) -> Figure:
-    """Force-displacement curves, two panels a row; the legend of the first serves all."""
+    """Force-displacement curves, two panels per row; the legend of the first is that of all."""
     rows = -(-len(panels) // 2)
     with style.settings():
         figure = style.new_figure((7.2, 2.9 * rows + 0.5))
@@ -156,10 +156,11 @@ def curve_panels(panels: Sequence[CurvePanel]) -> Figure:
 
 
 def read_measured(path: str | os.PathLike, name: str | None = None) -> MeasuredCurve:
-    """A measured curve out of a CSV file whose first line that is no remark (``#``) names the columns with their units,
-    such as ``displacement [mm],force [N]``, in any order; others are left out. ``name`` is the file's own without one.
+    """Read a measured curve from a CSV file whose first line other than comments (``#``) names the columns and their
+    units, such as ``displacement [mm],force [N]``, in any order; others are ignored. ``name``: by default that of the
+    file.
 
-    Raises ScenarioError, with the line, for columns, units or values that are not those of the format.
+    Raises ScenarioError, with the line, for columns, units or values that do not fit the format.
     """
     found, _ = read_columns(path, "a measured curve", ("displacement", "force"))
     stem = os.path.splitext(os.path.basename(os.fspath(path)))[0]
@@ -167,7 +168,7 @@ def read_measured(path: str | os.PathLike, name: str | None = None) -> MeasuredC
 
 
 def common_diagram(histories) -> subject.Diagram:
-    """The diagram that suits all histories; ScenarioError if none does."""
+    """The diagram of all histories; ScenarioError if they differ."""
     diagrams = {subject.diagram_of(history) for history in histories}
     if len(diagrams) > 1:
         raise ScenarioError("the runs are driven in different ways, so their curves have no axes in common; draw each")
@@ -175,13 +176,13 @@ def common_diagram(histories) -> subject.Diagram:
 
 
 def name_axes(axes: Axes, diagram: subject.Diagram, travel: str, unit: str) -> None:
-    """Load in ``unit`` over ``travel``, or where no load grows ``travel`` over time."""
+    """Label the axes: load in ``unit`` over ``travel``, or ``travel`` over time if no load grows."""
     axes.set_xlabel("time [s]" if diagram.load is None else travel)
     axes.set_ylabel(travel if diagram.load is None else f"{diagram.load.replace('θ', _THETA)} [{unit}]")
 
 
 def head_and_legend(figure: Figure, axes: Axes, own: bool, above: str, columns: int = 2) -> None:
-    """Above the axes of a figure of ours what its runs share, and a legend in one column where its texts are long."""
+    """Set the title of our ``own`` figures to ``above``, and draw the legend, in one column if its texts are long."""
     if own and above:
         axes.set_title(style.wrapped(above, 60))
     longest = max(map(len, axes.get_legend_handles_labels()[1]), default=0)
@@ -209,7 +210,7 @@ def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None =
 
 @takes_paths
 def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
-    """The energies of histories over time, a panel each; HistoryError if none was recorded. Terms that stay zero
+    """The energies of histories over time, one panel each; HistoryError if none were recorded. Terms that stay zero
     are left out.
 
     ``ax``: one axes, or one for each history.

@@ -47,15 +47,15 @@ _OF_DOMAIN = {
     "a": "the edge a of its joint (m)", "b": "the edge b of its joint (m)", "friction": "its friction",
     "N": "its normal force N (N)", "cohesion": "its cohesion (Pa)",
 }  # fmt: skip
-_OVER = 3.3  # stars of measured points: over simulated ones with larger marks, under those with smaller ones
+_OVER = 3.3  # z-order of measured points: above simulated ones with larger markers, below those with smaller ones
 _APPROXIMATE = (":", "--", "-.", (0, (10, 3)))
 
 
 def domain_points(histories) -> list[dict]:
-    """One row a history with a yield point: ``V``, its bounds, ``V_1``, ``V_2``, ``M_T``, ``N``, the formulation,
-    edges ``a`` and ``b`` (m) of the joint, its ``friction`` and ``cohesion`` (Pa) before slip and whether some of these
-    are lost by slip (``brittle``), its ``pressure``, ``load_height`` (m) of the actuators above it and the
-    ``eccentricity`` (m) of N but for what these shift it by.
+    """One row per history with a yield point: ``V``, its bounds, ``V_1``, ``V_2``, ``M_T``, ``N``, the formulation,
+    edges ``a`` and ``b`` (m) of the joint, its ``friction`` and ``cohesion`` (Pa) before slip, whether slip reduces
+    them (``brittle``), its ``pressure``, the ``load_height`` (m) of the actuators above it, and the ``eccentricity``
+    (m) of N without the part due to this height.
 
     Histories that reached no yield point give no row; HistoryError if the joint is not a rectangle.
     """
@@ -86,7 +86,7 @@ def domain_points(histories) -> list[dict]:
 
 
 def _eccentricity(history: History, number: int, height: float) -> tuple[float, float]:
-    """Where N acted at the limit, but for the moment of a shear force at a ``height`` (m) above the joint; m from O."""
+    """Point (m from O) where N acted at the limit, without the moment of the shear force at ``height`` (m) above O."""
     carried = carried_by(history, number, int(nearest(history.time, [peak_time(history)])[0]))
     carried |= {"M_1": carried["M_1"] + height * carried["V_2"], "M_2": carried["M_2"] - height * carried["V_1"]}
     x, y = pressure_centre(carried) if carried["N"] > 0.0 else (0.0, 0.0)
@@ -94,7 +94,7 @@ def _eccentricity(history: History, number: int, height: float) -> tuple[float, 
 
 
 def _yielding_joint(history: History) -> int:
-    """Number of the joint of the yield point, at the block that the actuators push."""
+    """Number of the joint of the yield point; HistoryError if the block that the actuators push has no joint."""
     loaded = {actuator["block"] for actuator in history.actuators}
     number = chosen_joint(history)
     joint = history.joints[number]
@@ -110,12 +110,12 @@ def interaction(
     approximations: Sequence[str] = (),
     ax: Axes | None = None,
 ) -> Figure:
-    """Non-dimensional curves M_T / M_T0 over V / V_0, as the paper's Fig. 4.
+    """Non-dimensional curves M_T / M_T0 over V / V_0, like the paper's Fig. 4.
 
-    ``points``: histories, or rows as of :func:`domain_points`, for whose shear direction and eccentricity of N the
-    curves are; without any a force along t2 and N in the middle. ``joint``: (a, b, friction, N); without it the first
-    point's. Each point is normalised by its own V_0 and by the M_T0 of its formulation. ScenarioError if the joints of
-    the points have not one ratio of their edges, or their loads not one curve.
+    ``points``: histories, or rows of :func:`domain_points`; they set the shear direction and the eccentricity of N of
+    the curves, by default along t2 and zero. ``joint``: (a, b, friction, N), by default that of the first point. Each
+    point is normalised by its own V_0 and by the M_T0 of its formulation. ScenarioError if the joints of the points
+    differ in the ratio of their edges, or if their loads have different curves.
     """
     rows = _rows(points)
     if joint is None:
@@ -155,14 +155,13 @@ def domains(
     experiments: Mapping[str, tuple[float, float]] | None = None,
     ax: Axes | None = None,
 ) -> Figure:
-    """Dimensional domains M_T (N m) over V (N) with simulated and measured points, as the paper's Fig. 5.
+    """Dimensional domains M_T (N m) over V (N) with simulated and measured points, like the paper's Fig. 5.
 
-    ``points`` and ``joint`` as for :func:`interaction`; without it all points must be of equal joints under one N,
-    else ScenarioError, as it is for loads of several curves. ``formulations``: those whose domains are drawn, or the
-    curves themselves by name, (V, M_T) in N and N m, for the shear direction and the eccentricity of a ``joint`` that
-    is a :class:`RectangularJoint`.
-    ``experiments``: name -> (V, M_T); left out, the measured sets of the paper where the joint is the laboratory's, {}
-    for none.
+    ``points`` and ``joint`` as for :func:`interaction`; without ``joint`` all points must have equal joints and N.
+    ScenarioError otherwise, and if their loads have different curves. ``formulations``: those whose domains are drawn,
+    or the curves themselves by name, (V, M_T) in N and N m, for the shear direction and the eccentricity of a ``joint``
+    that is a :class:`RectangularJoint`. ``experiments``: name -> (V, M_T); by default the measured sets of the paper if
+    the joint is that of the laboratory; {} for none.
     """
     rows = _rows(points)
     if joint is None:
@@ -196,7 +195,7 @@ def domains(
             named: dict[float, list[tuple[float, str]]] = {}
             for name, x, y in zip(experiments, V.tolist(), M_T.tolist(), strict=True):
                 named.setdefault(x, []).append((y, name))
-            for x, column in named.items():  # one label a column of points, at its top
+            for x, column in named.items():  # one label per column of points, at its top
                 y, name = max(column)[0], ", ".join(name for _, name in sorted(column))
                 axes.annotate(name, (x, y), (7, 2), textcoords="offset points", ha="left", va="bottom")
         axes.set_xlabel(f"V {joint.sheared} [{shear_in}]")
@@ -212,7 +211,7 @@ def domains(
 
 
 def _coinciding(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> list[list[str]]:
-    """The names of curves, those of one and the same curve together."""
+    """The names of curves, in groups of coinciding curves."""
     groups: list[list[str]] = []
     for name, (V, M_T) in curves.items():
         for group in groups:
@@ -229,7 +228,7 @@ def _coinciding(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> list[lis
 
 
 def lab_points() -> dict[str, tuple[float, float]]:
-    """The measured sets in the plane of Fig. 5: (V on the joint, M_T); a couple leaves no shear on the joint."""
+    """The measured sets in the plane of Fig. 5: (V on the joint, M_T); a couple gives no shear on the joint."""
     a = _LAB_JOINT[0]
     return {
         name: (0.0 if own.loading == "couple" else own.experiment, own.arm_over_a * a * own.experiment)
@@ -251,8 +250,7 @@ def _rows(points) -> list[dict]:
 
 
 def _require_alike(rows: Sequence[Mapping], keys: Mapping[str, str]) -> None:
-    """ScenarioError if numbers of the joints of points, by their ``keys`` with what they are, are not those of the
-    first."""
+    """ScenarioError if the joints of points differ from the first in one of the ``keys``, given with descriptions."""
 
     def value(row: Mapping, key: str) -> float | None:
         if key == "a/b":
@@ -272,7 +270,7 @@ def _require_alike(rows: Sequence[Mapping], keys: Mapping[str, str]) -> None:
 
 
 def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = None) -> RectangularJoint:
-    """Joint that was given, else that of the first row."""
+    """The joint ``given``, else that of the first row, else ``fallback`` under the row's N."""
     if given is not None:
         return RectangularJoint(*given)
     keys = ("a", "b", "friction", "N")
@@ -284,13 +282,13 @@ def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = N
 
 
 def _loaded(rows: Sequence[Mapping], given) -> RectangularJoint:
-    """The joint as its points load it, unless it is ``given`` with its load."""
+    """The joint under the load of its points, unless it is ``given`` with its load."""
     joint = _joint(rows, given)
     return joint if isinstance(given, RectangularJoint) or not rows else under_points(joint, rows)
 
 
 def _mark(axes, row: Mapping, x: float, y: float) -> None:
-    """A simulated point with its bracket; hollow with the load in the joint plane, filled when above it."""
+    """Draw a simulated point with its bracket: hollow if the load acts in the joint plane, filled if above it."""
     colour, _, marker = style.FORMULATION[row["formulation"]]
     height = row.get("load_height") or 0.0
     label = f"DEM {row['formulation']}" + (f", load {1e3 * height:.3g} mm up" if abs(height) > 1e-9 else "")

@@ -1,8 +1,8 @@
-"""The plane of one joint, stage by stage: how b moves over a, about which centre, and which friction resists it.
+"""The plane of one joint, stage by stage: the motion of b over a, its torsion centre, and the resisting friction.
 
-This is the picture that tells the formulations apart. The centre about which a joint turns starts where its elastic
-stiffness puts it and moves, as the load grows, to where the limit surface has its normal: the contact points at the
-corners put it elsewhere than the whole area does.
+This figure shows how formulations differ. The torsion centre starts at the point given by the elastic stiffness and
+moves, as the load grows, to the point given by the normal of the limit surface, which is a different one for contact
+points at the corners than for the whole area.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 SLIDES_FROM = 0.995  # utilisation from which the friction is drawn at its limit
-_MOST_POINTS = 40  # contact points drawn one by one; more of them, and convex joints, get a grid
-_WEAKER = 0.98  # of its greatest force: a joint that ends with less has lost some
-_GRID = 6  # points over the longer side of a joint
-_ARROW = {True: 0.22, False: 0.16}  # of the joint's size, the longest arrow: with few points, with many
-_SHEAR = 100.0  # joint's sizes from O: a centre beyond is that of a shear, and none is drawn
-_NEAR = 1.6  # joint's sizes from O: a centre further away is marked at the rim of the picture
+_MOST_POINTS = 40  # greatest number of contact points drawn; if there are more, and for convex joints, a grid is used
+_WEAKER = 0.98  # of its greatest force: a joint with less at the end has lost strength
+_GRID = 6  # grid points over the longer side of a joint
+_ARROW = {True: 0.22, False: 0.16}  # longest arrow over the joint's size: with few points, with many
+_SHEAR = 100.0  # joint sizes from O: a torsion centre beyond means pure shear and is not drawn
+_NEAR = 1.6  # joint sizes from O: a torsion centre beyond is marked at the edge of the picture
 
 
 class Stage(NamedTuple):
     """One moment of a joint, at ``points`` (k, 2) m.
 
-    ``load``: that of the row; ``utilisation`` of friction, and ``bending``, whose 1 is a hinge; ``movement`` (k, 2) m:
-    of b over a since the stage before, elastic part included; ``centre`` (2,) m: about which that turned, NaN in shear.
-    ``friction`` (k, 2): on b, as it was recorded, or else where the joint slides; None if it is not known.
-    ``limit``: the greatest that friction can be at a point. Both
-    are in N at contact points, in Pa at points that only stand for the whole.
+    ``load``: that of the row; ``utilisation``: of friction; ``bending``: utilisation in bending, 1 at a hinge;
+    ``movement`` (k, 2) m: displacement of b over a since the previous stage, elastic part included; ``centre`` (2,) m:
+    its torsion centre, NaN in pure shear. ``friction`` (k, 2): on b, as recorded, else computed if the joint slides;
+    None if not known. ``limit``: greatest possible friction at a point. Both are in N if all contact points are shown,
+    in Pa at points that represent the area.
     """
 
     frame: int
@@ -64,9 +64,9 @@ class Stage(NamedTuple):
 def joint_plane(
     history: History, joint: str | int | None = None, stages: int = 4, frames: Sequence[int] | None = None
 ) -> list[Stage]:
-    """The stages of one joint. ``frames`` names them; without it ``stages`` of them follow the growing force.
+    """The stages of one joint, at ``frames``, or by default ``stages`` of them, spread over the growth of its force.
 
-    Raises HistoryError if no motion was recorded, ScenarioError for frames that are not there.
+    Raises HistoryError if no motion was recorded, ScenarioError for frames that do not exist.
     """
     number = subject.chosen_joint(history, joint)
     subject.carried_by(history, number)
@@ -110,7 +110,7 @@ def _load_of(stage: Stage, diagram: subject.Diagram) -> str:
 
 
 def _shown(joint: dict, motion: JointMotion) -> np.ndarray | None:
-    """Numbers of the contact points to draw: all, or those next to a grid where there are many; None without any."""
+    """Indices of the contact points to draw: all, or those nearest to a grid if there are many; None without any."""
     arms = joint["shear_arms"]
     if not len(arms):
         return None
@@ -123,8 +123,8 @@ def _shown(joint: dict, motion: JointMotion) -> np.ndarray | None:
 def _friction(
     joint: dict, now: JointFrames, points: np.ndarray, shown: np.ndarray | None, slides: bool
 ) -> tuple[np.ndarray | None, float]:
-    """Friction on b at points and the greatest it can be: recorded, or where the joint slides that whose resultant the
-    joint carries, against the slip twist to which the limit surface is normal there."""
+    """Friction on b at points, and its greatest possible value. It is the recorded one, or if the joint slides the one
+    that gives its resultant, opposite to the slip twist along the normal of the limit surface there."""
     carried = now.resultants[0, 0]
     law: theory.Law | None = None
     if shown is None:
@@ -162,8 +162,8 @@ def _inside(points: np.ndarray, parts) -> np.ndarray:
 
 
 def _growing(history: History, number: int, stages: int) -> list[int]:
-    """Frames at which the joint's force first comes to half its last value, then ever closer to it; the last frame.
-    Of a joint that has lost some of its force by then, as a bond broke, frames on the way to its peak, and the last."""
+    """Frames at which the joint's force first reaches half its final value, then approaches it, and the last frame. For
+    a joint that has lost force by then, because a bond broke, frames up to its peak, and the last."""
     motion = JointMotion(history, number)
     everyone = np.arange(1, history.n_frames)
     force = motion.at(everyone).resultants[:, 0, 1:4] * np.array([1.0, 1.0, 1.0 / motion.size[0]])
@@ -188,7 +188,7 @@ def joint_stages(
     frames: Sequence[int] | None = None,
     ax: Axes | Sequence[Axes] | None = None,
 ) -> Figure:
-    """The stages of one joint side by side (see :func:`joint_plane`), a row for each history, all to one scale.
+    """The stages of one joint side by side (see :func:`joint_plane`), one row per history, all to the same scale.
 
     ``ax``: axes, one for each stage, row after row.
     """
@@ -213,7 +213,7 @@ def joint_stages(
             width = max(1.9, min(2.3, 1.7 * shape[0] / shape[1]))
             high = width * shape[1] / shape[0] + 0.75
             figure = style.new_figure((max(4.5, width * columns + 0.3), high * len(rows) + 0.45))
-            figure.get_layout_engine().set(h_pad=0.1)  # inches: between the titles and what stands above
+            figure.get_layout_engine().set(h_pad=0.1)  # inches: between the titles and the heading above
             grid = figure.subplots(len(rows), columns, squeeze=False)
             axes = [own for row, line in zip(rows, grid, strict=True) for own in line[: len(row)]]
             for row, line, label in zip(rows, grid, labels, strict=True):
@@ -239,7 +239,7 @@ def joint_stages(
 
 
 def _extent(polygon: np.ndarray, stages: list[Stage]) -> np.ndarray:
-    """Lower left and upper right corner of what all stages show: the joint with its arrows, and the centres near it."""
+    """Lower left and upper right corner (2, 2) m of the joint with its arrows and nearby centres, over all stages."""
     size = float(np.hypot(*polygon.T).max())
     margin = 1.1 * _arrow_of(stages[0]) * size
     shown = [polygon, *(_at_rim(stage.centre, size)[None] for stage in stages if np.isfinite(stage.centre).all())]
@@ -252,12 +252,12 @@ def _arrow_of(stage: Stage) -> float:
 
 
 def _at_rim(centre: np.ndarray, size: float) -> np.ndarray:
-    """A centre, or the point at the rim of the picture in its direction."""
+    """A torsion centre, or the point at the edge of the picture in its direction if it is farther away."""
     return centre * min(1.0, _NEAR * size / max(float(np.hypot(*centre)), 1e-300))
 
 
 def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, load: str) -> None:
-    """The last of ``stages`` under its ``load``, and the centres of those before it."""
+    """Draw the last of ``stages`` under its ``load``, and the torsion centres of the earlier ones."""
     from matplotlib.patches import Polygon
 
     stage, size = stages[-1], float(np.hypot(*polygon.T).max())
@@ -296,8 +296,7 @@ def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, lo
 
 
 def _used(utilisation: float, bending: float = 0.0) -> str:
-    """How much of its friction a joint uses, in words where that is no number, and of its bending strength if that is
-    more."""
+    """Utilisation of friction in words, even if it is not a finite number, and that in bending if it is greater."""
     if math.isnan(utilisation):
         return "utilisation not known: cut at an edge"
     if not math.isfinite(utilisation):
@@ -308,7 +307,7 @@ def _used(utilisation: float, bending: float = 0.0) -> str:
 
 
 def _arrows(axes, points: np.ndarray, vectors: np.ndarray, length: float, full: float, colour: str, label: str) -> None:
-    """Vectors as arrows; one of size ``full`` is as long as ``length`` (m)."""
+    """Draw vectors as arrows; one of size ``full`` has the ``length`` (m)."""
     if full > 0.0 and vectors.any():
         axes.quiver(*points.T, *(vectors * (length / full)).T, color=colour, angles="xy", scale_units="xy", scale=1.0,
                     units="inches", width=0.016, headwidth=4.0, headlength=4.5, headaxislength=4.0, minlength=0.5,

@@ -21,7 +21,7 @@ _PANEL = (2.3, 2.9)  # inches
 
 
 class Plan(NamedTuple):
-    """Panel in plan (x, y), m: the outline (k, 2), the joint's centroid, actuators, torsion centre."""
+    """A panel in plan (x, y), m: outline (k, 2) of the block, the joint's centroid, actuators, torsion centre."""
 
     title: str
     outline: np.ndarray
@@ -36,7 +36,7 @@ class Plan(NamedTuple):
 def layout(sources, ax: Axes | None = None, torsion_centre: bool = True) -> Figure:
     """Plan views of scenarios or histories, side by side. ``ax``: one axes, or one for each source.
 
-    ``torsion_centre``: mark where the joint of a history turned, if it did.
+    ``torsion_centre``: mark the point about which the joint of a history turned, if it did.
     """
     sources = list(sources) if isinstance(sources, list | tuple) else [sources]
     if not sources:
@@ -54,7 +54,7 @@ def layout(sources, ax: Axes | None = None, torsion_centre: bool = True) -> Figu
 
 
 def _plan(source) -> Plan:
-    """Plan of a history; a scenario is built into its geometry first."""
+    """Plan of a history, or of a scenario, which is assembled first."""
     if hasattr(source, "block_vertices"):
         actuators = source.actuators
         if not actuators:
@@ -107,7 +107,7 @@ def _draw(axes, plan: Plan, torsion_centre: bool) -> None:
     for i, (point, force) in enumerate(zip(plan.points, forces, strict=True)):
         length = float(np.hypot(*force))
         if length < 1e-9:
-            continue  # an actuator along z shows nothing in plan
+            continue  # an actuator along z is not visible in plan
         tip = point + 0.42 * size * force / length
         _arrow(axes, point, tip, style.VERMILLION, "-|>", 1.8)
         axes.plot(*point, "o", color=style.VERMILLION, ms=3.5)
@@ -130,7 +130,7 @@ def _draw(axes, plan: Plan, torsion_centre: bool) -> None:
 
 
 def _arms(axes, plan: Plan, forces: np.ndarray, size: float, a: float) -> None:
-    """The arm of a couple of actuators, or the eccentricity of a single one, measured across the force."""
+    """Draw the arm of a couple of actuators, or the eccentricity of a single one, measured normal to the force."""
     sizes = np.hypot(*forces.T)
     couple = len(forces) == 2 and np.allclose(forces.sum(axis=0), 0.0, atol=1e-9) and sizes[0] > 1e-9
     if not (couple or (len(forces) == 1 and sizes[0] > 1e-9)):
@@ -153,7 +153,7 @@ def _arms(axes, plan: Plan, forces: np.ndarray, size: float, a: float) -> None:
 
 
 def _dimension(axes, start, end, offset, text: str, side: str) -> None:
-    """A dimension line between two points, moved by ``offset``, with its witness lines."""
+    """Draw a dimension line between two points, moved by ``offset``, with its extension lines."""
     start, end, offset = (np.asarray(value, float) for value in (start, end, offset))
     for point in (start, end):
         axes.plot(*np.array([point, point + 1.08 * offset]).T, color=style.GREY, lw=0.5)

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
     from dembrick.history.reader import History
 
-BROKEN = "bond broken"  # of a section: without the bond that it may have had
-_RAYS = 91  # of a section through a limit surface, from pure shear to pure torsion
-_PURE = 1e-6  # of the strength: a shear force that is not there
-_CHANGES = 1e-3  # of the greatest N of the record: a normal force that changes by more has no one domain
+BROKEN = "bond broken"  # of a section: with the residual strengths only
+_RAYS = 91  # rays of a section through a limit surface, from pure shear to pure torsion
+_PURE = 1e-6  # of the strength: a smaller shear force counts as zero
+_CHANGES = 1e-3  # of the greatest N of the record: if N varies by more, there is no single domain
 
 
 class Section(NamedTuple):
-    """A quarter of a limit surface, cut by the plane of a shear direction and the torsion axis: V, M_T (N, N m).
-    ``bond``: what it takes of one that may break, "bonded" or "bond broken"."""
+    """A quadrant of the section of a limit surface by the plane of a shear direction and the torsion axis: ``V`` and
+    ``M_T`` (N, N m). ``bond``: state of a breakable bond, "bonded" or "bond broken"; empty without one."""
 
     formulation: str
     V: np.ndarray
@@ -45,14 +45,14 @@ class Section(NamedTuple):
 
 
 class JointPath(NamedTuple):
-    """How a joint was loaded. ``V`` (T,) N is the shear force along ``direction`` (in t1, t2), ``M_T`` (T,) N m the
-    torsion, both counted positive the way they went furthest; ``sections`` the joint's own yield domain at the last
-    row, and the exact one of the convex formulation where that is another. They have the cohesion of the joint; if it
-    is lost by slip there are that of the bond, where V went furthest if it broke since, and that of what is left.
+    """Load path of a joint. ``V`` (T,) N: shear force along ``direction`` (in t1, t2); ``M_T`` (T,) N m: torsion; each
+    is positive in the sense of its greatest value. ``sections``: the joint's own yield domain at the last row, and the
+    exact one of the convex formulation if different, with the cohesion of the joint. If slip destroys the bond, there
+    are two: the bonded one, taken at the greatest V if the bond broke, and the residual one.
 
-    A domain grows with N. Where N changes, ``strength`` (T,) N is c A + mu N, of what its bond is then, NaN if the
-    joint has none, and the sections are those of a joint pressed in the middle, over its strength in shear and in
-    torsion, which is ``radius`` (m) times that in shear, of the ``formulation``; elsewhere ``strength`` is None.
+    A domain grows with N. If N varies, ``strength`` (T,) N is c A + mu N for the current state of the bond, NaN without
+    strength, and the sections are those of a joint with centred N, over its strengths in shear and in torsion; the
+    latter is ``radius`` (m) times the former, in the joint's ``formulation``. Otherwise ``strength`` is None.
     """
 
     joint: str
@@ -69,7 +69,7 @@ class JointPath(NamedTuple):
 
     @property
     def drawn(self) -> tuple[np.ndarray, np.ndarray]:
-        """V and M_T (T,) as they belong on the sections: N and N m, or over the strength of their moment."""
+        """V and M_T (T,) in the units of the sections: N and N m, or relative to the current strengths."""
         if self.strength is None:
             return self.V, self.M_T
         return self.V / self.strength, self.M_T / (self.strength * self.radius)
@@ -123,8 +123,8 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
 
 
 def _held(history: History, number: int) -> np.ndarray:
-    """(T,): the part of a joint's area whose bond holds, in the last frame up to each row; 1 where none was recorded,
-    and of joints that have none."""
+    """(T,): share of a joint's area whose bond holds, in the last frame up to each row; 1 if not recorded, and for
+    joints without a breakable bond."""
     held = history.frame_values("bond", 0, history.n_frames) if history.n_frames else None
     if held is None or not len(held) or not subject.is_brittle(history.joints[number]):
         return np.ones(history.n_row)
@@ -133,12 +133,12 @@ def _held(history: History, number: int) -> np.ndarray:
 
 
 def _of_friction_1(joint: dict) -> dict:
-    """The same joint without a bond and with friction 1: its surface over its strength, whatever that is."""
+    """The same joint without a bond and with friction 1: its limit surface at N = 1 is relative to the strength."""
     return {key: value for key, value in joint.items() if key not in STRENGTHS} | {"friction": 1.0}
 
 
 def _formulation(joint: dict) -> str:
-    """The formulation, with its pressure where that is not the paper's."""
+    """The formulation, with its pressure if that is not the paper's."""
     follows = joint["formulation"] == "convex" and joint["pressure"] != "full"
     return f"convex, {joint['pressure']} pressure" if follows else joint["formulation"]
 
@@ -158,12 +158,12 @@ def _section(
 def load_path(
     histories, labels: Sequence[str] | None = None, ax: Axes | None = None, joint: str | int | None = None
 ) -> Figure:
-    """V against M_T of one joint through the record, on its yield domain; several histories in one picture.
+    """M_T over V of one joint throughout the record, on its yield domain; several histories in one figure.
 
-    The domain is the formulation's own, and the exact one of the convex formulation beside it, with the cohesion of the
-    joint; of a bond that may break also what is left without it. Where a normal force changes on the way everything is
-    drawn over the strength at the N of its moment, in torsion over that of the own formulation. ``joint``: ``"a/b"`` by
-    the names of its blocks; left out, the joint that gave way.
+    The domain is that of the joint's formulation, with the exact one of the convex formulation for comparison, and with
+    the cohesion of the joint; for a breakable bond also the residual one. If a normal force varies, everything is drawn
+    relative to the strength at the current N, torsion relative to that of the joint's formulation. ``joint``: ``"a/b"``
+    by the names of its blocks; by default the joint that failed.
     """
     above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
@@ -178,7 +178,7 @@ def load_path(
         formulations = [
             history.joints[path.number]["formulation"] for history, path in zip(histories, paths, strict=True)
         ]
-        told_apart = len(set(formulations)) == len(paths)  # else the domains step back behind the colours of the runs
+        told_apart = len(set(formulations)) == len(paths)  # else the domains are grey and only the runs have colours
         drawn: list[tuple] = []
         mixed = relative and len({path.formulation for path in paths}) > 1  # each over its own strength in torsion
         for section in (section for path in paths for section in (path.sections[:1] if mixed else path.sections)):
@@ -221,7 +221,7 @@ def load_path(
 
 
 def torsion_strength(paths: Sequence[JointPath]) -> str:
-    """Whose strength in torsion, at the N of the moment, the torsion of paths is drawn over."""
+    """Name of the strength by which the torsion of paths is divided, that at the current N."""
     names = {path.formulation for path in paths}
     return f"the {names.pop()} strength at its N" if len(names) == 1 else "the strength of each formulation at its N"
 

@@ -1,4 +1,4 @@
-"""Displacements of control points: how far each has gone, or its components with their signs."""
+"""Displacements of control points: their lengths, or their components with signs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COMPONENTS = ("x", "y", "z", "length")
-_STILL = 1e-6  # of the greatest component: one that stays below is rounding
+_STILL = 1e-6  # of the greatest component: a smaller one is rounding
 
 
 @takes_paths
@@ -29,10 +29,11 @@ def control_points(
     ax: Axes | None = None,
     components: Sequence[str] | None = None,
 ) -> Figure:
-    """The load over the displacement of every control point since the dead loads, over time where no load grows.
+    """The load over the displacement of every control point since the dead-load equilibrium; if no load grows, the
+    displacement over time.
 
-    ``components``: of "x", "y", "z", with their signs, and "length"; left out, each of x, y and z in which any point
-    moves. HistoryError if a history has no control points, ScenarioError for a component that there is not.
+    ``components``: any of "x", "y", "z", with signs, and "length"; by default each of x, y and z in which any point
+    moves. HistoryError if a history has no control points, ScenarioError for an unknown component.
     """
     above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
@@ -81,6 +82,6 @@ def _moving(moved: Sequence[np.ndarray]) -> list[str]:
 
 
 def _told(point: str, component: str, label: str, runs_drawn: int) -> str:
-    """Name in a legend of a component of the displacement of a point."""
+    """Legend text for a component of the displacement of a point."""
     own = f"{style.plain(point)}, {'|u|' if component == 'length' else f'$u_{component}$'}"
     return own if runs_drawn == 1 else f"{own}, {label.strip()}"

@@ -1,4 +1,4 @@
-"""Rectangular joints as points of their yield domains load them, and the domains under such a load."""
+"""Rectangular joints with the loads of points of their yield domains, and the domains under such loads."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from dembrick.views.plot.paths import direction_in_words
 if TYPE_CHECKING:
     from dembrick.theory.approximations import InteractionCurve
 
-SAME = 1e-3  # of a number of two joints, or of a strength: what differs by less is the same
-_PURE = 1e-6  # of the strength: a shear force or a torsion that is not there
+SAME = 1e-3  # relative difference of data of two joints, or of strengths, below which they count as equal
+_PURE = 1e-6  # of the strength: a smaller shear force or torsion counts as zero
 
 
 class RectangularJoint(NamedTuple):
-    """Joint for which a domain is drawn: edges along t1 and t2 (m), friction, normal force (N), cohesion (Pa), the
-    ``direction`` of the shear force in t1, t2 where the torsion is positive, the ``eccentricity`` of N in t1, t2 from
-    the middle (m), and the pressure of the convex formulation."""
+    """Joint for which a domain is drawn: edges ``a`` and ``b`` along t1 and t2 (m), friction, normal force (N),
+    cohesion (Pa), ``direction`` of the shear force in t1, t2 for positive torsion, ``eccentricity`` of N in t1, t2 from
+    the middle (m), and ``pressure`` of the convex formulation."""
 
     a: float
     b: float
@@ -41,7 +41,7 @@ class RectangularJoint(NamedTuple):
 
     @property
     def pressed_at(self) -> str:
-        """Where N acts, in words; nothing where it is in the middle."""
+        """Point where N acts, in words; empty if it is the middle."""
         x, y = (1e3 * own for own in self.eccentricity)
         return "" if self.centred else f" at ({x:.3g}, {y:.3g}) mm"
 
@@ -59,7 +59,7 @@ class RectangularJoint(NamedTuple):
 
 @lru_cache(maxsize=64)
 def domain_curve(formulation: str, joint: RectangularJoint) -> InteractionCurve:
-    """The domain of a formulation; of ``distributed`` that of the whole area, which its points tend to."""
+    """The domain of a formulation; for ``distributed`` that of the whole area, the limit of infinitely many points."""
     name, pressure = ("convex", "linear") if formulation == "distributed" else (formulation, joint.pressure)
     centre = None if joint.centred else joint.eccentricity
     if joint.centred or name != "convex":
@@ -68,7 +68,7 @@ def domain_curve(formulation: str, joint: RectangularJoint) -> InteractionCurve:
 
 
 def domain_curves(formulations: Sequence[str], joint: RectangularJoint) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """V and M_T of the domain of each formulation, by its name, with its pressure where that is not the paper's."""
+    """V and M_T of the domain of each formulation, by its name, with its pressure if that is not the paper's."""
     found = {}
     for name in formulations:
         curve = domain_curve(name, joint)
@@ -78,8 +78,8 @@ def domain_curves(formulations: Sequence[str], joint: RectangularJoint) -> dict[
 
 
 def shown(formulations: Sequence[str], rows: Sequence[Mapping], joint: RectangularJoint) -> list[str]:
-    """The formulations whose domains are drawn. Under N beside the middle no two are the same, so those of the points
-    are among them, and those are left out whose points are drawn in so far that N would tip them over."""
+    """The formulations whose domains are drawn. Under eccentric N all domains differ, so those of the drawn points are
+    added, and formulations whose contact points lie so far inwards that N would tip the block are left out."""
     if joint.centred:
         return list(formulations)
     own, found = [row["formulation"] for row in rows], []
@@ -105,8 +105,8 @@ def under_points(joint: RectangularJoint, rows: Sequence[Mapping]) -> Rectangula
 
 
 def under(joint: RectangularJoint, row: Mapping, like: RectangularJoint) -> RectangularJoint:
-    """The joint under the load of a point. Torsion counts positive: a limit surface is the same for all forces turned
-    round. What a point without shear force or torsion leaves open is ``like`` that of another joint."""
+    """The joint under the load of a point. Torsion is made positive, since a limit surface is symmetric under reversal
+    of all forces. Data that a point without shear force or torsion leaves open are those of the joint ``like``."""
     sheared, twisted = _parts(joint, row)
     direction = like.direction
     if sheared:
@@ -128,8 +128,8 @@ def _parts(joint: RectangularJoint, row: Mapping) -> tuple[bool, bool]:
 
 
 def require_one_curve(rows: Sequence[Mapping], joint: RectangularJoint, formulations: Sequence[str]) -> None:
-    """ScenarioError if points belong to other curves than those of the joint, as their shear force or N acts elsewhere,
-    or to some that are not known: a bond that holds may pull, so that N beside the middle has another stress."""
+    """ScenarioError if points belong to other curves than those of the joint, because their shear force or N acts
+    elsewhere, or to unknown ones: an intact bond can be in tension, which changes the stress under eccentric N."""
     for row in rows:
         own = under(joint, row, joint)
         named = row.get("history") or "a point"
@@ -146,7 +146,7 @@ def require_one_curve(rows: Sequence[Mapping], joint: RectangularJoint, formulat
 
 
 def _alike(one: RectangularJoint, other: RectangularJoint, formulations: Sequence[str]) -> bool:
-    """Whether two loads of a joint have the same domains, as they do where one is the other in a mirror."""
+    """Whether two loads of a joint have the same domains, as mirror images do."""
     try:
         curves = [domain_curves(formulations, joint) for joint in (one, other)]
     except ScenarioError:  # the other N would tip it over
@@ -157,13 +157,13 @@ def _alike(one: RectangularJoint, other: RectangularJoint, formulations: Sequenc
 
 
 def torsion_strength(formulation: str, joint: RectangularJoint) -> float:
-    """M_T0 (N m); that of the whole area for ``distributed``, whose points tend to it."""
+    """M_T0 (N m); for ``distributed`` that of the whole area, the limit of infinitely many points."""
     return domain_curve(formulation, joint).M_T0
 
 
 def same_shape(formulations: Sequence[str], joint: RectangularJoint) -> list[list[str]]:
-    """Formulations in groups with one non-dimensional curve: shrinking the points scales M_T and M_T0 alike, as long as
-    N acts in the middle."""
+    """Groups of formulations with the same non-dimensional curve: with centred N, moving the contact points inwards
+    scales M_T and M_T0 alike."""
     if not joint.centred:
         return [[name] for name in formulations]
     alike = [name for name in formulations if name in ("concave", "corrected", "corrected-shear")]

@@ -1,5 +1,5 @@
-"""How the runs of one figure are told apart: what differs between them in the legend, what they share above it, and a
-look for each, whose colour is that of its formulation."""
+"""Distinction of the runs in a figure: their differences in the legend, their common description in the title, and a
+line style for each, with the colour of its formulation."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from dembrick.views.plot import style
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-_DIVIDED = re.compile(r"(?<=[:,;])\s+")  # of a title: where its parts begin
-_SHADES = (0.0, -0.45, 0.4, -0.7, 0.6)  # of a colour: towards black where negative, else towards white
+_DIVIDED = re.compile(r"(?<=[:,;])\s+")  # separators of the parts of a title
+_SHADES = (0.0, -0.45, 0.4, -0.7, 0.6)  # shades of a colour: negative towards black, positive towards white
 
 
 def formulation_of(history: History) -> str:
-    """The formulation of a run's joints, empty where it is not told."""
+    """The formulation of a run's joints, empty if not recorded."""
     return str(history.results.get("formulation") or "")
 
 
@@ -31,7 +31,7 @@ def title_of(history: History) -> str:
 
 
 def labelled(histories, labels: Sequence[str] | None) -> tuple[list, list[str]]:
-    """Histories as a list, and a label for each that is safe to draw; without ``labels``, what differs between them."""
+    """Histories as a list, and a label for each, escaped for drawing; by default the labels state their differences."""
     histories = list(histories) if isinstance(histories, list | tuple) else [histories]
     if not histories:
         raise ScenarioError("a figure needs at least one history")
@@ -42,15 +42,15 @@ def labelled(histories, labels: Sequence[str] | None) -> tuple[list, list[str]]:
 
 
 def heading(histories, labels: Sequence[str] | None) -> str:
-    """Heading of a figure whose legend has the labels of `labelled`: what its histories share."""
+    """Heading of a figure whose legend has the default labels of `labelled`: the common part of its histories."""
     histories = list(histories) if isinstance(histories, list | tuple) else [histories]
     return "" if labels is not None or not histories else style.plain(told_apart(histories)[0])
 
 
 def told_apart(histories: Sequence[History]) -> tuple[str, list[str]]:
-    """Part that all histories share of their titles and formulations, and for each the rest.
+    """The common part of the titles and formulations of all histories, and the remaining part of each.
 
-    Histories that say the same of themselves are told apart by the names of their files.
+    Histories with the same title and formulation are distinguished by the names of their files.
     """
     if len(histories) == 1:
         return title_of(histories[0]), [formulation_of(histories[0]) or "run"]
@@ -68,7 +68,7 @@ def told_apart(histories: Sequence[History]) -> tuple[str, list[str]]:
 
 
 def _told(history: History) -> str:
-    """All that a history says of itself: its title and its formulation."""
+    """Description of a history: its title and its formulation."""
     return ", ".join(filter(None, (title_of(history), formulation_of(history))))
 
 
@@ -81,8 +81,8 @@ class RunLook(NamedTuple):
 
 
 def looks(formulations: Sequence[str]) -> list[RunLook]:
-    """A look for each run of a figure: the colour, the dashes and the mark of its formulation. Further runs of the same
-    one have shades of its colour and dashes of their own."""
+    """A style for each run of a figure: colour, line style and marker of its formulation. Further runs of the same
+    formulation have shades of its colour and other line styles."""
     met: Counter[str] = Counter()
     found = []
     for i, name in enumerate(formulations):
@@ -100,12 +100,12 @@ def looks(formulations: Sequence[str]) -> list[RunLook]:
 
 
 def _shade(colour: str, share: float) -> str:
-    """A colour as far towards white, or towards black where ``share`` is negative, as it says."""
+    """A colour mixed with white by ``share``, or with black by its size if it is negative."""
     aim = 255.0 if share > 0.0 else 0.0
     levels = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
     return "#" + "".join(f"{round(level + abs(share) * (aim - level)):02X}" for level in levels)
 
 
 def unit_of_loads(values, unit: str) -> tuple[str, float]:
-    """The unit of an axis for loads, arrays of them, in ``unit``, and its factor; see `summary.load_unit`."""
+    """A suitable axis unit for ``values``, arrays of loads in ``unit``, and its factor; see `summary.load_unit`."""
     return summary.load_unit(max((float(abs(own).max()) for own in values if len(own)), default=0.0), unit)

@@ -1,4 +1,4 @@
-"""Response spectra of records of the ground."""
+"""Response spectra of ground motion records."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PERIODS = np.geomspace(0.05, 4.0, 120)  # s, that are drawn
+PERIODS = np.geomspace(0.05, 4.0, 120)  # s, the periods drawn
 
 
 def read_spectrum(
     path: str | os.PathLike, damping: float = 0.05, periods: Sequence[float] = tuple(PERIODS)
 ) -> Spectrum:
-    """The response spectrum of a record of acceleration, CSV with units or PEER (.AT2), as base motions read it."""
+    """The response spectrum of an acceleration record, CSV with units or PEER (.AT2), read as for base motions."""
     found, numbers = read_columns(path, "a record of the ground", ("time", "acceleration"))
     back = np.flatnonzero(np.diff(found["time"]) <= 0.0)
     if len(back):
@@ -33,7 +33,7 @@ def read_spectrum(
 
 
 def spectra(records, damping: float = 0.05, ax: Axes | None = None) -> Figure:
-    """Pseudo-acceleration over the period of the files of one or several ``records`` of the ground."""
+    """Pseudo-acceleration over the period for one or several ``records``, paths of ground motion files."""
     paths = list(records) if isinstance(records, list | tuple) else [records]
     if not paths:
         raise ScenarioError("a figure needs at least one record")

@@ -1,4 +1,4 @@
-"""Figures of studies: the answer of every case over the keys that change, from the table that a sweep writes."""
+"""Figures of studies: the answer of every case over the varied keys, from the table that a sweep writes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TABLE = "table.csv"
-ANSWERS = ("value", "V", "collapse_load_factor", "greatest_displacement")  # the first that any case has is drawn
+ANSWERS = ("value", "V", "collapse_load_factor", "greatest_displacement")  # default: the first that any case has
 _LIMITS = ("V", "collapse_load_factor")
 _UNITS = {
     "N": ("V", "V_lower", "V_upper", "V_peak", "V_1", "V_2", "N", "theory", "associative"),
@@ -32,12 +32,12 @@ _UNITS = {
     "s": ("loop",),
 }
 _FORMULATION = "joint.formulation"
-_MOST_LINES = 8  # in the legend of a panel; more cases than that are a cloud of points
+_MOST_LINES = 8  # in the legend of a panel; with more, the cases are drawn as unconnected points
 
 
 class StudyTable(NamedTuple):
-    """A study as it was read: its ``path``, the ``keys`` that change, a row for each case that did not fail, and its
-    ``title``, empty if the table stands alone."""
+    """The table of a study: its ``path``, the varied ``keys``, the ``columns`` of answers, a row for each case that has
+    one, and the ``title``, empty for a table on its own."""
 
     path: str
     keys: tuple[str, ...]
@@ -51,12 +51,12 @@ class StudyTable(NamedTuple):
 
 
 def is_study(path: str | os.PathLike) -> bool:
-    """Whether a path names the table of a study, or the folder of one."""
+    """Whether a path is that of the table or the folder of a study."""
     return Path(path).suffix.lower() == ".csv" or os.path.isdir(path)
 
 
 def read_study(path: str | os.PathLike) -> StudyTable:
-    """The table of a sweep: STUDY/table.csv, or the folder STUDY. ScenarioError for a file that is no such table."""
+    """Read the table of a sweep from STUDY/table.csv or the folder STUDY; ScenarioError if it is no such table."""
     path = Path(path) / TABLE if os.path.isdir(path) else Path(path)
     table: Table = read_table(path, "the table of a study")
     titles = table.titles
@@ -71,7 +71,7 @@ def read_study(path: str | os.PathLike) -> StudyTable:
 
 
 def _title(path: Path) -> str:
-    """The title of the study whose table it is, from the ``table.h5`` beside it."""
+    """The title of the study, from the ``table.h5`` beside its table."""
     try:
         with guard.open_file(path.with_name("table.h5")) as file:
             found = guard.attribute(file, "title")
@@ -81,10 +81,10 @@ def _title(path: Path) -> str:
 
 
 def study(table: StudyTable, answer: str | None = None, over: Sequence[str] = ()) -> Figure:
-    """The ``answer`` of every case over each of the keys that change, a panel for each key (or for those of ``over``).
+    """The ``answer`` of every case over each varied key, one panel per key (or only those in ``over``).
 
-    Cases that differ in nothing else make a line; ``half_width`` of a search, or V_lower and V_upper of a limit load,
-    are bars. ScenarioError for columns that the table does not have.
+    Cases that differ in the key of the panel only are joined by a line. Error bars: ``half_width`` of a search, V_lower
+    and V_upper of a limit load. ScenarioError for columns that the table does not have.
     """
     answer = _answer(table, answer)
     for key in over:
@@ -118,7 +118,7 @@ def _answer(table: StudyTable, answer: str | None) -> str:
 
 
 def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
-    """One panel: a line for each combination of the other keys that change."""
+    """Draw one panel: a line for each combination of the other varied keys."""
     others = [name for name in table.keys if name != key and len({row[name] for row in table.rows}) > 1]
     lines: dict[tuple[str, ...], list[int]] = {}
     for i, row in enumerate(table.rows):
@@ -154,7 +154,7 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
 
 
 def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
-    """Where the cases stand along the axis of a key: its numbers, or the places of its texts."""
+    """Positions of the cases along the axis of a key, and whether they are its numbers, not the ranks of its texts."""
     found = table.numbers(key)
     if all(value is not None for value in found):
         return [value for value in found if value is not None], True
@@ -163,15 +163,15 @@ def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
 
 
 def _look(others: Sequence[str], values: Sequence[str], number: int) -> tuple:
-    """Colour, dashes and mark of a line: those of the formulation where lines differ in it."""
+    """Colour, line style and marker of a line: those of the formulation if the lines differ in it."""
     named = dict(zip(others, values, strict=False))
     own = style.FORMULATION.get(named.get(_FORMULATION, ""))
     return own if own and len(named) == 1 else style.CYCLE[number % len(style.CYCLE)]
 
 
 class _Axis(NamedTuple):
-    """The axis of an answer: its ``name`` and ``unit``; numbers of the table are multiplied by ``factor``, or are the
-    tangents of the angles (deg) that are shown if it ``tilts``."""
+    """The axis of an answer: its ``name``, its ``unit``, and the ``factor`` from numbers of the table to it. If it
+    ``tilts``, these are tangents of angles, and the angles are shown in degrees."""
 
     name: str
     unit: str
@@ -186,7 +186,7 @@ class _Axis(NamedTuple):
 
 
 def _axis(table: StudyTable, answer: str) -> _Axis:
-    """Name of an answer on its axis, and the unit that suits it."""
+    """The axis of an answer, with a suitable unit."""
     searched = table.rows[0].get("searched") if answer == "value" else None
     if searched:
         return _Axis(style.plain(f"{searched} at which it falls"), unit_of(searched))
@@ -208,8 +208,8 @@ def _with_unit(name: str, unit: str) -> str:
 
 
 def unit_of(key: str) -> str:
-    """The unit of a key of a scenario as studies name it (``joint.friction``, ``walls.house.block.1``); "-" for a
-    number, empty where there is none."""
+    """The unit of a scenario key in the notation of studies (``joint.friction``, ``walls.house.block.1``); "-" for a
+    dimensionless number, empty if there is none."""
     first, *_, last = [part.partition("[")[0] for part in key.split(".") if not part.isdecimal()]
     told = {heading.strip("[]{} =").split(".")[0].split("]")[0]: table for heading, table in keys.tables().items()}
     of_controls = [table for heading, table in keys.tables().items() if heading.startswith("[control]")]
@@ -235,7 +235,7 @@ def _bars(table: StudyTable, answer: str, axis: _Axis) -> list[tuple[float, floa
         if V is None:
             bars.append((0.0, 0.0))
             continue
-        if _on_one_path(table, j):  # its bracket is of that path alone
+        if _on_one_path(table, j):  # its bracket holds for that path only
             low, high = None, bound
         middle, below, above = axis.shown([V, V if low is None else low, V if high is None else high])
         bars.append((max(0.0, middle - below), max(0.0, above - middle)))
@@ -243,17 +243,17 @@ def _bars(table: StudyTable, answer: str, axis: _Axis) -> list[tuple[float, floa
 
 
 def _on_one_path(table: StudyTable, row: int) -> bool:
-    """Whether a limit load depends on the path, and nothing tells how far."""
+    """Whether a limit load depends on the path by an unknown amount."""
     return table.rows[row].get("digits_open") == "true"
 
 
 def _on_several(table: StudyTable, row: int) -> bool:
-    """Whether a limit load depends on the path, and its bar says how far: the load wanders, or was refined."""
+    """Whether a limit load depends on the path by an amount shown by its bar: the load wanders, or was refined."""
     return table.rows[row].get("path_dependent") == "true" and not _on_one_path(table, row)
 
 
 def _tilts(table: StudyTable) -> bool:
-    """Whether the cases are tables that tilt."""
+    """Whether the cases are tilting tables."""
     return "collapse_angle" in table.columns and any(angle is not None for angle in table.numbers("collapse_angle"))
 
 

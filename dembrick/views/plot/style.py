@@ -1,4 +1,4 @@
-"""One look for all figures: colours that colour-blind readers tell apart, lines and markers that survive grey print."""
+"""Common style of all figures: colours for colour-blind readers, lines and markers that are distinct in grey print."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SETTINGS = {
     "font.size": 9.0,
     "axes.titlesize": 9.0,
     "legend.fontsize": 8.0,
-    "figure.autolayout": False,  # as a figure is laid out by what made it
+    "figure.autolayout": False,  # each figure sets its own layout
     "figure.constrained_layout.use": False,
     "axes.grid": True,
     "grid.linewidth": 0.4,
@@ -68,7 +68,7 @@ SETTINGS = {
 
 
 def settings():
-    """Context in which figures are made and written: our settings, whatever the user's are."""
+    """Context in which figures are made and written: our settings in place of the user's."""
     return needed("matplotlib", "a figure").rc_context(SETTINGS)
 
 
@@ -97,14 +97,14 @@ def panels(
 
 
 def new_figure(size: tuple[float, float]) -> Figure:
-    """A figure of ``size`` (inches) that belongs to no window; a notebook shows it as a picture."""
+    """A figure of ``size`` (inches) without a window; notebooks show it as a picture."""
     needed("matplotlib", "a figure")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
-    figure._repr_png_ = partial(_as_png, figure)  # which notebooks ask for
+    figure._repr_png_ = partial(_as_png, figure)  # called by notebooks
     return figure
 
 
@@ -115,7 +115,7 @@ def _as_png(figure: Figure) -> bytes:
 
 
 def legend(figure: Figure, ax: Axes, own: bool, columns: int = 2) -> None:
-    """Below the axes in a figure of ours, where it hides no data; inside the user's axes."""
+    """Draw the legend: below the axes, where it hides no data, in our ``own`` figures; inside the axes of the user."""
     handles, labels = ax.get_legend_handles_labels()
     if not handles:
         return
@@ -126,7 +126,7 @@ def legend(figure: Figure, ax: Axes, own: bool, columns: int = 2) -> None:
 
 
 def plain(text: str) -> str:
-    """Text as it stands: no formula between dollar signs, and never a label that matplotlib would hide."""
+    """Text drawn literally: dollar signs start no formula, and a leading underscore does not hide a label."""
     text = str(text).replace("$", r"\$")
     return f" {text}" if text.startswith("_") else text
 
@@ -135,13 +135,13 @@ _TOGETHER = re.compile(r"(?<==) | (?==)|(?<=\d) (?=[^\W\d_]{1,3}(?:\b|$))")  # "
 
 
 def wrapped(text: str, width: int) -> str:
-    """A text in lines of so many characters, none of which breaks at an equals sign or before a unit."""
+    """A text wrapped to ``width`` characters, without breaks at an equals sign or before a unit."""
     fixed = _TOGETHER.sub("\N{NO-BREAK SPACE}", text)
     return "\n".join(textwrap.wrap(fixed, width)).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def inline_svg(figure: Figure) -> str:
-    """A figure as the ``<svg>`` element that an HTML page takes up."""
+    """A figure as an ``<svg>`` element for an HTML page."""
     _write_out_controls(figure)
     with settings(), io.StringIO() as text:
         figure.savefig(text, format="svg", metadata={"Date": None})
@@ -149,8 +149,8 @@ def inline_svg(figure: Figure) -> str:
 
 
 def _write_out_controls(figure: Figure) -> None:
-    """Show control characters in the texts of a figure as ``\\x1b``: titles may come from a stranger's file, and
-    matplotlib would warn of them with the very character, which then reaches the terminal."""
+    """Show control characters in the texts of a figure as ``\\x1b``: titles may come from an untrusted file, and the
+    warnings of matplotlib about them would pass the characters on to the terminal."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
@@ -161,26 +161,26 @@ def _write_out_controls(figure: Figure) -> None:
 
 
 def settle(figure: Figure) -> None:
-    """Put the parts of a figure where they stay: whatever is then saved, in one format or several, draws it once each,
-    and not a first time to find out how much room each part takes."""
+    """Fix the layout of a figure, so that saving it in one or several formats draws it only once each, without a
+    preceding run of the layout engine."""
     engine = figure.get_layout_engine()
     if engine is not None:
         _write_out_controls(figure)
         with settings():
-            figure.set_dpi(DOTS_PER_INCH)  # the room that letters take depends on it
+            figure.set_dpi(DOTS_PER_INCH)  # the size of text depends on it
             engine.execute(figure)
             figure.set_layout_engine(None)
 
 
 def save(figure: Figure, path: str | os.PathLike) -> str:
-    """Write a figure as PNG (300 dpi), SVG or PDF, told by the ending; the file appears whole or not at all."""
+    """Write a figure as PNG (300 dpi), SVG or PDF, by the ending; the file appears only when it is complete."""
     path = os.fspath(path)
     ending = os.path.splitext(path)[1].lower()
     if ending not in FORMATS:
         raise OutputError(f"{path}: the ending {ending!r} is no figure format; use one of {', '.join(FORMATS)}")
     stamp = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[ending]
     _write_out_controls(figure)
-    picture = io.BytesIO()  # a writer of matplotlib that fails half way says more than one sentence
+    picture = io.BytesIO()  # a writer of matplotlib that fails on a file gives more than one error message
     with settings():
         figure.savefig(picture, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
     write_whole(path, picture.getvalue(), "figure")

@@ -1,4 +1,4 @@
-"""Which joint of a history a figure is about, and the limit surface that this joint has."""
+"""The subject of a figure: the joint of a history with its limit surface, and the diagram that suits the run."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 
 def time_name(record) -> str:
-    """Name of the times of a record, for an axis."""
+    """Axis label for the times of a record."""
     return "number of the equilibrium" if record.counts_equilibria else "time [s]"
 
 
 def joint_names(history: History) -> list[str]:
-    """``lower/upper`` for each joint: its two blocks, with its number where the same two share several joints."""
+    """``lower/upper`` for each joint: its two blocks, with its number if the same two share several joints."""
     pairs = _pairs(history)
     count = Counter(pairs)
     return [f"{pair} #{i}" if count[pair] > 1 else pair for i, pair in enumerate(pairs)]
@@ -37,15 +37,15 @@ def _pairs(history: History) -> list[str]:
 
 
 def pushes_several(history: History) -> bool:
-    """Whether the load acts on several blocks: the shares of their weights of a tilt or a pushover, as a rule."""
+    """Whether the load acts on several blocks, as the shares of their weights do in a tilt or a pushover."""
     return len({actuator["block"] for actuator in history.actuators}) > 1
 
 
 def chosen_joint(history: History, name: str | int | None = None) -> int:
-    """Number of the joint called ``a/b`` (or ``b / a``, ``a/b #3``, or 3); without a name the one that gave way.
+    """Number of the joint called ``a/b`` (or ``b / a``, ``a/b #3``, or 3); without a name the one that failed.
 
-    That is the joint of the yield point, else the first one of a block that is pushed, else the one that slipped most.
-    Raises HistoryError if there is no joint, ScenarioError for a name that no joint has.
+    That is the joint of the yield point, else the first joint of a pushed block, else the one that slipped most.
+    Raises HistoryError if there is no joint, ScenarioError if no joint has the name.
     """
     joints = history.joints
     if not joints:
@@ -76,8 +76,8 @@ def chosen_joint(history: History, name: str | int | None = None) -> int:
 
 
 def _other_ways(name: str) -> Iterator[str]:
-    """The same joint in other words: without the spaces around the slash, and with its blocks in the other order, as
-    results name hinges. Names of blocks may have a slash in them."""
+    """Other spellings of a joint's name: without spaces around the slash, as in the hinges of results, and with its
+    blocks in the other order. Names of blocks may contain a slash."""
     pair, sign, number = name.strip().rpartition("#")
     pair, end = (pair.strip(), f" #{number.strip()}") if sign and number.strip().isdecimal() else (name.strip(), "")
     for cut in [i for i, letter in enumerate(pair) if letter == "/"]:
@@ -87,34 +87,34 @@ def _other_ways(name: str) -> Iterator[str]:
 
 
 def pressure_centre(carried: Mapping[str, float]) -> np.ndarray:
-    """Centre of pressure (2,) m from O: a normal force N there and the moments M_1, M_2 balance."""
+    """Centre of pressure (2,) m from O: the point where N alone has the moments M_1 and M_2."""
     return np.array([carried["M_2"], -carried["M_1"]]) / carried["N"]
 
 
 def strengths(joint: Mapping, broken: bool = False) -> tuple[float, float]:
-    """Friction coefficient and cohesion (Pa) of a joint of a history, as long as its bond holds or after it broke."""
+    """Friction coefficient and cohesion (Pa) of a joint of a history, with its bond intact or ``broken``."""
     if broken:
         return joint.get("residual_friction", joint["friction"]), joint.get("residual_cohesion", 0.0)
     return joint["friction"], joint.get("cohesion", 0.0)
 
 
 def is_brittle(joint: Mapping) -> bool:
-    """Whether a joint loses some of its strength as it slips."""
+    """Whether a joint loses strength when it slips."""
     return strengths(joint) != strengths(joint, True)
 
 
 def shear_strength(joint: Mapping, N, broken: bool = False):
-    """c A + mu N of a joint (N), which may be below zero if it is pulled."""
+    """c A + mu N of a joint (N), which may be negative in tension."""
     friction, cohesion = strengths(joint, broken)
     return cohesion * joint["area"] + friction * N
 
 
 def limit_surface(joint: Mapping, carried: Mapping[str, float], broken: bool = False) -> theory.Law | None:
-    """The torsion-shear limit surface of a joint's own formulation at what it carries (``N``, ``M_1``, ``M_2``), with
-    its cohesion, or with what is left of it where the bond is ``broken``.
+    """The torsion-shear limit surface of a joint in its own formulation, under the ``carried`` ``N``, ``M_1`` and
+    ``M_2``, with its cohesion, or the residual one if the bond is ``broken``.
 
-    Points press like springs under the eccentric normal force; as long as a bond holds they may pull. None if the
-    joint has no strength, or if without a bond that holds it is open or pressed outside itself.
+    Contact points press like springs under the eccentric normal force; with an intact bond they may be in tension. None
+    if the joint has no strength, or if it has no intact bond and is open or its N acts outside it.
     """
     friction, cohesion = strengths(joint, broken)
     held = is_brittle(joint) and not broken
@@ -139,13 +139,13 @@ def limit_surface(joint: Mapping, carried: Mapping[str, float], broken: bool = F
 
 
 def outlines(joint: Mapping) -> list[np.ndarray]:
-    """The convex polygons (m, 2) m of a joint of a history: one, or one for each of its pieces."""
+    """The convex polygons (m, 2) m of a joint of a history, one for each of its pieces."""
     return [joint["polygon"][corners] for corners in pieces(joint["polygon"])]
 
 
 def linear_stress(arms: np.ndarray, areas: np.ndarray, carried: Mapping[str, float]) -> np.ndarray:
-    """Normal stress (n,) Pa at points of a joint that may pull: linear over their ``arms``, in balance with N, M_1 and
-    M_2."""
+    """Normal stress (n,) Pa at points of a joint that can be in tension: linear over their ``arms``, in equilibrium
+    with N, M_1 and M_2."""
     phi = np.column_stack([np.ones(len(arms)), arms])
     spread = np.linalg.pinv((phi * np.asarray(areas)[:, None]).T @ phi, rcond=1e-12, hermitian=True)
     return phi @ spread @ np.array([carried["N"], carried["M_2"], -carried["M_1"]])
@@ -161,9 +161,9 @@ def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]
 
 
 class Diagram(NamedTuple):
-    """Diagram of a run: ``load`` names the load over the displacement, with its unit; None if the
-    blocks move in time under no growing load, and the displacement is shown over time. ``tilts``: the load is shown as
-    the angle of a table, in degrees, of which the record has the tangent."""
+    """Axes of the diagram of a run: ``load`` over ``displacement``, by their names, and ``unit`` of the load. ``load``
+    is None if no load grows; the displacement is then shown over time. ``tilts``: the load is shown as the angle of a
+    tilting table in degrees; the record has its tangent."""
 
     load: str | None
     unit: str
@@ -171,12 +171,12 @@ class Diagram(NamedTuple):
     tilts: bool = False
 
     def loads(self, recorded):
-        """Loads (T,) or a load of the record, in ``unit``."""
+        """Loads (T,) of the record, or a single one, converted to ``unit``."""
         return np.degrees(np.arctan(recorded)) if self.tilts else recorded
 
     def limit(self, results: Mapping) -> tuple[float, float | None, str] | None:
-        """Bounds of the limit load in ``unit``, the upper one None where nothing bounds it, and the limit in words;
-        None without a lower bound, of a test that goes to and fro and if the run failed."""
+        """Bounds of the limit load in ``unit``, the upper one None if there is none, and the limit in words; None
+        without a lower bound, for a cyclic test and for a failed run."""
         point = summary.yield_point(results)
         if "cycles" in results or "error" in results or any(key not in point for key in ("V", "V_lower")):
             return None
@@ -193,8 +193,8 @@ class Diagram(NamedTuple):
         return lower, float(self.loads(upper)), str(said)
 
     def allowed(self, results: Mapping) -> dict[str, tuple[float, str]]:
-        """Reactions (N) "least" and "greatest" along the motion of supports that limit analysis allows before they
-        move, each with its words; empty if limit analysis was not asked, and without an end that has no limit."""
+        """Reactions (N) "least" and "greatest" along the motion of the supports by limit analysis, before they move,
+        each with its legend text; those without a limit are left out, all if limit analysis was not requested."""
         found = summary.part(summary.part(results, "settlement"), "limit_analysis")
         ends = {which: summary.number(found.get(which)) for which in ("least", "greatest")}
         return {
@@ -219,7 +219,7 @@ def record_of(source) -> Record:
 
 
 def diagram_of(source) -> Diagram:
-    """The diagram that suits a history or a result, by what its control says of the curve."""
+    """The diagram for a history or a result, from the curve that its control defines."""
     curve = source.curve
     if curve.load is None:
         return Diagram(None, "", curve.displacement)
