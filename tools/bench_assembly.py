@@ -1,10 +1,10 @@
-"""What assemblies in motion cost, against a plain loop in the same process, and against what the memory lets through.
+"""Cost of assemblies in motion, compared with a plain loop in the same process and with the memory bandwidth.
 
     python tools/bench_assembly.py [--quick]
 
-Costs a joint are processor time, the best of many short chunks taken in turns with the yardstick, so that a busy
-machine slows all alike: the ratios are the figures to judge. The last columns say how much memory a joint and step
-touches, and which part of the machine's copy bandwidth that is (more than all of it where a scene fits the caches).
+Costs per joint are processor time, the best of many short chunks that alternate with the plain loop, so that a busy
+machine slows all alike: judge the ratios. The last columns give the memory touched per joint and step, and its share of
+the machine's copy bandwidth (more than 100 % if a scene fits the caches).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from dembrick.simulation.dynamics.state import seen
 
 WRITTEN = ("wrenches", "position", "orientation", "velocity", "spin", "momentum", "seen_tiles", "sheared")
 SHARED = ("tiles", "points")
-IDLE = {  # what no step of joints that stick without loads touches
+IDLE = {  # arrays that no step of sticking joints without loads touches
     "Bodies": ("rotation", "applied"),
     "Links": ("host", "other", "tangents", "plane", "axes", "place", "kept", "reach", "slack", "glide"),
     "Corners": ("joint", "lane", "start", "place", "law", "slipped"),
@@ -43,7 +43,7 @@ CALM = Limits(displacement=1.0, longest=1.0)
 
 
 def wall(courses: int, blocks: int, formulation: str = "concave", balanced: bool = False):
-    """A wall at rest, with an energy balance or without, and what drives it: gravity, tilting slowly out of plane."""
+    """A wall in equilibrium, with or without energy balance, and its loading: gravity tilting slowly out of plane."""
     changes = [f"walls.0.courses={courses}", f"walls.0.blocks={blocks}", f"joint.formulation={formulation}"]
     scenario = scenarios.load(shipped.folder() / "wall_tilt.toml", changes)
     moving = run.prepare(build.assemble(scenario), scenario.control, scenario.solver.step_factor)
@@ -56,7 +56,7 @@ def wall(courses: int, blocks: int, formulation: str = "concave", balanced: bool
 
 
 def chunk(moving, driving, steps: int) -> float:
-    """Nanoseconds of this thread a joint and step of one call of the loop."""
+    """Time of this thread (ns) per joint and step in one call of the loop."""
     times = (moving.steps + np.arange(steps)) * moving.time_step
     began = time.thread_time()
     chunks.advance_chunk(moving, moving.state.bodies, driving, times, CALM, 0.0, moving.time_step)
@@ -66,12 +66,12 @@ def chunk(moving, driving, steps: int) -> float:
 
 
 def state_bytes(moving) -> int:
-    """Memory of all arrays that the loop works on."""
+    """Memory (bytes) of all arrays that the loop uses."""
     return sum(array.nbytes for array in moving.state.arrays)
 
 
 def touched_bytes(moving) -> float:
-    """Memory that a step reads and writes, at least once each; what tiles share stays in the cache."""
+    """Memory (bytes) that a step reads and writes at least once; data shared by tiles stays in the cache."""
     total = 0.0
     for part in (moving.state.bodies, moving.state.links, moving.state.corners, moving.state.faces):
         arrays = {} if part is None else part._asdict()
@@ -95,7 +95,7 @@ def bandwidth() -> float:
 
 
 def interleaved(calls: dict, rounds: int) -> dict:
-    """The best of every call, taken in turns."""
+    """The best result of each call; the calls alternate."""
     best = dict.fromkeys(calls, np.inf)
     for _ in range(rounds):
         for name, call in calls.items():
@@ -104,7 +104,7 @@ def interleaved(calls: dict, rounds: int) -> dict:
 
 
 def joint_costs(sizes, rounds: int, speed: float) -> None:
-    """Nanoseconds a joint and step by size and formulation, one thread."""
+    """Time (ns) per joint and step by size and formulation, one thread."""
     numba.set_num_threads(1)
     print(f"{'blocks':>8}{'joints':>8}{'plain':>8}{'concave':>9}{'ratio':>7}{'energy':>8}{'convex':>8}{'/ concave':>10}"
           f"{'energy':>8}{'bytes/block':>13}{'convex':>8}{'bytes/joint step':>18}{'of bandwidth':>14}")  # fmt: skip
@@ -129,10 +129,10 @@ def joint_costs(sizes, rounds: int, speed: float) -> None:
 
 
 def thread_gain(courses: int, rounds: int) -> None:
-    """Two threads against one, and whether they agree to the last bit.
+    """Speed of two threads over one, and whether their results agree to the last bit.
 
-    Wall-clock time of short calls: on a shared machine only such ones find both cores free. All work on one state, so
-    that it stays in the caches.
+    Wall-clock time of short calls, since on a shared machine only these find both cores free. All calls use the same
+    state, so that it stays in the caches.
     """
     integrator.Pace.choose = lambda _, loops: (loops - 1, integrator.LONGEST_CHUNK)  # no trial
     moving, driving = wall(courses, courses)
@@ -142,7 +142,7 @@ def thread_gain(courses: int, rounds: int) -> None:
     def call(threads: int) -> float:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
         best = np.inf
-        for _ in range(6):  # the first after a change waits for threads that still spin
+        for _ in range(6):  # the first call after a change waits for threads that still spin
             before = moving.loop_seconds
             chunk(moving, driving, steps)
             best = min(best, moving.loop_seconds - before)
@@ -161,7 +161,7 @@ def thread_gain(courses: int, rounds: int) -> None:
 
 
 def tilted_walls(cases) -> None:
-    """Angle at 20 mm, and what a simulated second takes: processor time on one thread, time of the clock on two."""
+    """Angle at 20 mm, and cost of a simulated second: processor time on one thread, wall-clock time on two."""
     numba.set_num_threads(1)
     for n, rigid, changes in cases:
         changes = [f"walls.0.courses={n}", f"walls.0.blocks={n}", *changes]

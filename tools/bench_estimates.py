@@ -1,10 +1,11 @@
-"""Compare what `dembrick check` expects of every shipped scenario with what its run takes.
+"""Compare the cost that `dembrick check` estimates for every shipped scenario with that of its run.
 
     python tools/bench_estimates.py [NAME ...] [--jobs 1]
 
-A row for each scenario: steps and processor seconds, expected and taken, and their ratios. A run is a process of its
-own, start and all; one that is off by more than two is made again, as it may have compiled, and the quicker counts.
-The last line says how many are within a factor of two in steps, in seconds and in both. Some minutes of work.
+A row for each scenario: steps and processor seconds, estimated and measured, and their ratios. Each run is a process of
+its own, including start-up. A run off by more than a factor of two is repeated, as it may have compiled, and the
+quicker one counts. The last line gives the number of scenarios within a factor of two in steps, in seconds and in both.
+It takes some minutes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ FACTOR = 2.0
 
 
 class Row(NamedTuple):
-    """Steps and processor seconds of a scenario, each expected and taken."""
+    """Steps and processor seconds of a scenario, each estimated and measured."""
 
     name: str
     steps: tuple[int, int]
@@ -35,17 +36,17 @@ class Row(NamedTuple):
 
     @property
     def ratios(self) -> tuple[float, float]:
-        """Expected over taken: steps, seconds."""
+        """Estimated over measured: steps, seconds."""
         return self.steps[0] / max(self.steps[1], 1), self.seconds[0] / self.seconds[1]
 
 
 def within(ratio: float) -> bool:
-    """Whether a ratio is between a half and two."""
+    """Whether a ratio is between 0.5 and 2."""
     return 1.0 / FACTOR <= ratio <= FACTOR
 
 
 def ran(*words: str) -> tuple[dict, float]:
-    """JSON object of a command in a process of its own, and the processor seconds that it took."""
+    """JSON output of a command in a process of its own, and its processor seconds."""
     with tempfile.TemporaryFile() as out:
         surroundings = os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_NUM_THREADS": "1"}
         command = [sys.executable, "-m", "dembrick", *words, "--json", "--quiet"]

@@ -1,10 +1,10 @@
-"""What the guards of the time loop and the energy balance cost: the same steps with and without them, by turns.
+"""Cost of the guards of the time loop and of the energy balance: the same steps with and without them, alternating.
 
     python tools/bench_guards.py [--steps 2000000] [--points 18 12] [--formulation ...]
 
-Every variant pushes a copy of set 4a at constant rate along its plateau, where all points slide and the terms have most
-to do, in turns of a few thousand steps; each turn of all variants is one sample. Two ratios are printed: of the best
-turns, and the median of the ratios turn by turn. ``rows``: a row of the record every so many steps, as in `run`.
+Every variant pushes a copy of set 4a at a constant rate along its plateau, where all points slide and the energy terms
+cost most. The variants take turns of a few thousand steps; one turn of all variants is one sample. Two ratios are
+printed: that of the best turns, and the median of the ratios of each turn. All variants record rows, as a run does.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import for_kernels, new_energy
 
 TURN = 4096  # steps
-ROWS_EVERY = 64  # steps, some 1000 rows in a test of 1e5 steps or less
+ROWS_EVERY = 64  # steps: about 1000 rows in a test of 1e5 steps or less
 RATE = 1e-4  # m/s
-PLATEAU = 1e-5  # m, travel before the clock starts
+PLATEAU = 1e-5  # m, travel before the measurement starts
 
 
 class Variant:
-    """A run that goes on for as long as it is asked to, with or without guards and energy balance."""
+    """A run that can be continued step by step, with or without guards and energy balance."""
 
     def __init__(self, scenario, guarded: bool, audited: bool):
         built = assemblies.assemble(scenario)
@@ -54,7 +54,7 @@ class Variant:
         self.advance(int(PLATEAU / (RATE * self.dt)))
 
     def advance(self, steps: int) -> float:
-        """Seconds that ``steps`` more take."""
+        """Run ``steps`` more; return the seconds that they take."""
         spent = 0.0
         while True:
             n = min(steps, TURN)
@@ -73,7 +73,7 @@ class Variant:
 
 
 def compare(scenario, steps: int) -> tuple[list[float], list[float], list[float]]:
-    """Nanoseconds a step of the best turn of each variant, and cost in percent over the bare loop by both ratios."""
+    """Time (ns) per step in the best turn of each variant, and cost (%) above the bare loop by both ratios."""
     variants = [Variant(scenario, *flags) for flags in ((False, False), (True, False), (True, True))]
     turns = [[variant.advance(TURN) for variant in variants] for _ in range(max(2, steps // TURN))]
     best = [min(column) for column in zip(*turns, strict=True)]

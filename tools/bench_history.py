@@ -1,12 +1,12 @@
-"""What keeping a record costs: memory of a run of many blocks and frames, and the share of the loop that it takes.
+"""Cost of keeping a record: memory of a run with many blocks and frames, and share of the run time.
 
     python tools/bench_history.py memory [--blocks 10000] [--frames 10000]
     python tools/bench_history.py share [--blocks 900] [--frames 1000]
 
-Pairs of blocks stand side by side, and one is pushed at a constant rate: as many contacts as half the blocks, few for
-that many blocks, so that the share of the record is on the high side. ``memory`` runs once and prints the greatest
-memory of the process before the run and in it. ``share`` prints the processor time of whole runs, writing included,
-with and without their record, best of some that take turns.
+Pairs of blocks stand side by side, and one is pushed at a constant rate. There are half as many contacts as blocks,
+which is few, so the share of the record is an upper estimate. ``memory`` runs once and prints the greatest memory of
+the process before and during the run. ``share`` prints the processor time of whole runs, writing included, with and
+without a record, the best of several that alternate.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ USUAL = model.Output().channels
 
 
 def pairs(blocks: int, steps: int, frames: int, channels=USUAL) -> model.Scenario:
-    """``blocks`` blocks, two and two on top of each other, the last one pushed for about ``steps`` steps."""
+    """``blocks`` blocks in pairs, one on top of the other; the last one is pushed for about ``steps`` steps."""
     n = blocks // 2
     placed = []
     for i in range(n):
@@ -36,7 +36,7 @@ def pairs(blocks: int, steps: int, frames: int, channels=USUAL) -> model.Scenari
         placed.append(Block(f"lower {i}", "tuff", (0.3, 0.2, 0.1), (x, y, -0.05), fixed=True))
         placed.append(Block(f"upper {i}", "tuff", (0.3, 0.2, 0.1), (x, y, 0.05)))
     x, y, _ = placed[-1].position
-    time_step = 8.9e-5  # about, of these blocks and stiffnesses
+    time_step = 8.9e-5  # s, approximately, for these blocks and stiffnesses
     return model.Scenario(
         title=f"{n} pairs of blocks",
         gravity=(0.0, 0.0, -9.81),
@@ -50,12 +50,12 @@ def pairs(blocks: int, steps: int, frames: int, channels=USUAL) -> model.Scenari
 
 
 def megabytes() -> float:
-    """Greatest memory of this process so far."""
+    """Greatest memory (MB) of this process so far."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def run(scenario: model.Scenario, path: str | None = None) -> float:
-    """Processor time (s) of a run; that a short push finds no limit load does not matter here."""
+    """Processor time (s) of a run; a short push may find no limit load, which does not matter here."""
     began = time.process_time()
     with suppress(NotConvergedError):
         simulate(scenario, path, force=True, record=path is not None)
@@ -64,7 +64,7 @@ def run(scenario: model.Scenario, path: str | None = None) -> float:
 
 def memory(blocks: int, frames: int) -> None:
     with tempfile.TemporaryDirectory(dir=os.environ.get("TMPDIR")) as folder:
-        run(pairs(blocks, 500, 1))  # everything that such a scene needs, and no record
+        run(pairs(blocks, 500, 1))  # loads everything that such a scene needs; no record
         before = megabytes()
         path = os.path.join(folder, "run.h5")
         seconds = run(pairs(blocks, frames, frames), path)
@@ -79,7 +79,7 @@ def share(blocks: int, frames: int, steps: int, rounds: int) -> None:
     kinds = {"no record": None, "no frames": ("joints", "energy"), "frames": USUAL, "all": model.CHANNELS}
     best = dict.fromkeys(kinds, float("inf"))
     with tempfile.TemporaryDirectory(dir=os.environ.get("TMPDIR")) as folder:
-        for _ in range(rounds + 1):  # one more, which compiles
+        for _ in range(rounds + 1):  # the first round compiles
             for name, channels in kinds.items():
                 path = os.path.join(folder, "run.h5") if channels else None
                 best[name] = min(best[name], run(pairs(blocks, steps, frames, channels or ()), path))

@@ -1,4 +1,4 @@
-"""Error against time: what an answer of the lab replay costs, per set, formulation and tolerance.
+"""Error against time: cost of the lab replay per set, formulation and tolerance.
 
     python tools/bench_lab.py [--quick] [--sets 4a ...] [--repeats 20] [--rounds 3] [--no-process] [--csv FILE]
 
@@ -8,15 +8,15 @@ error       |V / theory - 1| of the replay; bar is the half-width of its bracket
 steps       iterations of Newton's method.
 loop        best and median over the repeats of the loop time that the program reports (dead-load equilibrium, forces,
             bracket), in one warm process without a history.
-x plain     best loop over the time of the plain four-point loop (tools/plain_loop.py) for as many steps as there are
-            iterations: what an iteration costs beside a step of a bare explicit program.
-eval/step   evaluations of the exact limit surface a step (convex only).
+x plain     best loop time over that of the plain four-point loop (tools/plain_loop.py) for as many steps as there are
+            iterations: cost of an iteration relative to a step of a bare explicit program.
+eval/step   evaluations of the exact limit surface per step (convex only).
 process     median wall time of fresh `python -m dembrick run` processes, start-up and history file included, and the
             same over the median of `python -c "import numpy, numba, h5py"` (x import). Each round runs the references
             and all rows once, so that a busy machine slows them all.
 
 Above the table: cost of a step of the plain loop; below it: `dembrick --help` over a bare interpreter.
-Times depend on the machine and on what else it does; run this on a quiet core and compare ratios.
+Times depend on the machine and its load; run this on a quiet core and compare ratios.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""What it costs to look at a run: exports and movies of walls whose motion is made up.
+"""Cost of viewing a run: exports and movies of walls with invented motion.
 
     python tools/bench_pictures.py [--blocks 1000] [--frames 1000] [--movie-blocks 100] [--rounds 3] [--keep DIR]
 
 A running-bond wall leans over and turns, course by course, while its joints carry the weight above and a growing
-shear. Every row is a fresh process of the command line; the best of the rounds is shown: time on the clock, time of
-the processor, most memory held, and the size of what was written. Times on the clock need a quiet machine.
+shear. Every row is a fresh command-line process; the best of the rounds is shown: wall-clock time, processor time,
+greatest memory, and size of the output. Wall-clock times need a quiet machine.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ courses = {courses}
 blocks = {blocks}
 base = 0.1
 """
-WALLS = {  # what is exported: formulation and channels
+WALLS = {  # exports: formulation and channels
     "blocks only": ("convex", ("frames", "velocity")),
     "convex joints": ("convex", ("joints", "frames")),
     "four-point joints": ("concave", ("joints", "frames", "velocity", "contacts")),
@@ -94,7 +94,7 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
 
 
 def measured(arguments: list[str]) -> tuple[float, float, float]:
-    """Clock time (s), processor time (s) and most memory (MB) of a command."""
+    """Wall-clock time (s), processor time (s) and greatest memory (MB) of a command."""
     began = time.perf_counter()
     process = subprocess.Popen([sys.executable, "-m", "dembrick", *arguments], stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(process.pid, 0)
@@ -104,7 +104,7 @@ def measured(arguments: list[str]) -> tuple[float, float, float]:
 
 
 def row(name: str, command: list[str], target: Path, rounds: int) -> None:
-    """Measure a command a few times, and remove what it wrote."""
+    """Measure a command ``rounds`` times, and remove its output."""
     best, size = np.full(3, np.inf), 0
     for _ in range(rounds):
         best = np.minimum(best, measured(command))

@@ -1,10 +1,10 @@
-"""What searches for limit loads cost as structures grow: processor time and memory, with the exponents in between.
+"""Cost of searches for limit loads over the size of the structure: processor time and memory, with their exponents.
 
     python tools/bench_scale.py [--quick | --large]
 
-Every scene runs in a process of its own, once the kernels are compiled. Times are processor time, so that a busy
-machine adds little: ``build`` reads the scenario and builds blocks and joints, ``search`` is all the rest (stiffness,
-analysis of the equations, dead-load equilibrium, path). ``GB`` is the most that the process held, Python included.
+Every scene runs in a process of its own, after the kernels are compiled. Times are processor times, so a busy machine
+adds little: ``build`` reads the scenario and builds blocks and joints, ``search`` is everything else (stiffness,
+analysis of the equations, dead-load equilibrium, path). ``GB`` is the greatest memory of the process, Python included.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CORNER = (
 
 
 def with_pushes(assembly, step_factor: float) -> None:
-    """A search that pushes blocks on by driven relaxation from the start, so that this is compiled as well."""
+    """Run a search with driven relaxation from the start, to compile its kernels as well."""
     from dembrick.simulation.statics import limit_load
     from dembrick.simulation.statics.paths import path_following
 
@@ -70,7 +70,7 @@ def case(stem: str, changes: list[str]) -> dict[str, object]:
 
 
 def measured(stem: str, changes: list[str]) -> dict:
-    """The same in a process of its own."""
+    """`case` in a process of its own."""
     command = [sys.executable, __file__, "--case", json.dumps([stem, changes])]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
@@ -79,7 +79,7 @@ def measured(stem: str, changes: list[str]) -> dict:
 
 
 def row(name: str, now: dict, before: dict | None = None) -> None:
-    """One line of the table; exponents against the scene ``before``."""
+    """Print one line of the table, with exponents relative to the scene ``before``."""
     line = f"{name:22}{now['blocks']:8}{now['joints']:8}{now['build']:8.2f}{now['search']:9.2f}{now['memory']:9.2f}"
     if before is not None:
         size = math.log(now["blocks"] / before["blocks"])

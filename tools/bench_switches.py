@@ -1,10 +1,10 @@
-"""What each thing costs that a scene can do without: time of a step with and without it, in one interleaved run.
+"""Cost of each optional feature: time of a step with and without it, in one interleaved run.
 
     python tools/bench_switches.py [--rounds 15] [--steps 200000]
 
-Set 4a at constant rate, physical inertia, moving geometry. A line is the best of all rounds, in ns a step, and its
-ratio to the line above it that it adds to; every round runs all lines once, so that a busy machine slows all alike.
-The last lines are processes: what a command would pay if it imported what only other commands need.
+Set 4a at a constant rate, physical inertia, moving geometry. A line gives the best of all rounds, in ns per step, and
+its ratio to the line above that it extends; every round runs all lines once, so that a busy machine slows all alike.
+The last lines are processes: the cost to a command of imports that only other commands need.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import constant_rate
 
-ROWS = 1000  # of the record
+ROWS = 1000  # rows of the record
 SWITCHES = {
     "loop alone (bracket at 1000 instants)": None,
     "+ rows of history, energy audit": ("joints", "energy"),
@@ -41,7 +41,7 @@ PROCESSES = {
 
 
 def step_time(assembly, control, channels) -> float:
-    """Loop seconds of one run over its steps."""
+    """Loop time (s) per step of one run."""
     session = None
     if channels is not None:
         session = Session(observe=lambda rows, frames: None, output=Output(channels=channels, rows=ROWS, frames=ROWS))
@@ -50,7 +50,7 @@ def step_time(assembly, control, channels) -> float:
 
 
 def prepared(formulation: str, steps: int):
-    """The assembly, and a rate that makes the travel take about ``steps`` steps."""
+    """The assembly, and a rate at which the travel takes about ``steps`` steps."""
     scenario = lab_scenario("set4a_curve", formulation)
     if formulation == "distributed":
         scenario = dataclasses.replace(scenario, joint=dataclasses.replace(scenario.joint, points=(18, 12)))

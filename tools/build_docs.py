@@ -1,7 +1,7 @@
-"""Build the documentation: ``python tools/build_docs.py [OUT]``. Without network; a warning is an error.
+"""Build the documentation: ``python tools/build_docs.py [OUT]``. Needs no network; a warning is an error.
 
-The tutorials are run while they are built, so their numbers and pictures are those of this version. Executed pages are
-cached in the output folder: a second build runs only what has changed.
+The tutorials are run during the build, so their numbers and pictures are those of this version. Executed pages are
+cached in the output folder: a second build runs only those that have changed.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def main() -> int:
 
 
 def last_error(log: Path) -> str:
-    """The last line ``SomeError: reason`` in a log of Sphinx that names an exception of a cell, or empty."""
+    """The last line ``SomeError: reason`` in a Sphinx log that names an exception of a cell, or an empty text."""
     if not log.is_file():
         return ""
     plain = re.sub(r"\x1b\[[0-9;]*m", "", log.read_text(encoding="utf-8", errors="replace"))

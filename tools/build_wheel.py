@@ -1,12 +1,12 @@
-"""Build a wheel that brings the kernels' machine code along, so that a first run compiles nothing.
+"""Build a wheel that includes the machine code of the kernels, so that a first run compiles nothing.
 
     python tools/build_wheel.py [--out dist] [--jobs 2] [--from DIR]
 
-The wheel is for the Python that runs this and the numba that it has, which it asks for, on x86-64 for every processor
-with AVX2 and FMA (x86-64-v3); elsewhere kernels are compiled at the first run, as by ``pip install .``.
-The checkout is copied, kernels are compiled in the copy by ``dembrick warmup``, and pip builds the wheel. It takes
-pip and what dembrick needs, and leaves the checkout as it was. What another run has compiled for such a processor
-(``NUMBA_CPU_NAME=x86-64-v3``) with ``DEMBRICK_CACHE_DIR=DIR`` is taken from there.
+The wheel requires the Python and numba versions that run this script. On x86-64 its kernels are for every processor
+with AVX2 and FMA (x86-64-v3); elsewhere kernels are compiled at the first run, as after ``pip install .``.
+The checkout is copied, the kernels are compiled in the copy by ``dembrick warmup``, and pip builds the wheel; the
+checkout itself is not changed. The script needs pip and the dependencies of dembrick. With ``--from DIR`` it reuses
+kernels that another run compiled for such a processor (``NUMBA_CPU_NAME=x86-64-v3``) with ``DEMBRICK_CACHE_DIR=DIR``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = shutil.ignore_patterns(
     ".git", ".venv", "__pycache__", "build", "dist", "results", "docs", ".*_cache", "*.egg-info"
 )
-# What x86-64-v3 stands for: https://gitlab.com/x86-psABIs/x86-64-ABI, table of micro-architecture levels.
+# Features of x86-64-v3: https://gitlab.com/x86-psABIs/x86-64-ABI, table of micro-architecture levels.
 LEVEL_3 = ["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2"]
 HOOK = """
 [tool.hatch.build.targets.wheel.hooks.custom]
@@ -46,14 +46,14 @@ COMPILER = "from dembrick._kernel_sources import compiler_hash; print(compiler_h
 
 
 def processor() -> tuple[dict[str, str], list[str]]:
-    """Environment that makes numba compile for many processors, and the features that they must have."""
+    """Environment in which numba compiles for many processors, and the features that these must have."""
     if platform.machine().lower() in ("x86_64", "amd64"):
         return {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}, LEVEL_3
     return {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, []
 
 
 def python(copy: Path, environment: dict[str, str], *arguments: str) -> str:
-    """Output of this Python in the copy; an error shows what it printed."""
+    """Run this Python in the copy; returns its output, which is shown in case of an error."""
     command = [sys.executable, *arguments]
     done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True)
     if done.returncode:
@@ -62,9 +62,10 @@ def python(copy: Path, environment: dict[str, str], *arguments: str) -> str:
 
 
 def compile_kernels(copy: Path, jobs: int, compiled: Path | None) -> int:
-    """Fill ``dembrick/_kernels`` of the copy with the machine code of all that ``dembrick warmup`` runs; its bytes.
+    """Fill ``dembrick/_kernels`` of the copy with the machine code of all kernels that ``dembrick warmup`` runs; the
+    size in bytes.
 
-    ``compiled``: a cache of dembrick, out of which comes what it holds.
+    ``compiled``: a cache of dembrick whose kernels are reused.
     """
     package = copy / "dembrick"
     with tempfile.TemporaryDirectory() as cache:
@@ -79,7 +80,7 @@ def compile_kernels(copy: Path, jobs: int, compiled: Path | None) -> int:
 
 
 def take_kernels(package: Path, cache: Path, settings: dict[str, str]) -> int:
-    """Copy what a cache holds into ``_kernels`` of a package and say in its manifest what it is for; its bytes.
+    """Copy a cache into ``_kernels`` of a package and write the manifest of its platform; returns its size in bytes.
 
     ``settings``: the environment in which it was compiled.
     """
@@ -100,7 +101,7 @@ def take_kernels(package: Path, cache: Path, settings: dict[str, str]) -> int:
 
 
 def ask_for_this_numba(copy: Path) -> None:
-    """Let the wheel ask for the numba and the Python for which its kernels are, and be named by its platform."""
+    """Make the wheel require the numba and Python versions of its kernels, and put its platform into its name."""
     import numba
 
     project = copy / "pyproject.toml"
@@ -119,7 +120,7 @@ def ask_for_this_numba(copy: Path) -> None:
 
 
 def build(out: Path, jobs: int, compiled: Path | None) -> Path:
-    """The wheel's path."""
+    """Build the wheel; returns its path."""
     with tempfile.TemporaryDirectory(prefix="dembrick-wheel-") as folder:
         copy = Path(folder) / "dembrick"
         shutil.copytree(ROOT, copy, ignore=LEFT_OUT)

@@ -1,9 +1,9 @@
-"""Install a wheel with kernels beside this Python's packages and see that first runs compile nothing.
+"""Install a wheel with kernels beside this Python's packages and check that first runs compile nothing.
 
     python tools/check_wheel.py dist/dembrick-*.whl
 
-A new environment takes what dembrick needs from the one that runs this. With empty caches it runs a laboratory set, a
-wall, a record of the ground and ``lab``; each must end well without one event of the compiler, and V of the set must be
+A new environment uses the dependencies of dembrick from the one that runs this. With empty caches it runs a laboratory
+set, a wall, a ground motion record and ``lab``; each must succeed without any compilation, and V of the set must equal
 that of the dembrick that runs this, compiled here, to the last digit. Exits with 1 otherwise.
 """
 
@@ -38,7 +38,7 @@ RUNS = (
 
 
 def installed(wheel: Path, folder: Path) -> Path:
-    """Python of a new environment that has the wheel, and beside it the packages of this one."""
+    """Python of a new environment with the wheel and the packages of this environment."""
     venv.create(folder / "venv", with_pip=False)
     python = folder / "venv" / "bin" / "python"
     site = subprocess.run(
@@ -54,7 +54,7 @@ def installed(wheel: Path, folder: Path) -> Path:
 
 
 def run(python: Path | str, folder: Path, arguments: list[str]) -> tuple[str, int]:
-    """What a command of dembrick printed, and how many kernels it compiled; an error ends the check."""
+    """Output of a command of dembrick, and number of kernels that it compiled; an error ends the check."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "DEMBRICK_"))}
     environment.pop("PYTHONPATH", None)
     if str(python) != sys.executable:

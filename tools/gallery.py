@@ -2,9 +2,9 @@
 
     python tools/gallery.py [NAME ...]
 
-Writes ``docs/gallery/NAME.png`` and the entry of NAME in ``docs/gallery/gallery.json``; without names all of them,
-which takes some minutes. The documentation is built from these files, so that it needs no run. Times are seconds of the
-processor for a run that has been compiled, so that they depend little on what else the machine does.
+Writes ``docs/gallery/NAME.png`` and the entry of NAME in ``docs/gallery/gallery.json``; without names for all
+scenarios, which takes some minutes. The documentation is built from these files without any run. Times are processor
+seconds of a run after compilation, so they depend little on the load of the machine.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from dembrick.views.number_lines import KeyNumber
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "gallery"
 SIZE = (640, 480)
-TWICE = 20.0  # s: runs that take less are run again, once everything is compiled
-LONG = {"studies/drum_column_domain"}  # eight minutes: drawn only if asked for
+TWICE = 20.0  # s: shorter runs are repeated after everything is compiled
+LONG = {"studies/drum_column_domain"}  # eight minutes: run only if named
 JOINT = {"view": "iso-front"}  # of tests of a joint: the jack pushes from the front
-LOOKS: dict[str, dict] = {  # what shows the structure best
+LOOKS: dict[str, dict] = {  # display options that suit the structure
     "wall_door": {"view": "front"},
     "ferris_tinloi_1": {"view": "front"},
     "ferris_tinloi_2": {"view": "front"},
@@ -51,7 +51,7 @@ LOOKS: dict[str, dict] = {  # what shows the structure best
 
 
 def timed(path: Path, target: Path) -> tuple[object, float]:
-    """A run and its seconds of the processor, without those of compiling."""
+    """A run and its processor seconds, without compiling."""
     before = time.process_time()
     result = dembrick.simulate(path, target, progress=False)
     seconds = time.process_time() - before
@@ -63,7 +63,7 @@ def timed(path: Path, target: Path) -> tuple[object, float]:
 
 
 def scenario_entry(name: str, path: Path, folder: Path) -> dict:
-    """Run a scenario, draw it, and say what came out."""
+    """Run a scenario and draw it; returns its gallery entry."""
     result, seconds = timed(path, folder / "run.h5")
     results = result.results
     with history.read(folder / "run.h5") as found:
@@ -81,18 +81,18 @@ def scenario_entry(name: str, path: Path, folder: Path) -> dict:
 
 
 def number_of(results: dict, unit: str) -> str:
-    """What a reader asks first, with its name."""
+    """The most important number of the results, with its name."""
     first = next(line for line in key_numbers(results, unit) if _is_answer(line))
     return f"{first.name} {first.value}"
 
 
 def _is_answer(line: KeyNumber) -> bool:
-    """Whether a line of the summary is what a reader of the gallery asks first."""
+    """Whether a line of the summary is the most important number for the gallery."""
     return line.name != "drift" and any(letter.isdecimal() for letter in line.value)
 
 
 def study_entry(name: str, path: Path, folder: Path) -> dict:
-    """Run a study, draw its answers, and say how many cases it has."""
+    """Run a study and draw its answers; returns its gallery entry with the number of cases."""
     before = time.process_time()
     dembrick.sweep(path, folder / "study", jobs=1)
     seconds = time.process_time() - before
@@ -108,7 +108,7 @@ def study_entry(name: str, path: Path, folder: Path) -> dict:
 
 
 def main() -> None:
-    """Draw what was asked for, or everything."""
+    """Draw the named scenarios, by default all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help="shipped scenarios (default: all)")
     asked = parser.parse_args().names

@@ -2,7 +2,7 @@
 
     python tools/joint_signs.py [--out docs/images/joint_signs.svg]
 
-Block b is lifted off block a along n, so that the face of a, on which the forces are drawn, is seen.
+Block b is lifted off block a along n to show the face of a, on which the forces are drawn.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Polygon
 
 ROOT = Path(__file__).resolve().parent.parent
-A, B, HEIGHT, LIFT = 3.0, 2.0, 1.0, 2.35  # sides of the joint, height of the blocks, and how far b is lifted
-AXES = np.array([[0.86, -0.24], [0.62, 0.36], [0.0, 1.0]])  # t1, t2, n on the paper
+A, B, HEIGHT, LIFT = 3.0, 2.0, 1.0, 2.35  # sides of the joint, height of the blocks, lift of b
+AXES = np.array([[0.86, -0.24], [0.62, 0.36], [0.0, 1.0]])  # t1, t2, n in the drawing plane
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
 LARGE, SMALL = 15, 10.5
 
 
 def on_paper(points) -> np.ndarray:
-    """Places (n, 2) of points (n, 3) along t1, t2, n on the paper."""
+    """Projection (n, 2) onto the drawing plane of points (n, 3) in t1, t2, n."""
     return np.atleast_2d(np.asarray(points, float)) @ AXES
 
 
 class Drawing:
-    """Lines, arrows and words on one pair of axes, in coordinates along t1, t2, n from O of block a."""
+    """Lines, arrows and text in one axes object, in coordinates along t1, t2, n from O of block a."""
 
     def __init__(self):
         self.figure = Figure(figsize=(6.2, 8.0))
@@ -48,7 +48,7 @@ class Drawing:
         self.axes.add_patch(FancyArrowPatch(tail, head, shrinkA=0, shrinkB=0, **look))
 
     def moment(self, start, end, colour: str) -> None:
-        """A vector with two heads: a moment about it, by the right-hand rule."""
+        """Draw a moment as a vector with two heads, by the right-hand rule."""
         start, end = np.asarray(start, float), np.asarray(end, float)
         self.arrow(start, end, colour)
         self.arrow(start, start + 0.84 * (end - start), colour)
@@ -60,7 +60,7 @@ class Drawing:
 
 
 def box(drawing: Drawing, base: float, seen_from_below: bool) -> None:
-    """A block on the joint's sides from ``base`` (along n) upwards: its top and two sides, or its edges."""
+    """Draw a block above the joint's rectangle from ``base`` (along n): its top and two sides, or its edges."""
     x, y = 0.5 * A, 0.5 * B
     corners = {(i, j, k): (i * x, j * y, base + k * HEIGHT) for i in (-1, 1) for j in (-1, 1) for k in (0, 1)}
     top = [corners[i, j, 1] for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
@@ -79,7 +79,7 @@ def box(drawing: Drawing, base: float, seen_from_below: bool) -> None:
 
 
 def forces_on_a(drawing: Drawing) -> None:
-    """The six forces and moments of b on a, each positive, about O on the face of a."""
+    """Draw the six forces and moments of b on a, each positive, about O on the face of a."""
     centre = np.zeros(3)
     drawing.arrow(centre + [0.0, 0.0, 1.75], centre, BLUE)
     drawing.word(centre + [0.17, 0.0, 1.5], "$N$", BLUE)
@@ -99,7 +99,7 @@ def forces_on_a(drawing: Drawing) -> None:
 
 
 def axes_of_b(drawing: Drawing) -> None:
-    """O and the axes of the joint, on the face of b."""
+    """Draw O and the axes of the joint on the face of b."""
     centre = np.array([0.0, 0.0, LIFT])
     for end, name, place in (
         ((0.8, 0.0, 0.0), "$t_1$", (0.97, 0.0, 0.0)),

@@ -1,15 +1,15 @@
-"""The yardstick: a plain explicit loop for one block on four corner springs, with nothing else in it.
+"""Reference for speed: a plain explicit loop for one block on four corner springs, with nothing else in it.
 
 It replays set 4a for the concave joint (paper eq. 3): four corner points with normal and shear springs and Coulomb
 friction, the block with six degrees of freedom (translation and rotation vector, taken at the centroid of the joint),
-central difference, a jack spring whose head moves at constant rate. No record, no bracket, no test for the end, no
-other joint or formulation, nothing read from a file. What a step of it costs is what the physics costs; what the
-package takes beyond that is the price of everything else, so the ratio of the two is the figure to judge.
+central difference, a jack spring whose head moves at a constant rate. No record, no bracket, no stopping criterion, no
+other joint or formulation, no input file. Its cost per step is that of the physics; the package adds the cost of
+everything else, so the ratio of the two is the number to judge.
 
-Inertia is artificial and diagonal, so that all modes have the same frequency, and springs carry dashpots that act
-before the friction limit, as in the package. The loop cannot know how far off it is. The search below therefore tells
-it by theory: it tries travels and numbers of steps and keeps the shortest replay that, with all slower ones, ends
-within the error. That makes its times the best that such a loop could reach with perfectly chosen settings.
+Inertia is artificial and diagonal, so that all modes have the same frequency, and springs have dashpots that act before
+the friction limit, as in the package. The loop has no estimate of its error. The search below therefore uses theory: it
+tries travels and numbers of steps and keeps the shortest replay that, like all slower ones, ends within the error. Its
+times are thus the best that such a loop could reach with perfectly chosen settings.
 
     python tools/plain_loop.py
 """
@@ -81,7 +81,8 @@ def inverse_inertia() -> np.ndarray:
 
 
 def theory() -> float:
-    """Limit load (N): the block turns about (c, 0) where the moment of four Coulomb forces equals e times their sum."""
+    """Limit load (N): the block turns about that (c, 0) for which the moment of the four friction forces is e times
+    their sum."""
 
     def forces(c: float) -> tuple[float, float]:
         r = np.hypot(CORNERS[:, 0] - c, CORNERS[:, 1])
@@ -102,7 +103,7 @@ def run(n_steps: int, slips: float) -> float:
 
 
 def steps_needed(error: float) -> tuple[int, float] | None:
-    """Fewest steps, and their travel in elastic slips, that read V within ``error`` and so do all slower replays."""
+    """Fewest steps, and their travel in elastic slips, that give V within ``error`` as all slower replays do."""
     exact, best = theory(), None
     for slips in TRAVELS:
         good = [abs(run(n, slips) / exact - 1.0) <= error for n in STEPS]
@@ -124,12 +125,12 @@ def seconds(n_steps: int, slips: float, repeats: int = 50) -> float:
 
 
 def step_nanoseconds() -> float:
-    """Cost of one step of the joint (ns), of a replay that slips most of the time."""
+    """Time (ns) of one step in a replay that slips most of the time."""
     return 1e9 * seconds(100_000, 320, repeats=10) / 100_000
 
 
 def main() -> None:
-    """Print cost per step, and steps and time to given errors."""
+    """Print the cost per step, and the steps and time needed for given errors."""
     run(1, 1.0)
     print(f"plain four-point loop, set 4a, V = {theory():.6f} N by theory")
     print(f"{step_nanoseconds():.1f} ns a joint and step")

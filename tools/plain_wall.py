@@ -1,10 +1,10 @@
-"""The yardstick of assemblies: a plain explicit loop for a wall on four-point joints, with nothing else in it.
+"""Reference for the speed of assemblies: a plain explicit loop for a wall with four-point joints and nothing else.
 
 A running-bond wall under gravity: every joint has four contact points with a normal spring, a shear spring and Coulomb
-friction, blocks have six degrees of freedom with quaternions and angular momentum, forces are scattered to the blocks
-as they come. One formulation, one polygon a joint that never changes, no loads but gravity, no record, no damping but
-the contacts', no guard. What a joint and step of it costs is what the physics costs; what the package takes beyond
-that is the price of everything else, so the ratio of the two is the figure to judge.
+friction; blocks have six degrees of freedom with quaternions and angular momentum; forces are added to the blocks joint
+by joint. One formulation, one constant polygon per joint, no loads but gravity, no record, no damping except in the
+contacts, no guards. Its cost per joint and step is that of the physics; the package adds the cost of everything else,
+so the ratio of the two is the number to judge.
 
     python tools/plain_wall.py [courses]
 """
@@ -20,7 +20,7 @@ import numpy as np
 
 @numba.njit(error_model="numpy")
 def run(n_steps, dt, x, q, v, w, mass, inertia, free, a, b, normal, tangent, lever, corner, stiffness, mu, g, elastic):
-    """Advance ``n_steps``; everything is changed in place. Lengths in m, SI units.
+    """Advance ``n_steps``; all arrays are changed in place. SI units.
 
     x (n, 3), q (n, 4), v (n, 3), w (n, 3) of the blocks; ``inertia`` (n, 3) principal. Joints: ``normal`` and
     ``tangent`` (j, 3) in the axes of a, ``lever`` (j, 3) of the joint's plane on a, ``corner`` (j, 4, 3) in the axes
@@ -157,7 +157,7 @@ def wall(
     mu: float = 0.64,
 ):  # fmt: skip
     """Arguments of `run` after the time step for a straight running-bond wall on a base: 0.3 x 0.2 x 0.1 m blocks,
-    ``columns`` of them in a course (as many as there are courses if left out)."""
+    ``columns`` of them per course (by default as many as there are courses)."""
     columns = columns or courses
     length, depth, height = 0.3, 0.2, 0.1
     span = [[(0.0, columns * length)]]  # the base, one long block
@@ -207,28 +207,28 @@ def wall(
 
 
 def sunk(z: np.ndarray, courses: int, k_n: float = 1.0e10, density: float = 2000.0) -> np.ndarray:
-    """How far blocks with their centroids at heights ``z`` (m) sink until the wall carries its weight (m)."""
+    """Settlement (m) of blocks with centroids at heights ``z`` (m) until the wall carries its weight."""
     height = 0.1
     course = np.round(z / height - 0.5)  # -1 is the base
     return density * 9.81 * height / k_n * (course + 1.0) * (courses - 0.5 * course)
 
 
 def at_rest(courses: int, columns: int | None = None):
-    """`wall` under its own weight: open contacts would be cheap."""
+    """`wall` in equilibrium under its own weight, since open contacts would be cheap."""
     arguments = wall(courses, columns)
     arguments[0][:, 2] -= sunk(arguments[0][:, 2], courses)
     return arguments
 
 
 def nanoseconds(arguments, n_steps: int = 200, dt: float = 3e-5) -> float:
-    """Processor time of a joint and step (ns) of one call."""
+    """Processor time (ns) per joint and step in one call."""
     began = time.thread_time()
     run(n_steps, dt, *arguments)
     return 1e9 * (time.thread_time() - began) / n_steps / len(arguments[7])
 
 
 def main() -> None:
-    """Print what a joint and step costs."""
+    """Print the cost per joint and step."""
     courses = int(sys.argv[1]) if len(sys.argv) > 1 else 30
     arguments = at_rest(courses)
     best = min(nanoseconds(arguments) for _ in range(20))

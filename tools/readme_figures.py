@@ -1,16 +1,16 @@
-"""Draw the README's pictures of joints, paths and the web page out of fresh runs, into docs/images/.
+"""Draw the README's pictures of joints, paths and the web page from fresh runs, into docs/images/.
 
     python tools/readme_figures.py [--out docs/images]
     python tools/readme_figures.py --pack docs/images/curves.png ...
 
 ``joint.png``: set 4a pushed at a constant rate, with contact points at the corners and with the exact limit surface;
-``path.png``: the same on their yield domains; ``page.png``: the web page of one of them, as a headless Chromium shows
-it (left out, and said, where there is none); ``wall.png``: the README's wall on a tilting table at its limit, and
-``collapse.png``: one where its blocks have come to rest, a minute and a half of work (both left out where this machine
-cannot draw off screen). ``granite_loops.png``, a minute of work: the granite wall to and fro beside what was measured.
+``path.png``: the same on their yield domains; ``page.png``: the web page of one of them in a headless Chromium (left
+out with a message if there is none); ``wall.png``: the README's wall on a tilting table at its limit, and
+``collapse.png``: a wall after its collapse, which takes a minute and a half (both left out if this machine cannot draw
+off screen). ``granite_loops.png``, which takes a minute: the granite wall under cyclic loading with measurements.
 ``curves.png`` and ``fig5_domains.png`` are those of ``dembrick lab``.
-``--pack`` draws nothing: it writes PNG files of other tools again with 256 colours, at their own resolution, a third
-of the size in a repository and the same to the eye.
+``--pack`` draws nothing: it rewrites PNG files of other tools with 256 colours, at their own resolution; they look the
+same and take a third of the space in a repository.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from dembrick.errors import MissingDependency  # noqa: E402
 from dembrick.views import page, plot, render  # noqa: E402
 from helpers import browser as browsers  # noqa: E402
 
-DOTS_PER_INCH = 150  # enough for a screen, and small enough for a repository
+DOTS_PER_INCH = 150  # sufficient for screens, and small files in the repository
 WINDOW = (1180, 790)
 PICTURE = (1000, 700)
-GRANITE = (36.0, 39.0), (-43.3, -40.1)  # kN: the greatest forces that were measured in four cycles, each way
+GRANITE = (36.0, 39.0), (-43.3, -40.1)  # kN: measured peak forces of four cycles, each way
 
 
 def pushed(formulation: str, folder: Path) -> Path:
-    """A history of set 4a at a constant rate, contact forces and all."""
+    """A history of set 4a at a constant rate, contact forces included."""
     scenario = dembrick.load(ROOT / "scenarios" / "set4a_curve.toml")
     output = dataclasses.replace(scenario.output, channels=("joints", "energy", "frames", "contacts"))
     law = dataclasses.replace(scenario.joint, formulation=formulation)
@@ -47,7 +47,7 @@ def pushed(formulation: str, folder: Path) -> Path:
 
 
 def granite_loops(out: Path) -> None:
-    """The loops of the granite wall under 104.8 kN, the measured curve of a test one way, and the measured peaks."""
+    """Draw the loops of the granite wall under 104.8 kN, the measured curve of a monotonic test, and measured peaks."""
     found = dembrick.simulate(dembrick.load("granite_cycles"))
     measured = plot.read_measured(ROOT / "scenarios" / "validation" / "granite_104.8.csv", "one way")
     figure = plot.force_displacement([found], ["simulated, two cycles"], measured=[measured])
@@ -62,7 +62,7 @@ def granite_loops(out: Path) -> None:
 
 
 def pack(path: Path) -> None:
-    """Write a PNG again with a palette of 256 colours."""
+    """Rewrite a PNG with a palette of 256 colours."""
     from PIL import Image
 
     with Image.open(path) as picture:

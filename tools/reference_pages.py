@@ -3,7 +3,7 @@
     python tools/reference_pages.py [FOLDER]
 
 Everything comes from the program itself: keys from its dataclasses, options from its argument parsers, datasets from
-histories that it writes, cases and examples from the files that ship. Nothing here is written by hand but headings.
+histories that it writes, cases and examples from the shipped files. Only headings are written by hand.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dembrick.scenario import keys, shipped
 
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "gallery"
 FIRST = ("wall_door", "arch_spread", "set4a")  # a wall, an arch and a joint
-GALLERY = {  # subject: how the names of its scenarios begin
+GALLERY = {  # subject: first parts of the names of its scenarios
     "Walls": ("wall_", "house", "ferris_tinloi_"),
     "Arches, domes and piers": ("arch", "oppenheim", "dome", "pier_"),
     "Dams and slopes": ("dam", "slope_"),
@@ -36,7 +36,7 @@ COLUMNS = 3  # of pictures on the page
 
 
 def write(folder: Path) -> None:
-    """Write all pages into ``folder``; a page that has not changed is left alone, so that a rebuild is quick."""
+    """Write all pages into ``folder``; unchanged pages are not written, so that a rebuild is quick."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, make in makers().items():
         path, text = folder / name, make()
@@ -45,7 +45,7 @@ def write(folder: Path) -> None:
 
 
 def makers() -> dict[str, Callable[[], str]]:
-    """What writes each page, by its path from ``docs/reference``."""
+    """The function that makes each page, by its path from ``docs/reference``."""
     return {
         "scenario.md": scenario_page,
         "commands.md": commands_page,
@@ -154,7 +154,7 @@ RECORDED = {
 
 
 def history_page() -> str:
-    """The datasets of histories, read from histories that are written for it."""
+    """The datasets of histories, read from histories written for this purpose."""
     import h5py
 
     parts = [
@@ -193,7 +193,7 @@ def cases_page() -> str:
     )
 
 
-PYTHON = {  # heading of the reference of Python: names at the top level of the package
+PYTHON = {  # heading of the Python reference: names at the top level of the package
     "Runs": "simulate restart restart_at steps sweep find_causes limit reaction simulate_domain replay_lab",
     "Results and histories": "Result LoadPathResult DrivenPathResult StaticsResult DeformedRestResult "
     "SettlementResult MotionResult LimitResult StandingResult ReactionResult YieldPoint Theory Step Outcome Causes "
@@ -216,7 +216,7 @@ MODULES = {  # module at the top level: its functions
     "linear_pressure interaction_curve approximate_domain gauge response_spectrum",
     "generators": "",
 }
-HELD = {  # what functions give back, with what it can do
+HELD = {  # classes returned by functions, which are documented with their members
     "Result": "dembrick.runs.outcomes.result.Result",
     "MotionResult": "dembrick.runs.outcomes.motion_result.MotionResult",
     "StaticsResult": "dembrick.runs.outcomes.statics_result.StaticsResult",
@@ -225,7 +225,7 @@ HELD = {  # what functions give back, with what it can do
 
 
 def python_names() -> str:
-    """Every name of the package and its modules, for Sphinx to fill in from the docstrings."""
+    """Every public name of the package and its modules, as directives for Sphinx, which adds the docstrings."""
     parts = []
     for heading, names in PYTHON.items():
         lines = []
@@ -248,7 +248,7 @@ def _block(heading: str, lines: list[str]) -> str:
 
 
 def gallery_page(pictures: Path) -> str:
-    """The scenarios that ship, each with its picture, number and time as ``tools/gallery.py`` found them."""
+    """The shipped scenarios, each with its picture, number and time from ``tools/gallery.py``."""
     entries = json.loads((pictures / "gallery.json").read_text(encoding="utf-8"))
     parts = [
         "# Gallery\n\n`dembrick run NAME` runs one of these, `dembrick examples NAME` prints it, `dembrick examples "
@@ -263,14 +263,14 @@ def gallery_page(pictures: Path) -> str:
 
 
 def subjects() -> dict[str, list[str]]:
-    """Subject -> the scenarios that ship of it."""
+    """The shipped scenarios of each subject."""
     return {
         subject: [name for name in shipped.examples() if name.startswith(begin)] for subject, begin in GALLERY.items()
     }
 
 
 def _grid(shown: list[tuple[str, dict]]) -> str:
-    """Pictures in rows, each with its name, its answer and what it is below it."""
+    """Pictures in rows, each with name, answer and title below."""
     paths, parts = shipped.examples(), []
     for start in range(0, len(shown), COLUMNS):
         row = shown[start : start + COLUMNS]

@@ -2,29 +2,29 @@
 
     python tools/work_precision.py [--repeats 9] [--quick] [--no-process] [--csv FILE] [--plot FILE]
 
-Every case is replayed from rest, ``repeats`` times in one warm process and round after round, so that a busy moment of
-the machine hits all cases alike; times are medians. Only the geometry is built once per case. The loop time is the
-program's own (dead-load equilibrium, forces, bracket), without history. Process seconds are those of one
+Every case is replayed from rest ``repeats`` times in one warm process, round after round, so that busy moments of the
+machine affect all cases alike; times are medians. Only the geometry is built once per case. The loop time is reported
+by the program (dead-load equilibrium, forces, bracket), without history. Process seconds are those of one
 `python -m dembrick run` each, start-up and history file included.
 
-What is varied, all of it crossed with the tolerances 1e-2 to 1e-6:
+Parameters, all combined with the tolerances 1e-2 to 1e-6:
 
 - step factor 0.3 to 0.95 of the critical time step;
 - contact stiffness, both kinds, 0.1 and 10 times that of the scenario;
-- points of the distributed joint, a lattice of 3 x 2 to 48 x 32 in place of rays from the torsion centre.
+- points of the distributed joint: a lattice of 3 x 2 to 48 x 32 in place of rays from the torsion centre.
 
-Error is |V / theory - 1|; for `distributed` theory is the continuum, so that what the points miss counts too. A setting
-stands for all four sets: its error is the worst of them, its time and steps their mean. A setting lies on the Pareto
-front of its formulation unless another is at least as exact and 5 % faster (that much the times scatter).
+Error is |V / theory - 1|; for `distributed` theory is the continuum, so the discretisation error of the points counts
+too. A setting is judged over all four sets: its error is their worst, its time and steps their mean. A setting lies on
+the Pareto front of its formulation unless another is at least as accurate and 5 % faster (the scatter of the times).
 
 The figure (`--plot`) has three panels, all with the relative error as ordinate: above over loop seconds, below left
-over time steps, below right over process seconds (set 4a alone). Our lines run over the tolerance at the default step
+over time steps, below right over process seconds (set 4a only). Our lines vary the tolerance at the default step
 factor and stiffness; small markers are all other settings; the ring is the default. Numbered grey points are other
-engines (tools/peers.csv): their worst set against the theory that they stand for; crosses stand for neither theory
-and are held against the nearer one. They ran once, on a machine of the same kind: compare orders of magnitude.
+engines (tools/peers.csv): their worst set against the theory of their formulation; crosses follow neither theory and
+are compared with the nearer one. They ran once, on a machine of the same kind: compare orders of magnitude.
 
-The last tables ask which rule of points misses least per point (0.3 m x 0.2 m, uniform pressure): the friction moment
-in pure torsion, and for the worst of some 2,500 torsion centres; then what rays that start from the centre itself do.
+The last tables compare rules for points by their error per point (0.3 m x 0.2 m, uniform pressure): in the friction
+moment in pure torsion, and for the worst of some 2,500 torsion centres; then rays from the torsion centre itself.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 STEP_FACTORS = (0.3, 0.5, 0.7, 0.9, 0.95)
 STIFFNESSES = (0.1, 1.0, 10.0)
 POINTS = ((3, 2), (6, 4), (12, 8), (24, 16), (48, 32))
-SCATTER = 0.05  # of a median time: differences below it are not seen
-BURST, LONG = 3, 2e-3  # replays of a case in a row, within a round; one if it takes longer than that (s)
+SCATTER = 0.05  # of a median time: smaller differences are not significant
+BURST, LONG = 3, 2e-3  # successive replays of a case in a round; only one if it takes longer than LONG (s)
 PEERS = Path(__file__).with_name("peers.csv")
 
 
 class Setting(NamedTuple):
-    """What may be chosen; ``points`` None lets the tolerance choose them."""
+    """A choice of numerical parameters; with ``points`` None the tolerance sets their number."""
 
     formulation: str
     tolerance: float = 1e-3
@@ -71,7 +71,7 @@ class Setting(NamedTuple):
     points: tuple[int, int] | None = None
 
     def is_plain(self) -> bool:
-        """Whether only the tolerance may differ from the default."""
+        """Whether nothing but possibly the tolerance differs from the default."""
         return self == Setting(self.formulation, self.tolerance)
 
     def is_default(self) -> bool:
@@ -81,7 +81,7 @@ class Setting(NamedTuple):
 
 @dataclasses.dataclass
 class Case:
-    """One setting on one set: its prepared geometry, what theory says, and what the replays gave."""
+    """One setting on one set: its prepared geometry, the value of theory, and the results of the replays."""
 
     setting: Setting
     set_name: str
@@ -95,7 +95,7 @@ class Case:
 
     @property
     def error(self) -> float:
-        """Relative, absolute value."""
+        """Absolute value of the relative error."""
         return abs(self.V / self.V_theory - 1.0)
 
     @property
@@ -105,7 +105,7 @@ class Case:
 
 
 class Mark(NamedTuple):
-    """A setting over all sets: worst error, mean steps, mean loop time (s), slowest set (s), on the front or not."""
+    """A setting over all sets: worst error, mean steps, mean loop time (s), slowest set (s), whether on the front."""
 
     setting: Setting
     error: float
@@ -186,7 +186,7 @@ def marks_of(cases: list[Case]) -> list[Mark]:
 
 
 def beats(other: Mark, mark: Mark) -> bool:
-    """Whether ``other``, of the same formulation, is at least as exact and faster beyond the scatter."""
+    """Whether ``other``, of the same formulation, is at least as accurate and faster by more than the scatter."""
     same = other.setting.formulation == mark.setting.formulation
     return same and other.error <= mark.error and other.loop < (1.0 - SCATTER) * mark.loop
 
@@ -232,7 +232,7 @@ def rule_table() -> list[str]:
         line = f"{n:>4} x{m:>3} ={n * m:5}"
         for name, (arms, weights) in rules(corners, n, m).items():
             share = weights / weights.sum()
-            # the lattice, and the points themselves, where the cone of |r - C| is hit or missed most
+            # the lattice, and the points themselves, where the error at the tip of the cone |r - C| is greatest
             centres = np.concatenate([np.zeros((1, 2)), quarter, arms[(arms >= -1e-12).all(axis=1)]])
             exact = polygons.mean_distance(corners, centres)
             gaps = [float(np.hypot(*(arms - c).T) @ share) / e - 1.0 for c, e in zip(centres, exact, strict=True)]
@@ -267,7 +267,7 @@ def peers() -> list[dict]:
 
 
 def described(setting: Setting) -> str:
-    """What differs from the default."""
+    """Differences of a setting from the default, in words."""
     parts = [f"tolerance {setting.tolerance:.0e}"]
     parts += [f"step factor {setting.step_factor}"] if setting.step_factor != 0.9 else []
     parts += [f"stiffness x {setting.stiffness:g}"] if setting.stiffness != 1.0 else []
@@ -276,7 +276,7 @@ def described(setting: Setting) -> str:
 
 
 def report(cases: list[Case], marks: list[Mark]) -> list[str]:
-    """The printed tables on time: plain settings, cost of a digit, fronts, and where the default lies."""
+    """The printed tables on time: plain settings, cost of a digit, fronts, and the position of the default."""
     lines = ["Over tolerance, default step factor and stiffness"]
     lines.append(
         f"{'formulation':16}{'set':4}{'tol.':>7}{'error':>9}{'bar':>9}{'steps':>7}{'loop ms':>10}{'process s':>11}"
@@ -323,7 +323,7 @@ def write_csv(path: str, cases: list[Case], marks: list[Mark]) -> None:
 
 
 def draw(path: str, cases: list[Case], marks: list[Mark]) -> None:
-    """The figure, as the head of this file describes it."""
+    """Draw the figure described in the docstring of this module."""
     ring = {"color": style.BLACK, "marker": "o", "markersize": 11, "fillstyle": "none", "linestyle": "none"}
     with style.settings():
         figure = style.new_figure((7.2, 8.0))
@@ -370,7 +370,7 @@ def draw(path: str, cases: list[Case], marks: list[Mark]) -> None:
 
 
 def main() -> None:
-    """Measure, print, and write what was asked for."""
+    """Measure, print, and write the requested files."""
     parser = argparse.ArgumentParser(description="Error against time of the lab replay.")
     parser.add_argument("--repeats", type=int, default=9, help="replays of each case")
     parser.add_argument("--quick", action="store_true", help="tolerances 1e-3 and 1e-5, 3 repeats")
