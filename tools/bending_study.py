@@ -1,13 +1,13 @@
-"""Torsion, shear and bending together, on the laboratory's joint: what bending takes from each formulation.
+"""Combined torsion, shear and bending of the laboratory's joint: the loss of strength by bending in each formulation.
 
     python tools/bending_study.py [--out FOLDER] [--tolerance T]
 
 Prints three tables and draws ``bending.png``:
 
-1. Torsion strength under bending, the normal force at an eccentricity, by theory and by replays in one batch.
-2. The paper's reduced-area correction and its relatives against the no-tension linear pressure, over all directions of
-   shear and torsion: how far each is unsafe or safe.
-3. The four laboratory tests with the lateral drift of the free block held by frictionless rollers.
+1. Torsion strength under bending, that is eccentric normal force, by theory and by replays in one batch.
+2. The paper's reduced-area correction and similar ones against the no-tension linear pressure, over all directions of
+   shear and torsion: by how much each is unsafe or safe.
+3. The four laboratory tests with the lateral drift of the free block prevented by frictionless rollers.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ LAWS = (
     ("distributed", "full"),
 )
 TRUTH = ("convex", "linear")
-BENT = (0.0, 0.1, 1 / 6, 0.25, 0.35, 0.45)  # e over the edge
+BENT = (0.0, 0.1, 1 / 6, 0.25, 0.35, 0.45)  # eccentricity over the side of the joint
 AXES = {"e_y/b": (0.0, B), "e_x/a": (A, 0.0)}
-SPREAD = 400  # directions of (V_1, V_2, M_T)
-POINTS = (24, 16)  # of distributed
+SPREAD = 400  # number of directions of (V_1, V_2, M_T)
+POINTS = (24, 16)  # lattice of the distributed formulation
 
 
 def label(law) -> str:
-    """As a reader knows it."""
+    """Name of a law as readers know it."""
     return law[0] if law[0] != "convex" else f"convex, {law[1]}"
 
 
 def by_theory(law):
-    """The formulation of the joint by theory."""
+    """The theoretical formulation of the joint with a law."""
     if law[0] == "distributed":
         points = batch.contact_points(batch.face(RECTANGLE, _law(law)), 1e-3)
         return theory.point_formulation(points.normal_arm, points.area, MU, name="distributed")
@@ -61,7 +61,7 @@ def _law(law) -> JointLaw:
 
 
 def limits_by_theory(law, eccentricity, load):
-    """Limit multipliers of ``load`` (n, 3); zero where the joint tips over under N alone."""
+    """Limit multipliers of ``load`` (n, 3) by theory; zero if the joint tips over under N alone."""
     try:
         return theory.limit_loads(by_theory(law).law(N, eccentricity), load).V
     except theory.formulations.ScenarioError:
@@ -69,7 +69,7 @@ def limits_by_theory(law, eccentricity, load):
 
 
 def limits_by_replay(law, eccentricity, load, tolerance):
-    """The same by replays; zero where the dead load brings the block down."""
+    """Limit multipliers by replays; zero if the block falls under the dead load."""
     point, direction, weight = actuators_for(load, 0.5 * C_T)
     cases = batch.Cases.on(
         RECTANGLE, law[0], friction=MU, normal_force=N, eccentricity=eccentricity, actuator_point=point,
@@ -86,7 +86,7 @@ def limits_by_replay(law, eccentricity, load, tolerance):
 
 
 def torsion_table(tolerance: float) -> dict:
-    """M_T / (V_0 c_T) under bending about either axis; prints it, with the greatest miss of the replays."""
+    """M_T / (V_0 c_T) under bending about either axis; prints it, with the greatest error of the replays."""
     couple = np.array([[0.0, 0.0, 1.0]])
     found = {}
     worst = 0.0
@@ -109,7 +109,7 @@ def torsion_table(tolerance: float) -> dict:
 
 
 def judgement(tolerance: float) -> dict:
-    """How far each law is from the linear pressure over all directions and three ways to bend; prints it."""
+    """Deviation of each law from the linear pressure over all directions and three cases of bending; prints it."""
     load = directions(SPREAD, "all") * [1.0, 1.0, C_T]
     found: dict = {}
     worst = 0.0
@@ -150,10 +150,10 @@ def held(scenario):
 
 
 def held_by_theory(law, eccentricity: float, height: float) -> float:
-    """V of one force along y, slip across it held at O: the reaction R bends the joint as V does.
+    """V of a single force along y with slip along x prevented at O: the reaction R bends the joint as V does.
 
-    Newton's iteration on the slip twist (0, v, 1) and on V and R: the point of the limit surface whose normal it is, at
-    the pressure that V and R leave, must carry (R, V, V e).
+    Newton's iteration on the slip twist (0, v, 1), V and R: the point of the limit surface whose normal is the twist,
+    at the pressure under V and R, must equal (R, V, V e).
     """
     joint = by_theory(law)
 
@@ -174,7 +174,7 @@ def held_by_theory(law, eccentricity: float, height: float) -> float:
 
 
 def drift_table(tolerance: float) -> None:
-    """V of the laboratory tests at mid-height with free and with held drift; prints it."""
+    """Print V of the laboratory tests at mid-height with free and with prevented drift."""
     print("\nV [N] at mid-height, drift in x free and held (difference in %), held by theory")
     for law in LAWS[:-1]:
         cells = []
@@ -183,7 +183,7 @@ def drift_table(tolerance: float) -> None:
             base = dataclasses.replace(base, joint=dataclasses.replace(base.joint, pressure=law[1]))
             free, stopped = (simulate(s, record=False).yield_point for s in (base, held(base)))
             cell = f"{free.V:9.2f}{stopped.V:9.2f} ({100 * (stopped.V / free.V - 1):+.2f})"
-            if name.startswith("4"):  # a couple does not overturn, so nothing drifts
+            if name.startswith("4"):  # a couple causes no overturning, hence no drift
                 eccentricity, height = base.actuators[0].point[0], base.actuators[0].point[2]
                 cell += f"{held_by_theory(law, eccentricity, height):9.2f}"
             cells.append(cell)
@@ -191,7 +191,7 @@ def drift_table(tolerance: float) -> None:
 
 
 def figure(folder: Path, table: dict) -> None:
-    """Torsion against bending about both axes, and torsion against shear under bending of a third."""
+    """Draw torsion over bending about both axes, and torsion over shear under an eccentricity of a third."""
     from dembrick.views.plot import layout, style  # noqa: F401
 
     looks = {

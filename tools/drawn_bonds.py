@@ -1,13 +1,13 @@
-"""Limit loads of drawn single blocks on a bonded bed against closed forms: how often the bracket holds the truth.
+"""Limit loads of random single blocks on a bonded bed, against closed forms: does the bracket contain the true value.
 
     python tools/drawn_bonds.py [--count 200] [--seed 1]
 
-A block on a floor, with cohesion and tensile strength in the bed, is pushed in the plane of the joint at any
-eccentricity, or pulled off along its normal. A ductile bed gives way where the convex programme of limit analysis says
-so, at the normal forces of its points. A brittle one breaks at its first slip, by the elastic forces, if
-what is left carries less than that; a convex joint, which has one bond, where all of it gives way. Pulled, the first
-point or corner that passes the tensile strength is the peak, or what the block carries without the bond. Prints counts;
-exits with 1 if a bracket does not hold the truth.
+A block on a floor, with cohesion and tensile strength in the bed joint, is pushed in the plane of the joint at any
+eccentricity, or pulled off along its normal. The limit of a ductile bed is that of the convex programme of limit
+analysis, at the normal forces of its points. A brittle bed breaks at its first slip, under the elastic forces, if the
+residual strength is less than that; a convex joint, which has a single bond, breaks as a whole. Under tension the peak
+is reached when the first point or corner exceeds the tensile strength, or it is the strength without the bond. Prints
+counts; exits with 1 if a bracket does not contain the true value.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def scene(law: JointLaw, size, normal: float, point, direction, tolerance: float
 
 
 def law_of(scenario: Scenario, cohesion: float, friction: float) -> theory.Law:
-    """The joint of a scene under its own normal forces, all of it with the same cohesion and friction."""
+    """The limit surface of the joint of a scene at its normal forces, with one cohesion and friction throughout."""
     assembly = build.assemble(scenario)
     joint, points = assembly.joints[0], assembly.contact_points[0]
     normal = -float(assembly.dead_force[joint.block_b, 2])
@@ -77,7 +77,7 @@ def pushed_limit(scenario: Scenario, load) -> float:
     with np.errstate(divide="ignore"):
         slips = strength / np.hypot(*each.T)
     first = float(slips.min())
-    # without the points that slip first, by their residual strength and the whole strength of all others
+    # after the first points have slipped: their residual strength and the full strength of all others
     residual = (law.cohesion_after * area + law.friction_after * normal) * share
     left = np.where(slips <= first * (1.0 + 1e-6), residual, strength)
     if float(theory.limit_loads(theory.points(arm, left, 1.0), load).V[0]) > first:
@@ -86,7 +86,7 @@ def pushed_limit(scenario: Scenario, load) -> float:
 
 
 def pulled_limit(scenario: Scenario, size, e: float) -> float:
-    """The greatest V of a pull along the normal at the distance ``e`` along y from the middle of the joint."""
+    """The greatest V of a tension along the normal, at the distance ``e`` (m) along y from the middle of the joint."""
     law, assembly = scenario.joint, build.assemble(scenario)
     joint, points = assembly.joints[0], assembly.contact_points[0]
     normal = -float(assembly.dead_force[joint.block_b, 2])
@@ -101,7 +101,7 @@ def pulled_limit(scenario: Scenario, size, e: float) -> float:
 
 
 def pushed(rng: np.random.Generator) -> tuple[Scenario, float]:
-    """A drawn push in the plane of the joint, and its limit load."""
+    """A random push in the plane of the joint, and its limit load."""
     while True:
         formulation = str(rng.choice(FORMULATIONS))
         size = rng.uniform([0.2, 0.15, 0.08], [0.5, 0.4, 0.2])
@@ -123,7 +123,7 @@ def pushed(rng: np.random.Generator) -> tuple[Scenario, float]:
 
 
 def pulled(rng: np.random.Generator) -> tuple[Scenario, float]:
-    """A drawn pull along the normal, and its limit load."""
+    """A random tension along the normal, and its limit load."""
     formulation = str(rng.choice(["concave", "corrected", "corrected-shear", "convex"]))
     size = rng.uniform([0.2, 0.15, 0.08], [0.5, 0.4, 0.2])
     tension, friction = float(10.0 ** rng.uniform(3.0, 4.7)), float(rng.uniform(0.2, 0.8))
@@ -135,7 +135,7 @@ def pulled(rng: np.random.Generator) -> tuple[Scenario, float]:
 
 
 def judged(scenario: Scenario, expected: float) -> tuple[str, str]:
-    """``inside`` or ``outside``, and the numbers; or the error that the search ended with."""
+    """``inside`` or ``outside``, with the numbers; or the error that ended the search."""
     try:
         point = simulate(scenario, record=False).yield_point
     except DembrickError as error:

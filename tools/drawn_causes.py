@@ -1,12 +1,12 @@
-"""Cracks of drawn arches and walls whose support has moved, led back to that motion.
+"""Check that the support motion of random arches and walls can be identified from their cracks.
 
     python tools/drawn_causes.py [--count 20] [--seed 1] [--fast]
 
-An arch, or a wall with a door on two strips, follows a drawn motion of one support from equilibrium to equilibrium in
-the deformed geometry. The joints that are open then are the target of a study, which knows nothing of the motion and
-judges by limit analysis, or if it is a wall by paths of equilibria of its own (``--fast``: by limit analysis too). The
-motion is found if a cause to reckon with has one of the same support within 46 degrees of it, or the opposite one of
-the other support. Prints a line a structure and counts; exits with 1 if fewer than 19 of 20 are found.
+An arch, or a wall with a door on two strips, follows a random motion of one support from equilibrium to equilibrium in
+the deformed geometry. The joints that are open at the end are the target of a study, which does not know the motion and
+uses limit analysis, or for a wall its own paths of equilibria (``--fast``: limit analysis as well). The motion is found
+if a likely cause has a motion of the same support within 46 degrees of it, or the opposite one of the other support.
+Prints a line per structure and counts; exits with 1 if fewer than 19 of 20 are found.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ G = 9.81
 
 
 def drawn(rng, wall: bool) -> tuple[Scenario, str, np.ndarray]:
-    """A structure that a support's motion has cracked, that support, and the direction (3,) of its motion."""
+    """A structure cracked by the motion of a support, that support, and the direction (3,) of its motion."""
     angle = math.radians(float(rng.uniform(-150.0, -30.0) if wall else rng.uniform(0.0, 360.0)))
     way = np.array([math.cos(angle), 0.0, math.sin(angle)])
     if wall:
@@ -57,7 +57,7 @@ def drawn(rng, wall: bool) -> tuple[Scenario, str, np.ndarray]:
 
 
 def open_joints(result) -> list[tuple[str, str]]:
-    """Pairs of blocks whose joint is open at the end of a run, by more than a fiftieth of the widest."""
+    """Pairs of blocks whose joint is open at the end of a run, by more than 1/50 of the widest opening."""
     assembly, joints, names = result.assembly, result.assembly.joints, result.assembly.names
     turn = rotation_matrix(result.frames["orientation"][-1]) @ np.swapaxes(assembly.rotation, 1, 2)
     moved, gaps = result.frames["displacement"][-1], np.zeros(len(joints))
@@ -73,7 +73,7 @@ def open_joints(result) -> list[tuple[str, str]]:
 
 
 def found(answer: causes.Causes, support: str, way: np.ndarray) -> bool:
-    """Whether the motion, or the opposite one of another support, is among the causes to reckon with."""
+    """Whether the motion, or the opposite one of another support, is among the likely causes."""
     for motion in (motion for cause in answer.likely for motion in cause.motions):
         moved = motion.velocity[:3] * (1.0 if motion.support == support else -1.0)
         if not motion.velocity[3:].any() and moved @ way >= NEAR * np.linalg.norm(moved):

@@ -1,13 +1,13 @@
-"""Scenes in which features meet: drawn by a pairwise covering design, each judged by independent answers.
+"""Random scenes that combine features by a pairwise covering design, each judged by independent answers.
 
     python tools/drawn_features.py [--count 2000] [--seed 1] [--jobs 2] [--table]
 
-Every pair of levels of the factors below meets in some scene, and all pairs meet again with other numbers, until the
-count is reached. A scene is judged by what does not know the search: limit analysis, which no state can exceed; a
-second route to the same answer (constant rate or the path of equilibria in the deformed geometry beside the search in
-that of the start); the same scene seen otherwise (turned, mirrored, scaled, its blocks permuted); and for a single dry
-box the least of sliding and overturning. It is wrong if a bracket lies above the bound, if routes that claim one
-answer disagree by more than their bars, or if the view changes an answer that is said to be unique (one that depends on
+Every pair of levels of the factors below occurs in some scene, and all pairs again with other numbers, until the count
+is reached. A scene is judged independently of the search: by limit analysis, which no state can exceed; by a second
+route to the same answer (constant rate, or the path of equilibria in the deformed geometry, beside the search in the
+initial one); by the transformed scene (rotated, mirrored, scaled, blocks permuted); and for a single dry box by the
+lesser of sliding and overturning. It is wrong if a bracket lies above the bound, if routes that claim a unique answer
+disagree by more than their error bars, or if a transformation changes an answer reported as unique (one that depends on
 the path may depend on rounding as well). Prints counts, with ``--table`` the table of features and engines of
 docs/verification.md; exits with 1 if an answer is wrong.
 """
@@ -45,8 +45,8 @@ from dembrick.scenario.stages import controls_of
 from dembrick.scenario.ties import Tie, TieEnd
 
 ROUNDING = 1e-6
-SECOND_ORDER = 4e-3  # relative: what the deformed geometry may differ from that of the start in these scenes
-VIEW = 2e-5  # relative: what a view may change by rounding, beside the bars
+SECOND_ORDER = 4e-3  # relative: allowed difference between deformed and initial geometry in these scenes
+VIEW = 2e-5  # relative: allowed change by rounding in a transformed scene, besides the error bars
 PATIENCE = 10.0  # s for one answer
 INSIDE = ("corrected", "corrected-shear", "distributed")  # formulations whose points lie inside the faces
 NO_ANSWER = ("refused", "undecided", "slow")
@@ -54,7 +54,7 @@ NO_ANSWER = ("refused", "undecided", "slow")
 
 @dataclass(frozen=True)
 class Answer:
-    """What one route said: a load with its bracket, "stands" or "falls", "unlimited", or why it refused."""
+    """The answer of one route: a load with its bracket, "stands" or "falls", "unlimited", or why it was refused."""
 
     said: str  # "load", "stands", "falls", "undecided", "unlimited", "refused"
     V: float = math.nan
@@ -62,15 +62,15 @@ class Answer:
     upper: float = math.nan
     unique: bool = True
     why: str = ""
-    moved: dict[str, np.ndarray] = field(default_factory=dict)  # m, of the blocks of a path in the deformed geometry
+    moved: dict[str, np.ndarray] = field(default_factory=dict)  # m, of the blocks on a path in the deformed geometry
 
 
 @contextmanager
 def patience() -> Iterator[None]:
-    """Within, TimeoutError after `PATIENCE`: what takes long in the deformed geometry holds up the others."""
+    """Context that raises TimeoutError after `PATIENCE`, so that slow runs in the deformed geometry are cut short."""
 
     def stop(*_):
-        if global_compiler_lock.is_locked():  # a compiler that is interrupted leaves half a kernel behind
+        if global_compiler_lock.is_locked():  # an interrupted compiler would leave an incomplete kernel
             signal.setitimer(signal.ITIMER_REAL, PATIENCE)
         else:
             raise TimeoutError
@@ -85,7 +85,7 @@ def patience() -> Iterator[None]:
 
 
 def answer(scenario: Scenario) -> Answer:
-    """What the program says of a scene."""
+    """The answer of the program for a scene."""
     try:
         with warnings.catch_warnings(), patience():
             warnings.simplefilter("error", RuntimeWarning)
@@ -93,7 +93,7 @@ def answer(scenario: Scenario) -> Answer:
     except DembrickError as error:
         return Answer("refused", why=str(error))
     except (TimeoutError, TypeError) as error:
-        if not isinstance(error, TimeoutError) and not isinstance(error.__cause__, TimeoutError):  # numpy's, of it
+        if not isinstance(error, TimeoutError) and not isinstance(error.__cause__, TimeoutError):  # numpy wraps it
             raise
         return Answer("slow", why=f"no answer within {PATIENCE:g} s")
     told = result.as_dict()
@@ -111,8 +111,8 @@ def answer(scenario: Scenario) -> Answer:
 
 
 def bound(scenario: Scenario) -> Answer:
-    """What limit analysis proves of the joints of the run: no state carries more than ``upper``. Earlier stages have no
-    other say in it."""
+    """Bound by limit analysis with the joints of the run: no state carries more than ``upper``. Earlier stages have no
+    other effect on it."""
     loads = tuple(load for load in scenario.loads if load.stages is None)
     try:
         found = limit(replace(scenario, stages=(), loads=loads, among=controls_of(scenario))).as_dict()
@@ -126,7 +126,7 @@ def bound(scenario: Scenario) -> Answer:
 
 
 def other_route(scenario: Scenario) -> Scenario | None:
-    """The same question by another engine: deformed geometry for that of the start, and the other way round."""
+    """The same question for another engine: in the deformed instead of the initial geometry, or vice versa."""
     control = scenario.control
     if isinstance(control, DisplacementControl):
         return replace(scenario, control=YieldControl(1e-3, large_displacements=control.large_displacements))
@@ -136,8 +136,8 @@ def other_route(scenario: Scenario) -> Scenario | None:
 
 
 def judged(one: Drawn, deformed: bool = True) -> tuple[str, str]:
-    """Verdict and reason: "right", "told" (that it depends on the path), "refused", "undecided", "WRONG"; without
-    ``deformed`` no second route is taken through the deformed geometry, which takes seconds."""
+    """Verdict and reason: "right", "told" (reported as depending on the path), "refused", "undecided", "WRONG"; without
+    ``deformed`` there is no second route in the deformed geometry, which takes seconds."""
     scenario, levels = one.scenario, one.levels
     first = answer(scenario)
     if first.said in NO_ANSWER:
@@ -146,7 +146,7 @@ def judged(one: Drawn, deformed: bool = True) -> tuple[str, str]:
     proven = bound(_with_edges(scenario) if levels["geometry"] == "deformed" else scenario)
     large = levels["geometry"] == "deformed" or levels["before"] == "a settlement"
     slack = ROUNDING + (SECOND_ORDER if large else 0.0)
-    if first.moved and scenario.ties and proven.said == "load":  # ties turn as their blocks move, and may bear more
+    if first.moved and scenario.ties and proven.said == "load":  # ties rotate as their blocks move, and may bear more
         turned = bound(_with_ties_at(scenario, first.moved))
         proven = max(proven, turned, key=lambda one: one.upper if one.said == "load" else -math.inf)
     if proven.said == "falls" and first.said != "falls":
@@ -168,7 +168,7 @@ def judged(one: Drawn, deformed: bool = True) -> tuple[str, str]:
         wrong.append(f"{levels['seen']}: {again.said} for {first.said}")
     elif (
         first.said == again.said == "load"
-        and (first.unique or again.unique)  # else another order of blocks may take another path, as both say
+        and (first.unique or again.unique)  # else another order of blocks may take another path, as both report
         and not _overlap(first, again, factor, VIEW + (SECOND_ORDER if large else 0.0))
     ):
         text = f"{again.lower / factor:.7g} to {again.upper / factor:.7g} for {first.lower:.7g} to {first.upper:.7g}"
@@ -179,8 +179,8 @@ def judged(one: Drawn, deformed: bool = True) -> tuple[str, str]:
 
 
 def _with_ties_at(scenario: Scenario, moved: dict[str, np.ndarray]) -> Scenario:
-    """The scene whose ties have the direction that they have where the blocks have ``moved`` to: their first ends, at
-    supports, go the other way, but not up or down."""
+    """The scene with its ties in the directions that they have after the blocks have ``moved``: their first ends, at
+    supports, are shifted horizontally in the opposite direction."""
 
     def turned(tie: Tie) -> Tie:
         support, free = tie.between
@@ -191,14 +191,14 @@ def _with_ties_at(scenario: Scenario, moved: dict[str, np.ndarray]) -> Scenario:
 
 
 def _with_edges(scenario: Scenario) -> Scenario:
-    """The scene whose joints reach as far as their faces: in the deformed geometry edges catch a block that tips over
-    points that lie inside."""
+    """The scene with joints that reach to the edges of their faces: in the deformed geometry a block that tips over
+    points inside the face is then supported by its edges."""
     law = scenario.joint
     return replace(scenario, joint=replace(law, formulation="concave")) if law.formulation in INSIDE else scenario
 
 
 def _disagreement(first: Answer, levels: dict[str, str], scenario: Scenario, slack: float) -> list[str]:
-    """What a second route says otherwise, if both claim that there is one answer."""
+    """Contradictions by a second route, if both routes claim a unique answer."""
     route = other_route(scenario)
     if route is None:
         return []
@@ -208,14 +208,14 @@ def _disagreement(first: Answer, levels: dict[str, str], scenario: Scenario, sla
     if first.said != second.said or first.said != "load" or not (first.unique and second.unique):
         return []
     if isinstance(scenario.control, DisplacementControl):
-        if first.lower > second.upper * (1.0 + slack + 2e-3):  # a test that stops early bears less, none more
+        if first.lower > second.upper * (1.0 + slack + 2e-3):  # a test that stops early gives less, never more
             return [f"{first.lower:.7g} to {first.upper:.7g}, by its search {second.lower:.7g} to {second.upper:.7g}"]
         return []
     if _overlap(first, second, 1.0, SECOND_ORDER):
         return []
     if (
         levels["formulation"] == "convex"
-    ):  # its toe has a width, which the search in the geometry of the start leaves out
+    ):  # the toe has a finite width, which the search in the initial geometry neglects
         deformed, start = (first, second) if scenario.control.large_displacements else (second, first)
         if start.lower * (1.0 - toe(scenario.joint.normal_stiffness)) <= deformed.V <= start.upper:
             return []
@@ -223,8 +223,8 @@ def _disagreement(first: Answer, levels: dict[str, str], scenario: Scenario, sla
 
 
 def toe(stiffness: float) -> float:
-    """Relative loss by the toe of a convex block of 0.2 m that rocks over a corner: a triangle that bears its weight,
-    with a depth as the third root of weight over stiffness (Pa/m)."""
+    """Relative loss of load by the toe of a convex block of 0.2 m that rocks over a corner: a triangle carries its
+    weight, and its depth grows with the cube root of weight over stiffness (Pa/m)."""
     return 0.3 * (stiffness / 1e8) ** (-1.0 / 3.0)
 
 
@@ -248,13 +248,13 @@ def of_number(
 
 
 def scenes(count: int, seed: int, quick: bool = False) -> list[tuple[int, dict[str, str], int]]:
-    """Numbers, levels and seed of the first scenes of the design; ``quick``: only `QUICK` ones."""
+    """Numbers, levels and seed of the first scenes of the design; ``quick``: with `QUICK` levels only."""
     rows = covering(np.random.default_rng(seed), QUICK if quick else FACTORS)
     return [(number, next(rows), seed) for number in range(count)]
 
 
 def table(found: list) -> str:
-    """Rows of features, columns of controls: how many were right or told, and how many refused."""
+    """Table of features (rows) by controls (columns): numbers of right or told scenes, and of refused ones."""
     columns = FACTORS["control"]
     lines = ["| | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
     for name in NAMES:
@@ -272,7 +272,7 @@ def table(found: list) -> str:
 
 
 def main() -> int:
-    """Draw, run, count."""
+    """Draw random scenes, run them, count verdicts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,12 +1,12 @@
-"""Judge what searches say of other paths, on structures drawn at random and loaded in other ways before.
+"""Check the statements of searches on other load paths, for random structures with different loading histories.
 
     python tools/drawn_histories.py --count 60 --seed 1
 
 Walls, stacks between side walls, blocks beside curbs, towers and arches, pushed by a jack. Each is searched without a
-solver at hand, so that the mechanism alone says whether a path may bear more; then by limit analysis, with other
-stiffness ratios and forces locked in (``--refine``), and after random loads have acted and gone. Wrong is: no path
-above, where limit analysis or a path bears more; or a limit that does not depend on the path, where another path
-differs by more than the bars. Exits with 1 if anything is.
+solver for limit analysis, so that only the mechanism shows whether another path may bear more; then by limit analysis,
+with other stiffness ratios and locked-in forces (``--refine``), and after random loads were applied and removed. Errors
+are: "no path above" although limit analysis or a path bears more, and a limit reported as independent of the path
+although another path differs by more than the error bars. Exits with 1 if there is an error.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def box(name: str, size, position, fixed: bool = False) -> Block:
 
 
 def wall(rng) -> tuple[list[Block], str, tuple]:
-    """A wall of 2 to 4 courses in running bond on a floor, between side walls or free; the block that is pushed."""
+    """A wall of 2 to 4 courses in running bond on a floor, between side walls or free; and the pushed block."""
     courses, columns, blocks = int(rng.integers(2, 5)), int(rng.integers(1, 4)), []
     a, b, h = 0.4, float(rng.uniform(0.2, 0.5)), 0.2
     for i in range(courses):
@@ -50,7 +50,7 @@ def wall(rng) -> tuple[list[Block], str, tuple]:
 
 
 def tower(rng) -> tuple[list[Block], str, tuple]:
-    """Blocks on one another, of different widths."""
+    """A stack of blocks of different widths."""
     blocks, z = [], 0.0
     for i in range(int(rng.integers(1, 5))):
         size = rng.uniform(0.3, 0.6, 3)
@@ -61,7 +61,7 @@ def tower(rng) -> tuple[list[Block], str, tuple]:
 
 
 def between(rng) -> tuple[list[Block], str, tuple]:
-    """Stacks side by side between two walls, a bar across them."""
+    """Stacks side by side between two walls, with a bar across them."""
     blocks = [box(name, (4.0, 0.2, 0.4), (0.0, y, 0.2), True) for name, y in (("left", -0.6), ("right", 0.6))]
     length = float(rng.uniform(0.6, 1.5))
     blocks += [box(f"s{i}", (length, 0.5, 0.4), (0.0, y, 0.2)) for i, y in enumerate((-0.25, 0.25))]
@@ -71,7 +71,7 @@ def between(rng) -> tuple[list[Block], str, tuple]:
 
 
 def curb(rng) -> tuple[list[Block], str, tuple]:
-    """A block beside a curb, perhaps with another one on top."""
+    """A block beside a curb, possibly with another block on top."""
     height, low = rng.uniform(0.4, 1.2), rng.uniform(0.05, 0.3)
     blocks = [box("curb", (0.2, 0.4, low), (-0.3, 0.0, 0.5 * low), True)]
     blocks.append(box("block", (0.4, 0.4, height), (0.0, 0.0, 0.5 * height)))
@@ -81,7 +81,7 @@ def curb(rng) -> tuple[list[Block], str, tuple]:
 
 
 def drawn(rng) -> tuple[str, Scenario]:
-    """The kind and the scenario of one structure."""
+    """Kind and scenario of a random structure."""
     friction, ratio = float(rng.uniform(0.1, 0.9)), float(rng.choice([0.1, 0.4, 1.0, 4.0]))
     law = JointLaw(str(rng.choice(["concave", "convex"])), friction, 1e10, ratio * 1e10)
     kind = str(rng.choice([*KINDS, "arch"]))
@@ -106,7 +106,7 @@ KINDS: dict[str, Callable] = {"wall": wall, "tower": tower, "between": between, 
 
 
 def loaded_before(rng, scenario: Scenario) -> Scenario:
-    """The same structure after loads have acted on its free blocks and gone, half their weight in a drawn direction."""
+    """The same structure after loads of half their weight in a random direction acted on its free blocks."""
     assembly = assemble(scenario)
     loads = []
     for name, force, fixed in zip(assembly.names, assembly.dead_force, assembly.fixed, strict=True):
@@ -117,7 +117,7 @@ def loaded_before(rng, scenario: Scenario) -> Scenario:
 
 
 def judged(rng, scenario: Scenario) -> tuple[str, list[str]]:
-    """What is proven of a structure (above, below), with what was found; and what is wrong with it."""
+    """Statement proven for a structure (above, below) with the numbers found; and a list of errors."""
     with patch("dembrick.simulation.limit_analysis.solver.installed", lambda: False):
         plain = simulate(scenario, record=False)
     if plain.unlimited:
@@ -146,7 +146,7 @@ def judged(rng, scenario: Scenario) -> tuple[str, list[str]]:
 
 
 def main() -> int:
-    """Draw, run, count."""
+    """Draw random structures, run them, count outcomes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,10 +1,10 @@
-"""Drawn impacts: blocks dropped flat, and blocks that rock, each against its closed form.
+"""Random impacts: blocks dropped flat, and rocking blocks, each against its closed form.
 
     python tools/drawn_impacts.py [--drops 60] [--rocks 60] [--seed 1]
 
-A drop bounces with the stated restitution. A block that rocks and does not slip has, after every impact, Housner's part
-of its angular velocity, 1 - 1.5 sin^2 alpha; speeds are those that the amplitudes before and after ask for. Prints what
-is off by more than 1 %, and counts; exit 1 if anything is.
+A dropped block bounces with the given restitution. A block that rocks without slip keeps at every impact Housner's
+share of its angular velocity, 1 - 1.5 sin^2 alpha; the velocities are found from the amplitudes before and after.
+Prints deviations of more than 1 %, and counts; exits with 1 if there are any.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 
 G = 9.81
 NEAR = 0.01
-SLOW = 1.2e4  # of the depth by which the weight presses the faces in: a fall in which it has no part
+SLOW = 1.2e4  # least fall height over the penetration under the weight: the weight then has no effect on the impact
 FORMULATIONS = ("concave", "convex", "corrected", "corrected-shear", "distributed")
 
 
@@ -35,8 +35,8 @@ def scene(block: Block, law: JointLaw, density: float, control: DynamicControl, 
 
 
 def drop(size, density: float, law: JointLaw, height: float, speed: float, e: float, whole: bool) -> float:
-    """Bounce speed over impact speed of a block (m) that falls flat from ``height`` (m), thrown down at ``speed``
-    (m/s); by the height that it comes back to. ``whole``: it lands at the end of a step."""
+    """Bounce speed over impact speed of a block of ``size`` (m) that falls flat from ``height`` (m) with the initial
+    speed ``speed`` (m/s), from its rebound height. ``whole``: it lands at the end of a step."""
     down = (math.sqrt(speed**2 + 2.0 * G * height) - speed) / G
     strike = speed + G * down
     up = e * strike / G
@@ -50,8 +50,8 @@ def drop(size, density: float, law: JointLaw, height: float, speed: float, e: fl
 
 
 def rock(b: float, slenderness: float, depth: float, part: float, e: float, law: JointLaw, impacts: int) -> list[float]:
-    """Angular velocity after over before each impact over Housner's, of a block ``b`` wide (m) that begins upright and
-    turns up to ``part`` of its critical angle."""
+    """Ratio of the angular velocities after and before each impact over Housner's ratio, for a block ``b`` wide (m)
+    that starts upright and rocks up to ``part`` of its critical angle."""
     h = b * slenderness
     alpha, p2 = math.atan2(b, h), 3.0 * G / (2.0 * math.hypot(b, h))
     housner = 1.0 - 1.5 * math.sin(alpha) ** 2
@@ -76,7 +76,7 @@ def rock(b: float, slenderness: float, depth: float, part: float, e: float, law:
 
 
 def amplitudes(angle: np.ndarray, least: float) -> list[float]:
-    """The greatest angles (rad) to either side in turn; the last only if it is past."""
+    """Successive amplitudes (rad) to alternate sides; the last one only if its maximum has been passed."""
     found, side, top = [], 1.0, 0.0
     for now in angle:
         if side * now < -least:
@@ -87,7 +87,7 @@ def amplitudes(angle: np.ndarray, least: float) -> list[float]:
 
 
 def drawn_drop(rng) -> tuple[str, list[float]]:
-    """A drop, and its bounce speed over what it should be."""
+    """A random drop, and its bounce speed over the expected one."""
     size = tuple(float(x) for x in np.round(rng.uniform(0.08, 0.6, 3), 3))
     density, stiffness = float(rng.uniform(1400.0, 2800.0)), float(10.0 ** rng.uniform(9.0, 10.7))
     formulation, whole = str(rng.choice(FORMULATIONS)), bool(rng.integers(2))
@@ -100,10 +100,10 @@ def drawn_drop(rng) -> tuple[str, list[float]]:
 
 
 def drawn_rock(rng) -> tuple[str, list[float]]:
-    """A block that rocks, and its speeds after the impacts over Housner's."""
+    """A random rocking block, and its velocities after the impacts over Housner's."""
     b, slenderness = float(rng.uniform(0.1, 1.0)), float(rng.uniform(3.0, 8.0))
     part, e = float(rng.uniform(0.1, 0.9)), float(rng.uniform(0.14, 0.5))
-    # what the impulse asks of friction if nothing slips, and a tenth more
+    # friction that the impulse requires for no slip, plus 10 %
     least = 3.0 * slenderness / (1.0 + 4.0 * slenderness**2)
     friction = float(rng.uniform(1.1 * least, 1.0))
     stiffness = float(10.0 ** rng.uniform(9.7, 10.7))
@@ -125,7 +125,7 @@ def main() -> int:
         worst, impacts = 0.0, 0
         for k in range(count):
             about, found = draw(np.random.default_rng([asked.seed, len(name), k]))
-            off = max((abs(x - 1.0) for x in found), default=math.inf)  # no impact at all is a miss too
+            off = max((abs(x - 1.0) for x in found), default=math.inf)  # no impact at all is an error too
             worst, impacts = max(worst, off), impacts + len(found)
             if off > NEAR:
                 outside += 1

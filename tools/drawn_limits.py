@@ -1,13 +1,13 @@
-"""Limit loads of drawn single blocks against closed forms: how often the bracket holds the truth.
+"""Limit loads of random single blocks against closed forms: does the bracket contain the true value.
 
     python tools/drawn_limits.py [--count 400] [--tilts 60] [--sloping 250] [--seed 1]
 
 A block on a floor is pushed by an actuator whose line lies in its middle plane: level or inclined, above the joint, on
-its top or side, upwards and downwards. It slides, turns about an edge, or leaves the floor, whichever takes the least
-load; a load that none of the three can follow is unlimited. Tilted blocks slide at tan(psi) = mu or overturn at b / h.
-Convex joints are pushed at any slope by actuators that press or lift as well, at heights where sliding and rocking are
-close to one another, and dams by water on a back that leans either way.
-Prints counts; exits with 1 if a bracket does not hold the truth.
+its top or side, upwards and downwards. It slides, turns about an edge, or lifts off, whichever needs the least load; if
+no load causes any of the three, the limit is infinite. Tilted blocks slide at tan(psi) = mu or overturn at b / h.
+Convex joints are pushed at any slope, also by actuators that press or lift, at heights where sliding and rocking need
+nearly the same load, and dams by water on a back that leans either way.
+Prints counts; exits with 1 if a bracket does not contain the true value.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def scene(control, formulation: str, friction: float, size, actuators=()) -> Sce
 
 
 def truth(friction: float, size, point, direction) -> float:
-    """Least V of sliding, overturning and uplift for a force in the middle plane y = 0; infinite without any.
+    """Least V of sliding, overturning and uplift for a force in the middle plane y = 0; infinite if none is possible.
 
     Friction without dilatancy: at the limit of sliding N = W - V d_z, and the load of the mechanism follows from it.
     """
@@ -51,7 +51,7 @@ def truth(friction: float, size, point, direction) -> float:
     if grip > 0.0:
         found.append(friction * weight / grip)
     for edge, sign in ((0.5 * b, 1.0), (-0.5 * b, -1.0)):
-        # moment of the load about the edge that lifts the other side
+        # moment of the load about the edge, positive if it lifts the other side
         moment = sign * (along * z - up * (x - edge))
         if moment > 0.0:
             found.append(weight * 0.5 * b / moment)
@@ -61,7 +61,7 @@ def truth(friction: float, size, point, direction) -> float:
 
 
 def pushed(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
-    """A drawn push and its limit load."""
+    """A random push and its limit load."""
     size = rng.uniform(0.1, 1.0, 3)
     friction = float(rng.uniform(0.1, 1.2))
     x = float(rng.uniform(-0.5, 0.5) * size[0])
@@ -80,7 +80,7 @@ def pushed(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
 
 
 def sloping(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
-    """A drawn dam, or a push at some slope, on a convex joint: sliding and rocking take about the same load."""
+    """A random dam, or an inclined push, on a convex joint; sliding and rocking need nearly the same load."""
     if rng.random() < 0.4:
         return dammed(rng, tolerance)
     while True:
@@ -92,7 +92,7 @@ def sloping(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
         normal = DENSITY * G * float(np.prod(size)) - rocking * direction[2]
         if math.isinf(rocking) or normal <= 0.0:
             continue
-        # about the friction at which the block slides at the load that turns it
+        # near the friction at which sliding and rocking need the same load
         friction = float(rocking * direction[0] / normal * rng.uniform(0.7, 1.4))
         if 0.05 < friction < 2.0:
             actuator = Actuator("actuator", "block", point, direction)
@@ -101,7 +101,7 @@ def sloping(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
 
 
 def dammed(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
-    """A drawn dam whose back leans, pushed by water of a multiple of its weight, and the multiplier of its limit."""
+    """A random dam with a leaning back under water of a multiplied weight, and the multiplier at its limit."""
     while True:
         base, crest, height, wide = (float(s) for s in rng.uniform([0.8, 0.2, 1.0, 0.3], [2.0, 1.0, 3.0, 1.0]))
         lean = float(rng.uniform(-0.2, 0.4)) * base
@@ -109,7 +109,7 @@ def dammed(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
         section = ((0.0, 0.0), (base, 0.0), (lean + crest, height), (lean, height))
         area, middle = _area(section)
         weight = DENSITY * G * area * wide
-        # force and moment about the heel of the pressure on the back: integrals of p and p z over the depth
+        # pressure on the back: force, and moment about the heel, as integrals of p and p z over the depth
         top = min(surface, height)
         push = water * wide * (surface * top - 0.5 * top**2)
         turn = water * wide * (0.5 * surface * top**2 - top**3 / 3.0)
@@ -143,7 +143,7 @@ def _area(section) -> tuple[float, float]:
 
 
 def tilted(rng) -> tuple[Scenario, float]:
-    """A drawn block on a tilting table, that slides, and tan(psi) then."""
+    """A random block that slides on a tilting table, and tan(psi) at sliding."""
     size = rng.uniform(0.1, 1.0, 3)
     friction = float(rng.uniform(0.05, 0.9) * min(size[:2]) / size[2])
     tolerance = float(rng.choice([1e-2, 1e-3, 1e-4]))
@@ -153,7 +153,7 @@ def tilted(rng) -> tuple[Scenario, float]:
 
 
 def judged(scenario: Scenario, expected: float) -> tuple[str, str]:
-    """What came of a run ("inside", "unlimited", "outside", "no answer"), and its numbers."""
+    """Outcome of a run ("inside", "unlimited", "outside", "no answer"), and its numbers."""
     try:
         result = simulate(scenario, record=False)
     except DembrickError as error:
@@ -162,7 +162,7 @@ def judged(scenario: Scenario, expected: float) -> tuple[str, str]:
     if result.unlimited or math.isinf(expected):
         agree = result.unlimited and math.isinf(expected)
         return "unlimited" if agree else "outside", f"{point.V} for {expected}"
-    # a joint of some stiffness gives way under its weight by about 1e-6 of a block
+    # a joint of finite stiffness is compressed under the weight by about 1e-6 of the block
     slack = 1e-6 * expected
     inside = point.V_lower - slack <= expected <= point.V_upper + slack
     close = abs(point.V / expected - 1.0) <= scenario.control.tolerance
@@ -171,7 +171,7 @@ def judged(scenario: Scenario, expected: float) -> tuple[str, str]:
 
 
 def main() -> int:
-    """Draw, run, count."""
+    """Draw random cases, run them, count outcomes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=400)
     parser.add_argument("--tilts", type=int, default=60)

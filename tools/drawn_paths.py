@@ -1,10 +1,11 @@
-"""Limits of drawn slopes and walls that slide: whether the range of --refine holds what other stiffnesses give.
+"""Limits of random sliding slopes and walls: does the range of --refine contain the results for other stiffnesses.
 
     python tools/drawn_paths.py [--count 40] [--seed 1]
 
-Each structure is searched with ks/kn of .1, .4, 1 and 4, every time with its range. It passes if the four bars overlap,
-each holds the load factors of the others, and none goes above the associative bound by more than the tolerance. Prints
-a line a structure and counts, also of the limits that no path exceeds; exits with 1 if fewer than 38 of 40 pass.
+Each structure is searched with ks/kn of .1, .4, 1 and 4, every time with its range. It passes if the four ranges
+overlap, each contains the load factors of the others, and none exceeds the associative bound by more than the
+tolerance. Prints a line per structure and counts, also of the limits that no path exceeds; exits with 1 if fewer than
+38 of 40 pass.
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ from dembrick.scenario.model import Block, JointLaw, Material, Scenario
 
 GRAVITY, STONE = (0.0, 0.0, -9.81), {"stone": Material(2000.0)}
 ROUNDING = 1e-6
-ENOUGH = 0.95  # of the structures must pass
+ENOUGH = 0.95  # share of the structures that must pass
 
 
 def drawn(rng: np.random.Generator) -> tuple[str, Scenario]:
-    """A slope or a wall that may slide."""
+    """A random slope or wall that may slide."""
     return ("slope", slope(rng)) if rng.random() < 0.5 else ("wall", wall(rng))
 
 
 def slope(rng: np.random.Generator) -> Scenario:
-    """Columns side by side on the steps of a slope, on a table that tilts on."""
+    """Columns side by side on the steps of a slope, on a tilting table."""
     steep = float(np.radians(rng.uniform(12.0, 28.0)))
     along, up = (np.array([np.cos(a), np.sin(a)]) for a in (steep, steep + 0.5 * np.pi))
     rise, friction = float(rng.uniform(0.05, 0.3)), float(rng.uniform(1.2 * np.tan(steep), 1.0))
@@ -64,7 +65,7 @@ def wall(rng: np.random.Generator) -> Scenario:
 
 
 def judged(scenario: Scenario) -> tuple[bool, str] | None:
-    """Whether a structure passes, and its numbers; None if it does not slide or does not stand."""
+    """Whether a structure passes, and its numbers; None if it does not slide or has no dead-load equilibrium."""
     tolerance = scenario.control.tolerance
     first = simulate(scenario, record=False)
     if first.collapse is None or not first.collapse["slides"]:
@@ -88,7 +89,7 @@ def judged(scenario: Scenario) -> tuple[bool, str] | None:
 
 
 def main() -> int:
-    """Draw, run, count."""
+    """Draw random structures, run them, count outcomes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,15 +1,15 @@
-"""Limit loads of drawn single blocks that a tie or a bar holds, against the bound that limit analysis proves.
+"""Limit loads of random single blocks with a tie or a bar, against closed forms and the bound of limit analysis.
 
     python tools/drawn_ties.py [--count 200] [--seed 1]
 
-A block on a floor is pushed level by an actuator, by a share of its weight (pushover), at a constant rate, or by a
-table that tilts, of which only `limit` may answer: its search knows friction alone. One tie or bar joins it to the
-floor, along a line through the middle of the joint: slack, soft, stiff or prestressed, stretched by the push or let
-go by it. However soft it is, the block slides on when the tie carries its strength, a cable that goes slack nothing,
-and a bar that is pressed its strength: that is `truth`. In the deformed geometry a tie that yields lies down as the
-block slides on, and the load creeps up until its line leans by the angle of friction: the answer may lie anywhere
-between. Where `limit` says less, the bar must not lie above that either. Prints counts; exits with 1 if a bar leaves
-the truth out.
+A block on a floor is pushed horizontally by an actuator, by a share of its weight (pushover), at a constant rate, or by
+a tilting table, for which only `limit` may give an answer, since the search of a tilt supports friction only. One tie
+or bar connects it to the floor along a line through the middle of the joint: slack, soft, stiff or prestressed,
+stretched or relieved by the push. However soft it is, the block slides on when the tie carries its strength, a cable
+that goes slack carries nothing, and a bar in compression its strength: that is `truth`. In the deformed geometry a
+yielding tie becomes flatter as the block slides on, and the load grows until the tie is inclined by the angle of
+friction: the answer may lie anywhere between. If `limit` gives less, the bracket must not lie above that either. Prints
+counts; exits with 1 if a bracket does not contain the true value.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from dembrick.scenario.ties import Tie, TieEnd
 G, DENSITY, SIZE = 9.81, 1500.0, (0.4, 0.2, 0.1)
 WEIGHT = DENSITY * G * SIZE[0] * SIZE[1] * SIZE[2]
 CONTROLS = ("yield", "pushover", "tilt", "displacement", "yield large", "pushover large")
-ROUNDING = 1e-5  # of a limit: the compliance of joints
-DEFORMED = 1e-3  # of a limit in the deformed geometry or at the end of a travel: the tie has turned
+ROUNDING = 1e-5  # of a limit: effect of the compliance of joints
+DEFORMED = 1e-3  # of a limit in the deformed geometry or at the end of a travel: effect of the rotation of the tie
 
 
 class Held(NamedTuple):
-    """A drawn block: its scene, what drives it, and the limit in closed form."""
+    """A random block: its scene, its control, and the limit in closed form."""
 
     scenario: Scenario
     control: str
     expected: float
-    creeps_to: float  # what it grows to as the tie lies down, as large as expected if it does not
+    creeps_to: float  # the load as the tie becomes flatter; equal to that expected if it does not
 
 
 def drawn(rng: np.random.Generator, number: int) -> Held:
-    """The block of this ``number``: formulations and controls by turns, the rest drawn."""
+    """The block of this ``number``: formulations and controls in turn, everything else random."""
     formulation, control = FORMULATIONS[number % len(FORMULATIONS)], CONTROLS[number % len(CONTROLS)]
     friction, pressed = float(rng.uniform(0.2, 0.7)), float(rng.uniform(0.0, 400.0))
     angle, away = float(rng.choice([0.0, rng.uniform(0.45, 0.9)])), bool(rng.integers(4))  # the push stretches it
@@ -65,7 +65,7 @@ def drawn(rng: np.random.Generator, number: int) -> Held:
         (TieEnd("floor", (-sign * run, 0.0, -rise)), TieEnd("block", (sign * run, 0.0, rise))),
         stiffness, strength, prestress, tension_only,
     )  # fmt: skip
-    # pulled towards its anchor, a cable goes slack and a bar yields in compression
+    # if the block moves towards the anchor, a cable goes slack and a bar yields in compression
     force = strength if away else (0.0 if tension_only else -strength)
     scenario = Scenario(
         "held block",
@@ -106,7 +106,8 @@ def _control(control: str, stiffness: float):
 def truth(control: str, friction: float, pressed: float, force: float, along: float, down: float) -> float:
     """V (N), load factor or angle (degrees) at which the block slides along x against a tie that carries ``force``.
 
-    Its line goes back along x by ``along`` and down by ``down``; the friction is mu (N + T down).
+    The direction of the tie has the components ``along`` against x and ``down`` downwards; the friction is
+    mu (N + T down).
     """
     held = force * (along + friction * down)
     if control == "tilt":  # W sin a = mu (W cos a + T down) + T along
@@ -119,7 +120,7 @@ def truth(control: str, friction: float, pressed: float, force: float, along: fl
 
 
 def judged(held: Held) -> tuple[str, str]:
-    """What came of a run ("inside", "outside", "refused", "no answer"), and its numbers."""
+    """Outcome of a run ("inside", "outside", "refused", "no answer"), and its numbers."""
     if held.control == "tilt":
         return _tilted(held)
     try:
@@ -141,7 +142,7 @@ def judged(held: Held) -> tuple[str, str]:
 
 
 def _tilted(held: Held) -> tuple[str, str]:
-    """Of a table: the search must refuse, and `limit` say the angle."""
+    """Outcome of a tilting table: the search must refuse, and `limit` give the angle."""
     try:
         simulate(held.scenario, record=False)
     except ScenarioError:
@@ -153,7 +154,7 @@ def _tilted(held: Held) -> tuple[str, str]:
 
 
 def main() -> int:
-    """Draw, run, count."""
+    """Draw random cases, run them, count outcomes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,12 +1,12 @@
-"""Limits of drawn bonded stacks and small walls against the bound that limit analysis proves.
+"""Limits of random bonded stacks and small walls against the bound of limit analysis.
 
     python tools/drawn_walls.py [--count 500] [--seed 1]
 
 Joints with cohesion, some with tensile strength, some brittle, of all formulations, pushed by an acceleration or by an
-actuator. `limit` proves a load that no structure of these strengths bears, whatever breaks first; no bar may lie above
-it, and no V by more than the tolerance. A limit of ductile bonds that is said not to depend on the path is searched
-with another ratio of the stiffnesses too, and the two brackets must meet. Prints counts; exits with 1 if a limit lies
-above the bound or two that should be one differ.
+actuator. `limit` proves an upper bound for structures of these strengths, whatever breaks first; no bracket may lie
+above it, and no V by more than the tolerance. A limit of ductile bonds that is reported as independent of the path is
+also searched with another ratio of the stiffnesses, and the two brackets must overlap. Prints counts; exits with 1 if a
+limit lies above the bound or if two brackets do not overlap.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from dembrick.scenario.joint_laws import FORMULATIONS
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
 
 GRAVITY, DENSITY = (0.0, 0.0, -9.81), 2000.0
-OTHER_RATIO = 0.1  # of the shear to the normal stiffness
+OTHER_RATIO = 0.1  # shear over normal stiffness
 ROUNDING = 1e-6  # of a limit: the tolerance of the convex programme
 
 
 def bonds(rng: np.random.Generator, formulation: str) -> JointLaw:
-    """A law with bonds: ductile or brittle, with or without tensile strength."""
+    """A random law with bonds: ductile or brittle, with or without tensile strength."""
     friction, cohesion = float(rng.uniform(0.2, 0.8)), float(10.0 ** rng.uniform(2.5, 4.5))
     tension = float(rng.choice([0.0, rng.uniform(0.1, 1.0)])) * cohesion / friction
     after = {"residual_cohesion": float(rng.choice([0.0, rng.uniform(0.0, 1.0), 1.0])) * cohesion}
@@ -42,13 +42,13 @@ def bonds(rng: np.random.Generator, formulation: str) -> JointLaw:
 
 
 def drawn(rng: np.random.Generator, number: int) -> Scenario:
-    """The structure of this ``number``: formulations by turns, the rest drawn."""
+    """The structure of this ``number``: formulations in turn, everything else random."""
     law = bonds(rng, FORMULATIONS[number % len(FORMULATIONS)])
     return wall(rng, law) if rng.random() < 0.3 else stack(rng, law)
 
 
 def stack(rng: np.random.Generator, law: JointLaw) -> Scenario:
-    """Two to five blocks on one another, out of line and turned, pushed by their weight or by an actuator."""
+    """Two to five blocks on one another, offset and rotated, pushed by a share of their weight or by an actuator."""
     blocks = [Block("floor", "stone", (6.0, 6.0, 0.2), (0.0, 0.0, -0.1), fixed=True)]
     z = 0.0
     for i in range(int(rng.integers(2, 6))):
@@ -72,7 +72,7 @@ def stack(rng: np.random.Generator, law: JointLaw) -> Scenario:
 
 
 def wall(rng: np.random.Generator, law: JointLaw) -> Scenario:
-    """A wall of two to four courses in running bond, pushed in some direction."""
+    """A wall of two to four courses in running bond, pushed in a random direction."""
     angle = float(rng.choice([0.0, 0.5 * math.pi, rng.uniform(0.0, math.pi)]))
     size = (float(rng.uniform(0.2, 0.5)), float(rng.uniform(0.1, 0.3)), float(rng.uniform(0.1, 0.3)))
     part = Wall("wall", "stone", size, int(rng.integers(2, 5)), int(rng.integers(1, 3)), base=0.2, ends="half")
@@ -81,7 +81,7 @@ def wall(rng: np.random.Generator, law: JointLaw) -> Scenario:
 
 
 def judged(scenario: Scenario) -> tuple[str, str]:
-    """What came of a search ("below", "unlimited", "above", "apart", "no answer"), and its numbers."""
+    """Outcome of a search ("below", "unlimited", "above", "apart", "no answer"), and its numbers."""
     try:
         result = simulate(scenario, record=False)
         bound = limit(scenario)
@@ -110,13 +110,13 @@ def judged(scenario: Scenario) -> tuple[str, str]:
 
 
 def brittle(law: JointLaw) -> bool:
-    """Whether bonds lose strength, so that what breaks first, and with it the limit, follows from the stiffness."""
+    """Whether bonds lose strength, so that the order of breaking, and with it the limit, depends on the stiffness."""
     lost = law.cohesion_after < law.cohesion or law.friction_after < law.friction
     return lost or law.tensile_strength > 0.0
 
 
 def main() -> int:
-    """Draw, run, count."""
+    """Draw random structures, run them, count outcomes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,4 +1,4 @@
-"""Scenes in which features meet, by a pairwise covering design, and the same scenes seen otherwise."""
+"""Scenes that combine features by a pairwise covering design, and transformed versions of the same scenes."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ FACTORS = {
 }
 HELD = {"free": None, "upright": ("rx", "ry"), "untwisted": ("rz",), "in plane": ("y", "rx", "rz")}  # of the last block
 NAMES = tuple(FACTORS)
-QUICK = FACTORS | {  # levels that answer in some tenths of a second
+QUICK = FACTORS | {  # levels that take some tenths of a second
     "structure": ("block", "stack", "wall"),
     "control": ("yield", "pushover", "tilt", "statics"),
     "geometry": ("start",),
     "before": ("nothing", "statics", "a push"),
 }
 GRAVITY, DENSITY = 9.81, 2000.0
-STIFFNESS = {"start": 1e11, "deformed": 2e8}  # Pa/m: what joints give is then far below what routes differ by
-SUPPORT_MOVES = 2e-4  # m: of a settlement before the search; far below the size of a block
+STIFFNESS = {"start": 1e11, "deformed": 2e8}  # Pa/m: makes the effect of compliance far smaller than the slack
+SUPPORT_MOVES = 2e-4  # m: settlement before the search, far below the size of a block
 
 
 def covering(rng: np.random.Generator, factors: dict[str, tuple[str, ...]]) -> Iterator[dict[str, str]]:
-    """Rows of a pairwise covering design without end: all pairs of levels meet before any row of the next design."""
+    """Endless rows of pairwise covering designs: each design contains all pairs of levels before the next begins."""
     pairs = list(combinations(range(len(NAMES)), 2))
     while True:
         missing = {(i, a, j, b) for i, j in pairs for a, b in product(factors[NAMES[i]], factors[NAMES[j]])}
@@ -75,7 +75,7 @@ class Drawn:
 
 
 def drawn(number: int, levels: dict[str, str], seed: int) -> Drawn:
-    """The scene of a row of the design, with numbers of its own."""
+    """The scene of a row of the design, with random numbers of its own."""
     rng = np.random.default_rng([seed, number])
     blocks, top = _blocks(levels, rng)
     last = next(i for i, block in enumerate(blocks) if block.name == _last(blocks))
@@ -85,7 +85,7 @@ def drawn(number: int, levels: dict[str, str], seed: int) -> Drawn:
     size = 0.2
     loads, pressures, ties = (), (), ()
     if levels["load"] == "off the centre":
-        place = (rng.uniform(-0.09, 0.09), rng.uniform(-0.095, -0.055), top[2])  # on an L and a ring as well
+        place = (rng.uniform(-0.09, 0.09), rng.uniform(-0.095, -0.055), top[2])  # also inside an L and a ring
         loads = (Load(_last(blocks), (0.0, 0.0, -float(rng.uniform(0.2, 2.0)) * weight), tuple(map(float, place))),)
     elif levels["load"] == "oblique":
         force = weight * np.array([rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), rng.uniform(-1.0, 0.1)])
@@ -144,7 +144,7 @@ def _blocks(levels: dict[str, str], rng: np.random.Generator) -> tuple[list[Bloc
 
 
 def _parts(shape: str, base: float) -> tuple[Part, ...]:
-    """Convex parts of a block 0.2 m wide and high with an L or a ring for its bed."""
+    """Convex parts of a block 0.2 m wide and high whose bed face is an L or a ring."""
     if shape == "L":
         boxes = [((0.2, 0.08, 0.2), (0.0, -0.06)), ((0.08, 0.12, 0.2), (-0.06, 0.04))]
     else:
@@ -154,7 +154,7 @@ def _parts(shape: str, base: float) -> tuple[Part, ...]:
 
 
 def _flat_arch(rng: np.random.Generator) -> tuple[list[Block], np.ndarray]:
-    """Three wedges between two abutments, the one in the middle 0.2 m wide at its top."""
+    """Three wedges between two abutments; the middle one is 0.2 m wide at its top."""
     lean = float(rng.uniform(0.02, 0.06))
     top, low = np.array([-0.1, 0.1]), np.array([-0.1 + lean, 0.1 - lean])
 
@@ -223,7 +223,7 @@ def _control(levels: dict[str, str], rng: np.random.Generator):
 
 
 def _before(levels: dict[str, str], control) -> tuple:
-    """The stages before the search; a load that pushes acts in the first one, and is taken off in the next."""
+    """The stages before the search; a pushing load acts in the first one and is removed in the next."""
     if levels["before"] == "statics":
         return (StaticsControl(),)
     if levels["before"] == "a push":
@@ -234,12 +234,12 @@ def _before(levels: dict[str, str], control) -> tuple:
     return ()
 
 
-# What is seen otherwise: the same structure to another observer.
+# Transformations of a scene that must not change the physics.
 
 
 def seen(scenario: Scenario, kind: str, rng: np.random.Generator) -> tuple[Scenario, float]:
-    """The scene turned about the vertical, mirrored, scaled, or with its blocks in another order; and the factor of V
-    that follows for forces."""
+    """The scene rotated about the vertical, mirrored, scaled, or with its blocks in another order; and the resulting
+    factor of V if it is a force."""
     if kind == "permuted":
         order = rng.permutation(len(scenario.blocks))
         return replace(scenario, blocks=tuple(scenario.blocks[i] for i in order)), 1.0
@@ -248,7 +248,7 @@ def seen(scenario: Scenario, kind: str, rng: np.random.Generator) -> tuple[Scena
     if kind == "mirrored":
         return _mapped(scenario, np.diag([1.0, -1.0, 1.0])), 1.0
     if any("y" in (block.held or ()) for block in scenario.blocks):
-        return _mapped(scenario, np.diag([1.0, -1.0, 1.0])), 1.0  # what is held along an axis would not turn with it
+        return _mapped(scenario, np.diag([1.0, -1.0, 1.0])), 1.0  # restraints do not rotate with the scene
     angle = float(rng.uniform(0.3, 1.2))
     c, s = math.cos(angle), math.sin(angle)
     return _mapped(scenario, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])), 1.0
@@ -262,7 +262,8 @@ def _corners(block: Block | Part) -> np.ndarray:
 
 
 def _mapped(scenario: Scenario, matrix: np.ndarray, factor: float = 1.0) -> Scenario:
-    """All places and directions under an orthogonal matrix, lengths by a factor, forces by its cube."""
+    """The scene with positions and directions multiplied by an orthogonal matrix, lengths by a factor, forces by its
+    cube."""
 
     def along(v):
         return tuple(float(x) for x in matrix @ np.array(v, float))
@@ -322,8 +323,8 @@ def _mapped(scenario: Scenario, matrix: np.ndarray, factor: float = 1.0) -> Scen
 
 
 def _scaled(scenario: Scenario, factor: float) -> Scenario:
-    """The same structure of another size: stresses grow with it, forces by its cube, load factors stay."""
+    """The same structure at another size: stresses scale with the factor, forces with its cube, load factors stay."""
     return _mapped(scenario, np.eye(3), factor)
 
 
-# How a scene is judged.
+# Judging a scene.

@@ -1,10 +1,10 @@
-"""Bad input drawn at random: no traceback, no hang, and no exit code but those that are fixed.
+"""Fuzz test with random bad input: no traceback, no hang, and only the documented exit codes are allowed.
 
     python tools/fuzz.py --count 2000 --seed 1
 
-Scenarios, CSV files, meshes, histories, studies and arguments are damaged as a hand or a disk would, and given to the
-command line in this process; each must end within 30 s with 0, 1, 2, 3 or 4. Counts by part and code are printed, and
-the smallest input of every failure is kept in ``--keep``. Exit code 1 if there is any.
+Scenarios, CSV files, meshes, histories, studies and arguments are damaged like by typing errors or disk faults, and
+given to the command line in this process; each must end within 30 s with exit code 0, 1, 2, 3 or 4. Counts by kind of
+input and code are printed, and the input of every failure is kept in ``--keep``. Exit code 1 if there is a failure.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ WORDS += ["/dev/zero", '"', "[", "]]", "=", "\n", "\0", ",", ";", "\t", "#", "1_
 
 
 class Slow(BaseException):
-    """An input that takes longer than `LONGEST`."""
+    """Raised for an input that takes longer than `LONGEST`."""
 
 
 def damaged(draw: random.Random, text: str) -> bytes:
@@ -124,7 +124,7 @@ def damaged(draw: random.Random, text: str) -> bytes:
 
 
 def flipped(draw: random.Random, data: bytes) -> bytes:
-    """Bytes with some of them changed, or the end cut off."""
+    """Bytes with some changed, or with the end cut off."""
     changed = bytearray(data)
     for _ in range(draw.choice([1, 1, 3, 20])):
         if changed:
@@ -184,7 +184,7 @@ PARTS = {"toml": toml_case, "csv": csv_case, "mesh": mesh_case, "hdf5": history_
 
 
 def outcome(words: list[str]) -> tuple[str, str]:
-    """What the command line made of it: its exit code, or what it should never end with; and the trace of that."""
+    """Exit code of the command line, or the failure by which it must never end; and the traceback of the failure."""
 
     def stop(*_):
         raise Slow
@@ -207,7 +207,7 @@ def outcome(words: list[str]) -> tuple[str, str]:
 
 
 def fuzz(count: int, seed: int, keep: Path | None = None) -> dict[str, Counter]:
-    """Counts of outcomes by part; every failure is kept in a folder of its own."""
+    """Counts of outcomes by kind of input; every failure is kept in a folder of its own."""
     found = {part: Counter() for part in PARTS}
     home = os.getcwd()
     with tempfile.TemporaryDirectory() as folder:
@@ -215,7 +215,7 @@ def fuzz(count: int, seed: int, keep: Path | None = None) -> dict[str, Counter]:
         try:
             Path("mine.toml").write_text(SCENARIO + YIELD)
             with contextlib.redirect_stdout(io.StringIO()):
-                main(["warmup", "--quiet"])  # what is compiled may take longer than a case
+                main(["warmup", "--quiet"])  # compiling may take longer than a case is allowed to
                 main(["run", "mine.toml", "--out", "whole.h5"])
             history = Path("whole.h5").read_bytes()
             for number in range(count):

@@ -1,11 +1,11 @@
-"""How good limit analysis is: known load factors, drawn assemblies against the search, the walls of Ferris and Tin-Loi.
+"""Accuracy of limit analysis: known load factors, random assemblies against the search, walls of Ferris and Tin-Loi.
 
     python tools/limit_study.py [--table] [--drawn 100] [--walls] [--speed]
 
 Without an option: all but ``--speed``. ``--table`` prints load factors, bounds and references of six assemblies with
-concave and convex joints, and with bonded and crushing ones. ``--drawn`` compares walls, arches, corners and stacks,
-drawn and pushed any way in space, with the search: counts of agreement where nothing slides, and of searches above
-the bound. ``--walls`` prints associative bound, heuristic without dilatancy, search and range of other paths of the six
+concave and convex joints, and of bonded and crushing ones. ``--drawn`` compares random walls, arches, corners and
+stacks, pushed in any direction, with the search: counts of agreement if nothing slides, and of searches above the
+bound. ``--walls`` prints associative bound, heuristic without dilatancy, search and range of other paths of the six
 walls. ``--speed`` times walls of 30 x 30 and 70 x 70 blocks.
 """
 
@@ -35,7 +35,7 @@ from helpers import pushed_assemblies as scenes  # noqa: E402
 from helpers.stone_scenes import law  # noqa: E402
 
 X, Y, DIAGONAL = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
-SLIDES = 1e-3  # of the greatest motion of a joint: a corner that carries something and slips by more slides
+SLIDES = 1e-3  # of the greatest motion of a joint: slip of a loaded corner from which it counts as sliding
 TABLE = [  # assembly, scene, its arguments after the law, friction, references: concave, convex
     ("wall 3 x 12 along", scenes.wall, (3, 12, X), 0.64, 0.6058426, 0.6058426),
     ("wall 3 x 12 along", scenes.wall, (3, 12, X), 0.4, 0.4, 0.4),
@@ -70,7 +70,7 @@ BONDED = [  # a stack of five courses; strengths in Pa; references: concave, con
 
 
 def shown(name: str, friction: float, kind: str, found, reference: float | None) -> None:
-    """One row of the table."""
+    """Print one row of the table."""
     error = "" if reference is None else f"{found.load_factor / reference - 1.0:+.1e}"
     known = "-" if reference is None else f"{reference:.7g}"
     print(
@@ -80,7 +80,7 @@ def shown(name: str, friction: float, kind: str, found, reference: float | None)
 
 
 def table() -> None:
-    """Load factors and proven bounds beside the references."""
+    """Print load factors and proven bounds beside the references."""
     print(
         f"{'assembly':32} {'mu':>5} {'joints':8} {'load factor':>12} {'lower':>13} {'upper':>13} {'gap':>8} "
         f"{'reference':>10} {'error':>9} {'':8} {'n':>3} {'s':>6}"
@@ -96,7 +96,7 @@ def table() -> None:
 
 
 def drawn_scene(rng: np.random.Generator):
-    """A wall, an arch, a corner or a stack, pushed any way in space, mostly sideways."""
+    """A random wall, arch, corner or stack, pushed in any direction in space, mostly sideways."""
     angle, rise = rng.uniform(0.0, 2.0 * np.pi), rng.choice([0.0, 0.0, 0.2, -0.2])
     direction = (float(np.cos(angle)), float(np.sin(angle)), float(rise))
     joint = law("concave", float(rng.choice([0.3, 0.64, 1.0])))
@@ -120,7 +120,7 @@ def drawn_scene(rng: np.random.Generator):
 
 
 def drawn(count: int, seed: int = 0) -> None:
-    """Searches against bounds, counted."""
+    """Compare searches with bounds, and count outcomes."""
     rng, rocked, agree, above, slid, failed = np.random.default_rng(seed), 0, 0, [], [], []
     for number in range(count):
         kind, scenario = drawn_scene(rng)
@@ -157,7 +157,7 @@ def drawn(count: int, seed: int = 0) -> None:
 
 
 def _corner_slip(found, pressed: np.ndarray) -> float:
-    """The greatest slip velocity of a corner that carries something."""
+    """The greatest slip velocity of a loaded corner."""
     joints, moved, most = found.assembly.joints, found.limit.mechanism.relative, 0.0
     table, force = found.assembly.contact_points, found.limit.forces.normal
     owner = np.repeat(np.arange(len(joints)), np.diff(table.start))
@@ -171,7 +171,7 @@ def _corner_slip(found, pressed: np.ndarray) -> float:
 
 
 def walls() -> None:
-    """The walls of Ferris and Tin-Loi: bound, heuristic, path and its range."""
+    """Print bound, heuristic, path and its range for the walls of Ferris and Tin-Loi."""
     heads = f"{'associative':>12} {'published':>10} {'heuristic':>10} {'path':>9} {'its range':>20}"
     print(f"{'wall':6} {heads}  how the heuristic ended")
     published = (0.64286, 0.58000, 0.40369, 0.33195, 0.23964, 0.34782)
@@ -190,7 +190,7 @@ def walls() -> None:
 
 
 def speed() -> None:
-    """Seconds of large walls, processor and wall clock."""
+    """Print processor and wall-clock seconds of large walls."""
     for size in (30, 70):
         for direction in (X, Y, DIAGONAL):
             began, used = time.perf_counter(), time.process_time()
@@ -203,7 +203,7 @@ def speed() -> None:
 
 
 def main() -> None:
-    """Print what was asked for."""
+    """Print the requested tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--table", action="store_true")
     parser.add_argument("--drawn", type=int, metavar="COUNT")

@@ -1,22 +1,22 @@
-"""Where the numerics break, and whether the program says so: a declared matrix of runs, each judged by theory.
+"""Stress test of the numerics: do failures give an error; a fixed matrix of runs, each judged by theory.
 
     python tools/stress.py [--axes step mu ...] [--short] [--long] [--random 1000] [--seed 1] [--csv F] [--plot F]
 
-Every cell is one run with one thing pushed far: the time step (0.1 to 2.5 of the critical one, the guard overridden),
+Every cell is one run with one extreme parameter: the time step (0.1 to 2.5 of the critical one, the guard overridden),
 stiffness and mass ratios of neighbours, slender joints, tall towers, friction, tolerance, load rate, size, a million
-steps at rest, and random joints drawn from the seed. A cell ends as
+steps at rest, and random joints from the seed. The outcome of a cell is
 
-right    theory (statics and limit analysis of the undeformed blocks, nothing of the run) is met: within the tolerance,
-         and inside the bracket where that is certified
+right    agrees with theory (statics and limit analysis of the undeformed blocks, independent of the run) within the
+         tolerance, and theory is inside the bracket if that is certified
 near     an indicator that misses its tolerance by less than a factor of three
 stopped  no answer, with an error class as the reason
-refused  the scenario is turned away before it runs; not a valid cell
-WRONG    an answer, no error, and not the right one
+refused  the scenario is rejected before it runs; not a valid cell
+WRONG    an incorrect answer without an error
 
-The exit code is 1 if any cell is WRONG. Limit loads are searched for as a batch does, without the energy audit; where
-one is wrong the audit is asked afterwards, and what it says is listed. Constant-rate tests are recorded and audited, as
-the command line makes them. What is right for each kind of run is said in ``stress_judge``, the cells are in
-``stress_matrix``, their scenes in ``stress_scenes``.
+The exit code is 1 if any cell is WRONG. Limit loads are searched for as in a batch, without the energy audit; if one is
+wrong, the audit is run afterwards and its result listed. Constant-rate tests are recorded and audited, as by the
+command line. ``stress_judge`` defines the right answer of each kind of run, the cells are in ``stress_matrix``, their
+scenes in ``stress_scenes``.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def run_all(chosen, progress: Callable[[str], None] | None = None) -> list[tuple
 
 
 def share_right(results) -> tuple[int, int]:
-    """Right cells and all of the valid ones with a step factor up to VALID_STEP."""
+    """Numbers of right cells and of valid cells with a step factor up to VALID_STEP."""
     valid = [o for c, o in results if c.step_factor <= VALID_STEP and o.status != "refused"]
     return sum(o.status == "right" for o in valid), len(valid)
 
@@ -81,7 +81,7 @@ def report(results) -> str:
 
 
 def write_csv(path: Path, results) -> None:
-    """One line a cell."""
+    """Write one line per cell."""
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["axis", "value", "step_factor", "variant", "status", "error", "overshoot", "reason"])
@@ -90,7 +90,7 @@ def write_csv(path: Path, results) -> None:
 
 
 def read_csv(path: Path) -> list[tuple[Cell, Outcome]]:
-    """Cells that `write_csv` has written; they cannot be run again."""
+    """Read cells written by `write_csv`; they cannot be run again."""
     results = []
     with path.open(newline="") as file:
         for row in csv.DictReader(file):
@@ -117,7 +117,7 @@ TITLES = {
 
 
 def draw_map(path: Path, results) -> None:
-    """A panel an axis: which part of the cells at each value ended how, with their number above."""
+    """Draw a panel per axis: shares of the outcomes at each value, with the number of cells above."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -131,7 +131,7 @@ def draw_map(path: Path, results) -> None:
             plot.set_visible(False)
             continue
         mine = [(c, o) for c, o in results if c.axis == axis]
-        # random scenes have no order: one bar by formulation
+        # random scenes have no order: one bar per formulation
         keys = [c.variant.split()[1] if axis == "random" else f"{c.value:g}" for c, _ in mine]
         total = Counter(keys)
         labels = list(total)

@@ -1,13 +1,13 @@
-"""Runs of the stress matrix and what becomes of each: right, near, stopped, refused or WRONG (see ``stress``).
+"""Runs of the stress matrix and their outcomes: right, near, stopped, refused or WRONG (see ``stress``).
 
-A limit load is right within its tolerance, and theory inside its bracket where that is certified; an indicator that
-misses by less than a factor of three is near.
+A limit load is right if it is within its tolerance and, for a certified bracket, theory lies inside the bracket; an
+indicator that misses by less than a factor of three is near.
 
-A constant-rate test has no tolerance. Its certified bracket must hold theory at any rate (moving geometry is allowed
-for by what the block has slid over its short side, squared). Where there is none the test answers with its steady load,
-which must be theory within ``AT_RATE``, and is near within ``PLATEAU``. At the rate ``SLOW`` and below, the mean load
-over the second half of the travel must also be within ``PLATEAU`` of theory. Rates are in elastic slips per critical
-time step.
+A constant-rate test has no tolerance. Its certified bracket must contain theory at any rate (with an allowance for
+moving geometry: the sliding distance over the short side of the block, squared). Without a bracket the result is the
+steady load, which is right within ``AT_RATE`` of theory and near within ``PLATEAU``. At the rate ``SLOW`` and below,
+the mean load over the second half of the travel must also be within ``PLATEAU`` of theory. Rates are in elastic slips
+per critical time step.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ VALID_STEP = 0.9  # largest step factor of a valid cell
 SLACK = 1e-9  # of V, by which theory may lie outside a certified bracket
 AT_RATE = 1e-2  # of V, for the steady load of a constant-rate test
 PLATEAU = 3e-2  # of V, for the mean load once a block slides
-SLOW = 0.1  # elastic slips per critical time step: at this rate and below the second half of a test is a plateau
+SLOW = 0.1  # elastic slips per critical time step: up to this rate the second half of a test is a plateau
 TRAVEL = 20.0  # elastic slips of a constant-rate test
 LEVEL = 1e-6  # of the weight above: N of a tower against statics
 CREEP = 1e-12  # m, at rest
@@ -47,7 +47,7 @@ CREEP = 1e-12  # m, at rest
 
 @dataclasses.dataclass
 class Outcome:
-    """What a cell gave: ``error`` is the relative (at rest: absolute, m) deviation from what is right."""
+    """Outcome of a cell; ``error``: relative deviation from the right result (at rest: absolute, m)."""
 
     status: str
     reason: str = ""
@@ -60,7 +60,7 @@ def _named(error: DembrickError) -> str:
 
 
 def _audited(run: Callable) -> str:
-    """What the energy audit says of a run that gave a wrong answer."""
+    """Result of the energy audit of a run that gave a wrong answer."""
     chunks, terms = [], None
     try:
         terms = run(lambda rows, frames: chunks.append(rows["energy"])).energy
@@ -76,12 +76,12 @@ def _audited(run: Callable) -> str:
 
 
 def _upper(point) -> float:
-    """The upper bound, infinite where there is none."""
+    """The upper bound, infinite if there is none."""
     return np.inf if point.V_upper is None else point.V_upper
 
 
 def _wrong_by(point, expected: float, slack: float) -> float:
-    """How far theory lies outside the bracket, relative to it; below ``slack`` it counts as inside."""
+    """Distance of theory outside the bracket, relative to theory; below ``slack`` it counts as inside."""
     outside = max(point.V_lower / expected - 1.0, 1.0 - _upper(point) / expected)
     return outside if outside > slack else 0.0
 
@@ -93,7 +93,7 @@ def _told(point, expected: float) -> str:
 
 
 def judge_limit(run: Callable, expected: float, tolerance: float) -> Outcome:
-    """A limit load; ``run(observe)`` searches for it."""
+    """Outcome of a limit load; ``run(observe)`` searches for it."""
     try:
         point = run(None).yield_point
     except DembrickError as error:
@@ -114,7 +114,7 @@ def judge_limit(run: Callable, expected: float, tolerance: float) -> Outcome:
 
 
 def judge_rate(run: Callable, expected: float, slack: float, slow: bool, audited: bool = True) -> Outcome:
-    """A constant-rate test, recorded and ``audited`` as the command line does."""
+    """Outcome of a constant-rate test, recorded and ``audited`` as by the command line."""
     chunks = []
     try:
         result = run(lambda rows, frames: chunks.append(rows))
@@ -142,7 +142,7 @@ def judge_rate(run: Callable, expected: float, slack: float, slow: bool, audited
 
 
 def push_to_limit(scenario: Scenario, expected: float | Callable, step_factor: float = VALID_STEP) -> Outcome:
-    """A limit load, judged within its tolerance; ``expected`` may be found from the assembly."""
+    """Outcome of a search for a limit load; ``expected`` may be a function of the assembly."""
     try:
         built = assemblies.assemble(scenario)
     except ScenarioError as error:
@@ -155,7 +155,7 @@ def push_to_limit(scenario: Scenario, expected: float | Callable, step_factor: f
 def push_at_rate(
     scenario: Scenario, expected: Callable, pace: float, step_factor: float = VALID_STEP, travel: float = TRAVEL
 ) -> Outcome:
-    """A constant-rate test at ``pace`` elastic slips per critical time step over ``travel`` elastic slips."""
+    """Outcome of a constant-rate test at ``pace`` elastic slips per critical time step; ``travel`` in elastic slips."""
     try:
         built = assemblies.assemble(scenario)
         value = expected(built)
@@ -176,7 +176,7 @@ def push_at_rate(
 
 
 def must_fall(scenario: Scenario, expected: Callable, pace: float, height: float) -> Outcome:
-    """A stack that buckles under its own weight above a critical ``height`` (m): pushed, it must not give a load."""
+    """Outcome of pushing a stack higher than the critical ``height`` (m) of buckling: it must not give a load."""
     outcome = push_at_rate(scenario, expected, pace)
     if outcome.status == "stopped":
         return Outcome("right", outcome.reason)
@@ -187,7 +187,7 @@ def must_fall(scenario: Scenario, expected: Callable, pace: float, height: float
 
 
 def at_rest(setup: load_system.Setup, rate: float = 0.0) -> Loop:
-    """The loop of a test at a constant rate, on the blocks in dead-load equilibrium; without a ``rate`` and a jack."""
+    """The time loop from the dead-load equilibrium, of a constant-rate test, or without jack if ``rate`` is zero."""
     built, state = setup.assembly, setup.state
     damping = setup.dashpots()
     dt = VALID_STEP * damping.critical_time_step
@@ -197,7 +197,7 @@ def at_rest(setup: load_system.Setup, rate: float = 0.0) -> Loop:
     certificate = setup.certificate._replace(every=1 << 40, strict=False)
     state.joints.damping[:] = damping.joints / dt
     constant_rate.to_finite_motion(state)
-    # energy and record too, so that it is the kernel that a run has
+    # with energy and record, to use the same kernel as a run
     moving, session = ties.start_moving(state, built), Session.of(None)
     record = Recorder(state, session, 2, rows_every=1 << 40, frames_every=1 << 20).record
     return Loop(
@@ -207,7 +207,7 @@ def at_rest(setup: load_system.Setup, rate: float = 0.0) -> Loop:
 
 
 def rest(scenario: Scenario, steps: int) -> Outcome:
-    """Creep under the dead loads alone: displacement after ``steps`` against that after the first thousand."""
+    """Outcome of creep under the dead loads alone: displacement between the first thousand steps and all ``steps``."""
     try:
         setup = load_system.Setup(assemblies.assemble(scenario), tolerance=0.0)
         loop = at_rest(setup)
@@ -225,11 +225,12 @@ def rest(scenario: Scenario, steps: int) -> Outcome:
     return Outcome("right", f"crept by {worst:.2g} m", worst)
 
 
-BESIDE = 50_000  # steps of a test beside which a block is held
+BESIDE = 50_000  # steps of the test of `undisturbed`
 
 
 def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
-    """A block held at a third of its limit beside one that is pushed over its own, or not: the same to the last bit."""
+    """Whether a block loaded to a third of its limit stays bitwise the same when a block beside it is pushed beyond its
+    own limit."""
     jacks, aside = jack(0.25 * A), 2.0 * A
     scenario = pair(formulation, jacks)
     limit = by_judge(assemblies.assemble(scenario))
@@ -264,7 +265,7 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
 
 
 def standing(scenario: Scenario, densities) -> Outcome:
-    """N of every joint of a tower after the dead-load equilibrium against the weight above it."""
+    """Outcome of a tower in dead-load equilibrium: N of every joint against the weight above it."""
     try:
         built = assemblies.assemble(scenario)
         state = initial_state(built)

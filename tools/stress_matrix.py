@@ -45,7 +45,7 @@ DENSITY = 1500.0
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """One run: the axis, where on it, which variant, and the judged run."""
+    """One run: the axis, the value on it, the variant, and the function that runs and judges it."""
 
     axis: str
     value: float
@@ -55,7 +55,7 @@ class Cell:
 
 
 def step_cells(short: bool) -> Iterator[Cell]:
-    """Time step over the critical one; above VALID_STEP only an error or the right answer will do."""
+    """Time step over the critical one; above VALID_STEP only an error or the right answer is acceptable."""
     factors = (0.1, 0.9, 1.1, 2.5) if short else (0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 1.01, 1.1, 1.25, 1.5, 1.75, 2.0, 2.5)
     for factor, formulation in itertools.product(factors, FORMULATIONS):
         for z, load in itertools.product((0.0, H / 2), lab_jacks()):
@@ -91,7 +91,7 @@ def _stack_cells(axis, value, name, scenario, densities, pushed, jacks, factor=V
 
 
 def ratio_cells(axis: str, decades: int, short: bool) -> Iterator[Cell]:
-    """Upper over lower: stiffness of the joints, or mass of the blocks, of two free blocks on a base."""
+    """Ratio of upper to lower joint stiffness, or of upper to lower block mass, of two free blocks on a base."""
     exponents = (-decades, 0, decades) if short else range(-decades, decades + 1)
     for exponent, formulation, pushed in itertools.product(exponents, FORMULATIONS, (0, 1)):
         half = 10.0 ** (0.5 * exponent)
@@ -104,12 +104,12 @@ def ratio_cells(axis: str, decades: int, short: bool) -> Iterator[Cell]:
         scenario = stack(formulation, densities, stiffness, pushed, jacks)
         name = f"{formulation} pushed {'below' if pushed == 0 else 'on top'}"
         kinds = "l" if short and formulation != "concave" else "lr"
-        pace = 0.01 / 10.0 ** (0.5 * abs(exponent))  # slow for the slow swing of the heavy block or the soft joint
+        pace = 0.01 / 10.0 ** (0.5 * abs(exponent))  # slow, since the heavy block or the soft joint has a low frequency
         yield from _stack_cells(axis, 10.0**exponent, name, scenario, densities, pushed, jacks, pace=pace, kinds=kinds)
 
 
 def slenderness_cells(short: bool) -> Iterator[Cell]:
-    """Long side over short side, the length along x or along y, the load in and out of the middle."""
+    """Long side over short side, with the length along x or y, and the load centred or eccentric."""
     for ratio, formulation, along in itertools.product(
         (100.0,) if short else (1.0, 3.0, 10.0, 30.0, 100.0), FORMULATIONS, "xy"
     ):
@@ -129,16 +129,16 @@ def slenderness_cells(short: bool) -> Iterator[Cell]:
 def critical_height(kn: float) -> float:
     """Height (m) at which a stack of convex joints buckles under its own weight (Greenhill).
 
-    A column of bending stiffness kn I_1 H: each joint turns as a spring kn I_1 over a block's height.
+    A column of bending stiffness kn I_1 H: each joint is a rotational spring kn I_1 over a block's height.
     """
     return (7.8373 * kn * (A * B**3 / 12.0) * H / (DENSITY * A * B * GRAVITY)) ** (1.0 / 3.0)
 
 
 def tower_cells(short: bool) -> Iterator[Cell]:
-    """Towers: N of every joint under dead load, the limit load of the lowest joint by search and at constant rate.
+    """Towers: N of every joint under dead load, and the limit load of the lowest joint by search and at constant rate.
 
-    The highest would buckle in finite motion with the joints of the others: its own are ten times as stiff; that it
-    cannot stand on the others is a cell of its own.
+    With the joints of the others the highest tower would buckle in finite motion, so its joints are ten times as stiff;
+    a cell of its own checks this buckling.
     """
     for count in (2, 20) if short else (2, 5, 10, 20, 50, 100, 200):
         kn = KN if count * H < 0.9 * critical_height(KN) else 10.0 * KN
@@ -149,7 +149,7 @@ def tower_cells(short: bool) -> Iterator[Cell]:
             yield Cell(
                 "tower", count, f"rest {formulation}", lambda s=scenario, d=densities: standing(s, d)
             )  # fmt: skip
-            # a wave goes up the tower and back within a few times as many steps as there are blocks
+            # a wave travels up the tower and back in a few steps per block
             pace = 0.01 / count
             kinds = "l" if short and count > 2 else "lr"
             yield from _stack_cells("tower", count, formulation, scenario, densities, 0, jacks, pace=pace, kinds=kinds)
@@ -158,7 +158,7 @@ def tower_cells(short: bool) -> Iterator[Cell]:
 
 
 def buckling_cells(count: int) -> Iterator[Cell]:
-    """A tower on joints that it is too high for, pushed at constant rate: it falls."""
+    """A tower that is too high for the stiffness of its joints, pushed at constant rate: it must fall."""
     densities, jacks = (DENSITY,) * count, jack(0.2 * A)
     scenario = stack("convex", densities, (KN,) * count, 0, jacks)
 
@@ -171,7 +171,7 @@ def buckling_cells(count: int) -> Iterator[Cell]:
 
 
 def friction_cells(short: bool) -> Iterator[Cell]:
-    """Friction coefficient, the load in the joint plane and above it, where high friction makes blocks rock."""
+    """Friction coefficient, with the load in the joint plane and above it, where blocks rock if friction is high."""
     for mu, formulation in itertools.product(
         (0.0, 10.0) if short else (0.0, 1e-3, 0.01, 0.1, 0.3, 1.0, 2.0, 3.0, 10.0), FORMULATIONS
     ):
@@ -184,7 +184,7 @@ def friction_cells(short: bool) -> Iterator[Cell]:
 
 
 def tolerance_cells(short: bool) -> Iterator[Cell]:
-    """Tolerance of a limit load; the points of `distributed` follow it."""
+    """Tolerance of a limit load; it sets the number of points of `distributed`."""
     for exponent, formulation in itertools.product((2, 6) if short else (2, 3, 4, 5, 6), FORMULATIONS):
         for z, load in itertools.product((0.0, H / 2), ("couple", "eccentric", "shear")):
             if z and load == "couple":
@@ -201,7 +201,7 @@ def rate_cells(short: bool) -> Iterator[Cell]:
     for exponent, formulation in itertools.product((-2, 0) if short else (-5, -4, -3, -2, -1, 0, 1), FORMULATIONS):
         for load, jacks in lab_jacks().items():
             scenario = pair(formulation, jacks, points=(8, 6))
-            # at ten slips a step twenty slips would be two steps
+            # at ten slips per step, twenty slips would be only two steps
             travel = TRAVEL * max(1.0, 10.0**exponent)
             yield Cell(
                 "rate",
@@ -212,7 +212,7 @@ def rate_cells(short: bool) -> Iterator[Cell]:
 
 
 def size_cells(short: bool) -> Iterator[Cell]:
-    """Size of the blocks, weights and forces growing with the volume."""
+    """Size of the blocks; weights and forces grow with the volume."""
     for exponent, formulation in itertools.product((-3, 3) if short else range(-3, 4), FORMULATIONS):
         size = 10.0**exponent
         for load, jacks in {"couple": couple(0.45 * A * size), "eccentric": jack(0.25 * A * size)}.items():
@@ -237,9 +237,9 @@ def rest_cells(steps: int) -> Iterator[Cell]:
 
 
 def random_cells(count: int, seed: int) -> Iterator[Cell]:
-    """Joints drawn at random: shape, size, stiffness, friction, load, its height, a dead load, step and tolerance.
+    """Random joints: shape, size, stiffness, friction, load and its height, a dead load, time step and tolerance.
 
-    Every fifth is pushed at constant rate, the others to their limit.
+    Every fifth is pushed at constant rate; for the others the limit is searched.
     """
     for i in range(count):
         draw = np.random.default_rng((seed, i))

@@ -1,4 +1,4 @@
-"""The scenes of the stress matrix: a block on a block, stacks, and what theory says of them."""
+"""The scenes of the stress matrix: a block on a block, stacks, and their theoretical limit loads."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ A, B, H, N, MU, KN, KS_KN = 0.3, 0.2, 0.1, 467.0, 0.64, 1e10, 0.4
 
 def jack(e_x: float, e_y: float = 0.0, angle: float = 0.5 * math.pi, z: float = 0.0):
     """One jack at (e_x, e_y, z) from the joint's centre, pushing at ``angle`` from t1 in its plane."""
-    # cos(pi/2) is not 0: rounding must not make a load of its own
+    # cos(pi/2) is not exactly 0: rounding must not add a load component
     direction = tuple(0.0 if abs(c) < 1e-15 else c for c in (math.cos(angle), math.sin(angle), 0.0))
     return (((e_x, e_y, z), direction, 1.0),)
 
 
 def couple(arm: float):
-    """Two jacks that twist the block and push it nowhere."""
+    """Two jacks that apply pure torsion to the block."""
     return (((arm, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0), ((-arm, 0.0, 0.0), (0.0, 1.0, 0.0), -1.0))
 
 
@@ -65,7 +65,7 @@ def pair(
 
 
 def stack(formulation, densities, stiffness, pushed: int, jacks, tolerance=1e-3):
-    """Free blocks upon each other on a fixed base under their weight; jacks in the bottom joint of block ``pushed``.
+    """Free blocks on one another on a fixed base, under their weight; jacks in the bottom joint of block ``pushed``.
 
     ``stiffness`` (Pa/m): of the joint below each block.
     """
@@ -96,7 +96,7 @@ def stack(formulation, densities, stiffness, pushed: int, jacks, tolerance=1e-3)
 
 
 def stack_theory(built, densities, pushed: int, jacks) -> float:
-    """Limit load of a stack: the weakest of the joints that hand the load down, each under the weight above it."""
+    """Limit load of a stack: that of the weakest joint below the load, each under the weight above it."""
     force = sum(w * np.array(d) for _, d, w in jacks)
     moment = sum(w * (p[0] * d[1] - p[1] * d[0]) for p, d, w in jacks)
     weights = np.array(densities) * A * B * H * GRAVITY
@@ -115,24 +115,24 @@ def stack_theory(built, densities, pushed: int, jacks) -> float:
 
 
 def elastic_give(built) -> float:
-    """Driven displacement (m) for V = 1 while all joints are closed and nothing slips."""
+    """Driven displacement (m) for V = 1 as long as all joints are closed and nothing slips."""
     state = initial_state(built)
     load = load_vectors(state)[state.blocks.free].ravel()
     return float(load @ np.linalg.solve(assembled_stiffness(state), load) / np.abs(state.actuators.weight).sum())
 
 
 def by_judge(built) -> float:
-    """Theory of a single joint."""
+    """Limit load of a single joint by theory."""
     return theory_check.theory_of(built).V
 
 
 def lab_jacks(z: float = 0.0) -> dict:
-    """The loads that most axes use."""
+    """The jacks that most axes use, by name."""
     return {"couple": couple(0.45 * A), "eccentric": jack(0.25 * A, z=z), "shear": jack(0.0, z=z)}
 
 
 def rest_scene(formulation: str, kind: str) -> Scenario:
-    """Dead tangential load at 0.98 of its limit: in the middle of the joint, or at a quarter of its length."""
+    """Tangential dead load of 0.98 of its limit, in the middle of the joint or at a quarter of its length."""
     jacks = jack(0.25 * A if kind == "eccentric" else 0.0)
     limit = by_judge(assemblies.assemble(pair(formulation, jacks)))
     scenario = pair(formulation, jacks)
