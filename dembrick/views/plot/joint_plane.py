@@ -154,7 +154,7 @@ def _friction(
 
 
 def _inside(points: np.ndarray, parts) -> np.ndarray:
-    """Which points (k, 2) lie in a union of convex polygons."""
+    """Whether each of the points (k, 2) lies in a union of convex polygons."""
     found = np.zeros(len(points), bool)
     for part in parts:
         found |= distance_outside(points, part) <= 0.0

@@ -73,7 +73,7 @@ def _told(history: History) -> str:
 
 
 class RunLook(NamedTuple):
-    """How the line of one run is drawn."""
+    """Style of the line of one run."""
 
     colour: str
     line: object
