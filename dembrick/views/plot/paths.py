@@ -212,9 +212,9 @@ def load_path(
         axes.set_xlabel(f"shear force V {direction_in_words(first.direction)} {over}")
         axes.set_ylabel(r"torsion $M_T$ " + (f"over {torsion_strength(paths)} [-]" if relative else f"[{torsion_in}]"))
         pressed = "N of the moment" if relative else f"N = {summary.load_text(first.normal_force)}"
-        least = [(float(np.nanmin(path.drawn[k], initial=0.0)) for path in paths) for k in (0, 1)]
-        axes.set_xlim(left=min(0.0, 1.05 * shear * min(least[0])))
-        axes.set_ylim(bottom=min(0.0, 1.05 * torsion * min(least[1])))
+        least_V, least_M_T = np.min([np.nanmin(path.drawn, axis=1, initial=0.0) for path in paths], axis=0)
+        axes.set_xlim(left=1.05 * shear * least_V)
+        axes.set_ylim(bottom=1.05 * torsion * least_M_T)
         joint_told = style.plain(f"joint {first.joint}, {pressed}")
         head_and_legend(figure, axes, ax is None, f"{above}; {joint_told}" if above else joint_told)
     return figure
