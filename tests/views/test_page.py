@@ -192,3 +192,14 @@ def test_torsion_that_is_rounding_is_not_read_out(tmp_path):
     with cases.written(tmp_path / "run.h5", rows, cases.frames(0, 4)) as found:
         (torsion,) = (one for one in content.collect(found)["readout"] if one["name"] == "torsion")
         assert torsion["values"][0] == 0.0 and set(torsion["values"]) <= {0.0, 0.02}
+
+
+def test_torsion_is_read_out_with_the_sign_it_was_recorded_with(tmp_path):
+    rows = cases.record(0, 5)
+    rows["joint"][:, 0, :4] = [1e4, 0.0, 5e3, 0.0]
+    rows["joint"][:, 0, 3] = -20.0 * np.arange(5.0)
+    with cases.written(tmp_path / "run.h5", rows, cases.frames(0, 4)) as found:
+        told = content.collect(found)
+    (torsion,) = (one for one in told["readout"] if one["name"] == "torsion")
+    assert min(torsion["values"]) < 0.0 == max(torsion["values"])
+    assert told["path"]["yName"] == "torsion -M_T [N m]"

@@ -92,13 +92,13 @@ def yield_domain(history: History, record: Record, path: JointPath, rows: np.nda
         lines.append(line | {"look": look})
     lines.append({"x": listed(shear * x[kept]), "y": listed(torsion * y[kept]), "look": "run", "name": "run"})
     now = [listed(np.interp(record.time, history.time, own)) for own in (shear * x, torsion * y)]
-    title = f"Yield domain of the joint {path.joint}"
+    title, turned = f"Yield domain of the joint {path.joint}", "M_T" if path.sense > 0.0 else "-M_T"
     if relative:
         over = "cA + μN" if path.cohesive else "μN"
-        torsion_name = f"torsion M_T over {torsion_strength([path])} [-]"
+        torsion_name = f"torsion {turned} over {torsion_strength([path])} [-]"
         return _chart(f"{title} at N of the moment", f"shear force V over {over} [-]", torsion_name, lines, *now)
     return _chart(f"{title} at N = {summary.load_text(path.normal_force)}", f"shear force V [{shear_in}]",
-                  f"torsion M_T [{torsion_in}]", lines, *now)  # fmt: skip
+                  f"torsion {turned} [{torsion_in}]", lines, *now)  # fmt: skip
 
 
 def readout(history: History, record: Record, path: JointPath | None) -> list[dict]:
@@ -110,7 +110,7 @@ def readout(history: History, record: Record, path: JointPath | None) -> list[di
         items.append({"name": name, "unit": record.load_unit.strip("-"), "digits": 5, "values": listed(record.load)})
     items.append({"name": "displacement", "unit": record.unit, "digits": 4, "values": listed(record.travel)})
     if path is not None and record.diagram.unit == "N":
-        torsion = np.interp(record.time, history.time, path.M_T)
+        torsion = np.interp(record.time, history.time, path.sense * path.M_T)
         torsion[np.abs(torsion) <= summary.ROUNDING * np.abs(history.joint("N")[:, path.number]).max()] = 0.0
         items.append({"name": "torsion", "unit": "N m", "digits": 4, "values": listed(torsion)})
     return items

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 BROKEN = "bond broken"  # of a section: with the residual strengths only
 _RAYS = 91  # rays of a section through a limit surface, from pure shear to pure torsion
 _PURE = 1e-6  # of the strength: a smaller shear force counts as zero
+ALONG = 0.015  # component of a direction across an axis: with less it is along that axis
 _CHANGES = 1e-3  # of the greatest N of the record: if N varies by more, there is no single domain
 
 
@@ -45,10 +47,10 @@ class Section(NamedTuple):
 
 
 class JointPath(NamedTuple):
-    """Load path of a joint. ``V`` (T,) N: shear force along ``direction`` (in t1, t2); ``M_T`` (T,) N m: torsion; each
-    is positive in the sense of its greatest value. ``sections``: the joint's own yield domain at the last row, and the
-    exact one of the convex formulation if different, with the cohesion of the joint. If slip destroys the bond, there
-    are two: the bonded one, taken at the greatest V if the bond broke, and the residual one.
+    """Load path of a joint. ``V`` (T,) N: shear force along ``direction`` (in t1, t2); ``M_T`` (T,) N m: torsion times
+    ``sense``; each is positive in the sense of its greatest value. ``sections``: the joint's own yield domain at the
+    last row, and the exact one of the convex formulation if different, with the cohesion of the joint. If slip destroys
+    the bond, there are two: the bonded one, taken at the greatest V if the bond broke, and the residual one.
 
     A domain grows with N. If N varies, ``strength`` (T,) N is c A + mu N for the current state of the bond, NaN without
     strength, and the sections are those of a joint with centred N, over its strengths in shear and in torsion; the
@@ -66,6 +68,14 @@ class JointPath(NamedTuple):
     radius: float = 1.0
     formulation: str = ""
     cohesive: bool = False
+    sense: float = 1.0
+
+    @property
+    def told(self) -> tuple[str, str, str, str]:
+        """Its joint, N, the direction of V, and its torsion with the sign it is shown with."""
+        pressed = "N of the moment" if self.strength is not None else f"N = {summary.load_text(self.normal_force)}"
+        torsion = "torsion $M_T$" if self.sense > 0.0 else "torsion $-M_T$"
+        return f"joint {style.plain(self.joint)}", pressed, f"V {direction_in_words(self.direction)}", torsion
 
     @property
     def drawn(self) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +97,7 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     most = max(float(subject.shear_strength(own, now["N"])), float(np.abs(M_T).max()) / reach)
     sliding = size[furthest] > _PURE * most
     direction = np.array([V_1[furthest], V_2[furthest]]) / size[furthest] if sliding else np.array([0.0, 1.0])
-    sense = -1.0 if M_T[int(np.argmax(np.abs(M_T)))] < 0.0 else 1.0
+    sense = -1.0 if M_T[int(np.argmax(np.abs(M_T)))] < -_PURE * most * reach else 1.0
     N, strength, radius = history.joint("N")[:, number], None, 1.0
     held = _held(history, number)
     broke = subject.is_brittle(own) and held[-1] < 1.0
@@ -118,7 +128,7 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     given = history.joints[number]
     return JointPath(
         name, number, float(N[-1]), direction, along, sense * M_T, tuple(sections), strength, radius, _formulation(own),
-        subject.strengths(given)[1] > 0.0 or subject.is_brittle(given),
+        subject.strengths(given)[1] > 0.0 or subject.is_brittle(given), sense,
     )  # fmt: skip
 
 
@@ -173,27 +183,31 @@ def load_path(
         raise ScenarioError("in some of the runs N of the joint changes, in others it does not; draw each")
     shear_in, shear = ("-", 1.0) if relative else runs.unit_of_loads([path.V for path in paths], "N")
     torsion_in, torsion = ("-", 1.0) if relative else runs.unit_of_loads([path.M_T for path in paths], "N m")
+    told = [set(own) for own in zip(*(path.told for path in paths), strict=True)]
+    joint_told, pressed, way, turned = (own.pop() if len(own) == 1 else "" for own in told)
+    shared = (joint_told, pressed, way, turned)
+    apart = [", ".join(own for own, same in zip(path.told, shared, strict=True) if not same) for path in paths]
+    labels = [f"{label}, {own}" if own else label for label, own in zip(labels, apart, strict=True)]
     with style.settings():
         figure, axes = style.canvas(ax)
         formulations = [
             history.joints[path.number]["formulation"] for history, path in zip(histories, paths, strict=True)
         ]
-        told_apart = len(set(formulations)) == len(paths)  # else the domains are grey and only the runs have colours
-        drawn: list[tuple] = []
-        mixed = relative and len({path.formulation for path in paths}) > 1  # each over its own strength in torsion
-        for section in (section for path in paths for section in (path.sections[:1] if mixed else path.sections)):
-            key = (section.name, *(f"{value:.6g}" for value in (*section.V[::30], *section.M_T[::30])))
-            if key in drawn:
-                continue
-            drawn.append(key)
-            colour, line, _ = style.FORMULATION[section.formulation.split(",")[0]]
-            colour = colour if told_apart else style.GREY
-            width = 0.7 if section.bond == BROKEN else 1.0
-            axes.plot(shear * section.V, torsion * section.M_T, color=colour, ls=line, lw=width, label=section.name)
         looks = runs.looks(formulations)
         if len(paths) == 1:
             looks = [looks[0]._replace(colour=style.BLACK, line="-")]
-        for i, (path, label, history, look) in enumerate(zip(paths, labels, histories, looks, strict=True)):
+        mixed = relative and len({path.formulation for path in paths}) > 1  # each over its own strength in torsion
+        surfaces = [path.sections[:1] if mixed else path.sections for path in paths]
+        told_apart = len(set(formulations)) == len(paths)  # else the domains step back behind the colours of the runs
+        owners = apart if len(set(apart)) == len(apart) else labels
+        for section, owner, of_whom in _named_once(surfaces, owners):
+            colour, line, _ = style.FORMULATION[section.formulation.split(",")[0]]
+            colour = looks[owner].colour if of_whom else colour if told_apart else style.GREY
+            width = 0.7 if section.bond == BROKEN else 1.0
+            name = f"{section.name}: {of_whom}" if of_whom else section.name
+            axes.plot(shear * section.V, torsion * section.M_T, color=colour, ls=line, lw=width, label=name)
+        starred = False
+        for path, label, history, look in zip(paths, labels, histories, looks, strict=True):
             x, y = path.drawn
             axes.plot(shear * x, torsion * y, color=look.colour, ls=look.line, lw=1.6, marker=look.marker, ms=3.2,
                       markevery=max(1, len(path.V) // 12), label=label, zorder=3)  # fmt: skip
@@ -205,19 +219,34 @@ def load_path(
                     strength = subject.shear_strength(history.joints[path.number], point.get("N", np.nan))
                     x, y = x / strength, y / (strength * path.radius)
                 axes.plot(shear * x, torsion * y, marker="*", ms=11, color=look.colour, mec="white", mew=0.7, ls="none",
-                          zorder=5, clip_on=False, label="_nolegend_" if i else "yield point")  # fmt: skip
-        first = paths[0]
+                          zorder=5, clip_on=False, label="_nolegend_" if starred else "yield point")  # fmt: skip
+                starred = True
         cohesive = any(path.cohesive for path in paths)
         over = (r"over $c\,A + \mu N$ [-]" if cohesive else r"over $\mu N$ [-]") if relative else f"[{shear_in}]"
-        axes.set_xlabel(f"shear force V {direction_in_words(first.direction)} {over}")
-        axes.set_ylabel(r"torsion $M_T$ " + (f"over {torsion_strength(paths)} [-]" if relative else f"[{torsion_in}]"))
-        pressed = "N of the moment" if relative else f"N = {summary.load_text(first.normal_force)}"
+        axes.set_xlabel(f"shear force {way or 'V'} {over}")
+        over = f"over {torsion_strength(paths)} [-]" if relative else f"[{torsion_in}]"
+        axes.set_ylabel(f"{turned or 'torsion'} {over}")
         least_V, least_M_T = np.min([np.nanmin(path.drawn, axis=1, initial=0.0) for path in paths], axis=0)
         axes.set_xlim(left=1.05 * shear * least_V)
         axes.set_ylim(bottom=1.05 * torsion * least_M_T)
-        joint_told = style.plain(f"joint {first.joint}, {pressed}")
-        head_and_legend(figure, axes, ax is None, f"{above}; {joint_told}" if above else joint_told)
+        of_joint = ", ".join(filter(None, (joint_told, pressed)))
+        head_and_legend(figure, axes, ax is None, "; ".join(filter(None, (above, of_joint))))
     return figure
+
+
+def _named_once(surfaces: Sequence[Sequence[Section]], owners: Sequence[str]) -> list[tuple[Section, int, str]]:
+    """The different sections of several paths, each with the number of the first path that has it and, where others
+    have the same name, with all of its ``owners``."""
+    found: dict[tuple, tuple[Section, list[int]]] = {}
+    for i, sections in enumerate(surfaces):
+        for section in sections:
+            key = (section.name, *(f"{value:.6g}" for value in (*section.V[::30], *section.M_T[::30])))
+            found.setdefault(key, (section, []))[1].append(i)
+    count = Counter(section.name for section, _ in found.values())
+    return [
+        (section, own[0], " and ".join(dict.fromkeys(owners[i] for i in own)) if count[section.name] > 1 else "")
+        for section, own in found.values()
+    ]
 
 
 def torsion_strength(paths: Sequence[JointPath]) -> str:
@@ -227,8 +256,8 @@ def torsion_strength(paths: Sequence[JointPath]) -> str:
 
 
 def direction_in_words(direction: Sequence[float] | np.ndarray) -> str:
-    """A direction in the joint in words: along an axis, or its angle from the first one."""
-    for i, name in enumerate(("$t_1$", "$t_2$")):
-        if abs(direction[i]) > 1.0 - 1e-4:
-            return f"along {name}"
+    """A direction in the joint in words: along an axis or against it, or its angle from the first one."""
+    for i in (0, 1):
+        if abs(direction[1 - i]) <= ALONG:
+            return f"along $t_{i + 1}$" if direction[i] > 0.0 else f"along $-t_{i + 1}$"
     return f"at {np.degrees(np.arctan2(direction[1], direction[0])):.3g}° from $t_1$"

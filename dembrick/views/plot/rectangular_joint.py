@@ -11,7 +11,7 @@ import numpy as np
 
 from dembrick import theory
 from dembrick.errors import ScenarioError
-from dembrick.views.plot.paths import direction_in_words
+from dembrick.views.plot.paths import ALONG, direction_in_words
 
 if TYPE_CHECKING:
     from dembrick.theory.approximations import InteractionCurve
@@ -48,7 +48,7 @@ class RectangularJoint(NamedTuple):
     @property
     def sheared(self) -> str:
         """The line along which the shear force acts, in words."""
-        back = self.direction[0] < -_PURE or (abs(self.direction[0]) <= _PURE and self.direction[1] < 0.0)
+        back = self.direction[0] < -ALONG or (abs(self.direction[0]) <= ALONG and self.direction[1] < 0.0)
         return direction_in_words([-part for part in self.direction] if back else self.direction)
 
     @property
