@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from matplotlib.legend import Legend
 
 import dembrick
 from dembrick import history
@@ -14,9 +15,11 @@ from dembrick.scenario.regimes import OF_ACTUATORS
 from dembrick.views import page, plot, summary
 from dembrick.views.plot import style
 from dembrick.views.plot.studies import unit_of
+from helpers import history_cases as cases
 from helpers.one_joint import scene, single
 from helpers.scenario_text import block, header
 
+PANELS = {"concave": None, "convex": 80.0}  # formulation and measured V (N)
 TITLE = "Granite blocks, jack at 0.12 m"
 
 
@@ -29,7 +32,12 @@ def result(formulation, title=TITLE, size=100.0, path="run.h5", travel=1e-4):
 
 
 def legend(figure):
-    return [text.get_text() for one in figure.legends for text in one.get_texts()]
+    return [text.get_text() for text in legend_parts(figure)[0]]
+
+
+def legend_parts(figure):
+    """The texts and the handles of all legends of a figure."""
+    return [[own for one in figure.legends for own in parts(one)] for parts in (Legend.get_texts, Legend.get_lines)]
 
 
 def test_a_formulation_has_its_colour_whatever_stands_beside_it():
@@ -48,6 +56,31 @@ def test_runs_of_one_formulation_are_told_apart_by_shade_and_dashes():
     assert len(set(colours)) == 4 and colours[0] == style.FORMULATION["convex"][0]
     assert not set(colours[1:3]) & {own[0] for own in style.FORMULATION.values()}
     assert len({line.get_linestyle() for line in lines[:3]}) == 3
+
+
+def test_an_energy_has_its_colour_in_every_panel_and_stands_in_the_legend(tmp_path):
+    """The first run has no friction and no crushing, the second no springs that let go."""
+    kinds = (cases.CONSTANT_RATE, {"friction", "crushing"}), (cases.MOTION, {"released"})
+    runs = []
+    for control, without in kinds:
+        rows = cases.record(0, 5) if control is cases.CONSTANT_RATE else cases.moving_record(0, 5)
+        rows["energy"] = {name: 0.0 * own if name in without else own for name, own in rows["energy"].items()}
+        runs.append(cases.written(tmp_path / f"{control.kind}.h5", rows, control=control))
+    figure = plot.energies(runs)
+    looks = [{line.get_label(): (line.get_color(), line.get_linestyle()) for line in own.lines} for own in figure.axes]
+    both = set(looks[0]) & set(looks[1])
+    assert "dashpots" in both and all(looks[0][name] == looks[1][name] for name in both)
+    named = {text.get_text(): handle for text, handle in zip(*legend_parts(figure), strict=True)}
+    for name, look in (looks[0] | looks[1]).items():
+        assert (named[name].get_color(), named[name].get_linestyle()) == look
+    assert len({*looks[0].values(), *looks[1].values()}) == len(named) > len(style.CYCLE)
+    for run in runs:
+        run.close()
+
+
+def test_the_legend_of_several_panels_has_all_that_is_in_any_of_them():
+    panels = [plot.CurvePanel(name, [result(name)], [name], measured) for name, measured in PANELS.items()]
+    assert legend(plot.curve_panels(panels)) == ["concave", "convex", "experiment (measured V)"]
 
 
 def test_the_page_has_the_colours_of_the_figures():

@@ -135,7 +135,7 @@ def _at_least(axes: Axes, load: float, colour: str, label: str | None) -> None:
 
 
 def curve_panels(panels: Sequence[CurvePanel]) -> Figure:
-    """Force-displacement curves, two panels per row; the legend of the first is that of all."""
+    """Force-displacement curves, two panels per row, with one legend."""
     rows = -(-len(panels) // 2)
     with style.settings():
         figure = style.new_figure((7.2, 2.9 * rows + 0.5))
@@ -150,8 +150,7 @@ def curve_panels(panels: Sequence[CurvePanel]) -> Figure:
             ax.get_legend().remove()
         for ax in list(axes.flat)[len(panels) :]:
             ax.remove()
-        handles, labels = axes.flat[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+        style.legend(figure, list(axes.flat)[: len(panels)], True, columns=3)
     return figure
 
 
@@ -223,15 +222,17 @@ def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = N
     with style.settings():
         size = (max(5.2, 3.2 * len(histories)), 4.0)
         figure, panels = style.panels(ax, len(histories), "histories", size, sharey=True)
-        for axes, history, label in zip(panels, histories, labels, strict=True):
-            shown = {name: values for name, values in history.energy.items() if values.any()}
-            for i, (name, values) in enumerate((shown or history.energy).items()):
-                colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
+        each = [{name: own for name, own in history.energy.items() if own.any()} for history in histories]
+        each = [shown or history.energy for shown, history in zip(each, histories, strict=True)]
+        names = list(dict.fromkeys(name for shown in each for name in shown))
+        for axes, history, shown, label in zip(panels, histories, each, labels, strict=True):
+            for name, values in shown.items():
+                colour, line, _ = style.look(names.index(name))
                 axes.plot(history.time, values, color=colour, ls=line, label=style.plain(name.replace("_", " ")))
             axes.set_xlabel(subject.time_name(history))
             axes.set_title(style.wrapped(label, 44))
         panels[0].set_ylabel("energy [J]")
         if ax is None and above:
             figure.suptitle(style.wrapped(above, 60), fontsize=9)
-        style.legend(figure, panels[0], ax is None, columns=3)
+        style.legend(figure, panels, ax is None, columns=3)
     return figure

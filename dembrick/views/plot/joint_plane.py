@@ -227,14 +227,12 @@ def joint_stages(
             for history, row, polygon in zip(histories, rows, polygons, strict=True)
             for i in range(len(row))
         ]
-        named: dict = {}
         for own, (so_far, polygon, load) in zip(axes, shown, strict=True):
             _draw(own, polygon, so_far, extent, load)
-            named |= {label: handle for handle, label in zip(*own.get_legend_handles_labels(), strict=True)}
         if ax is None:
             if above:
                 figure.suptitle(style.wrapped(above, 26 * columns), fontsize=9)
-            figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4 if columns > 2 else 2)
+            style.legend(figure, axes, True, columns=4 if columns > 2 else 2)
     return figure
 
 

@@ -58,7 +58,7 @@ def control_points(
         for history, record, label, own in zip(histories, records, labels, ways, strict=True):
             for i, point in enumerate(history.control_points):
                 for name, way in own.items():
-                    colour, line, _ = style.CYCLE[lines % len(style.CYCLE)]
+                    colour, line, _ = style.look(lines)
                     travel = factor * way[:, i]
                     x, y = (
                         (record.time, travel) if diagram.load is None else (travel, scale * diagram.loads(record.load))

@@ -90,12 +90,11 @@ def looks(formulations: Sequence[str]) -> list[RunLook]:
         again = met[name]
         met[name] += 1
         if own is None:
-            found.append(RunLook(*style.CYCLE[i % len(style.CYCLE)]))
+            found.append(RunLook(*style.look(i)))
         elif not again:
             found.append(RunLook(*own))
         else:
-            other = style.CYCLE[again % len(style.CYCLE)]
-            found.append(RunLook(_shade(own[0], _SHADES[again % len(_SHADES)]), other[1], own[2]))
+            found.append(RunLook(_shade(own[0], _SHADES[again % len(_SHADES)]), style.look(again)[1], own[2]))
     return found
 
 

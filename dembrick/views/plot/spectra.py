@@ -41,7 +41,7 @@ def spectra(records, damping: float = 0.05, ax: Axes | None = None) -> Figure:
     with style.settings():
         figure, axes = style.canvas(ax)
         for i, (path, spectrum) in enumerate(zip(paths, found, strict=True)):
-            colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
+            colour, line, _ = style.look(i)
             name = style.plain(os.path.splitext(os.path.basename(os.fspath(path)))[0])
             axes.plot(
                 spectrum.period, spectrum.pseudo_acceleration / STANDARD_GRAVITY, color=colour, ls=line, label=name

@@ -166,7 +166,7 @@ def _look(others: Sequence[str], values: Sequence[str], number: int) -> tuple:
     """Colour, line style and marker of a line: those of the formulation if the lines differ in it."""
     named = dict(zip(others, values, strict=False))
     own = style.FORMULATION.get(named.get(_FORMULATION, ""))
-    return own if own and len(named) == 1 else style.CYCLE[number % len(style.CYCLE)]
+    return own if own and len(named) == 1 else style.look(number)
 
 
 class _Axis(NamedTuple):

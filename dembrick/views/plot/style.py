@@ -114,15 +114,28 @@ def _as_png(figure: Figure) -> bytes:
     return picture.getvalue()
 
 
-def legend(figure: Figure, ax: Axes, own: bool, columns: int = 2) -> None:
-    """Draw the legend: below the axes, where it hides no data, in our ``own`` figures; inside the axes of the user."""
-    handles, labels = ax.get_legend_handles_labels()
-    if not handles:
+def look(number: int) -> tuple:
+    """Colour, line style and marker of overlaid curve ``number``. When the colours repeat, the line styles differ."""
+    (colour, _, marker), turn = CYCLE[number % len(CYCLE)], number // len(CYCLE)
+    return colour, CYCLE[(number + turn) % len(CYCLE)][1], marker
+
+
+def legend(figure: Figure, panels: Axes | Sequence[Axes], own: bool, columns: int = 2) -> None:
+    """Draw one legend for all panels: below the axes, where it hides no data, in our ``own`` figures; else a legend
+    inside each of the user's axes."""
+    first, *others = each = np.ravel(np.asarray(panels, dtype=object))
+    if not own:
+        for axes in each:
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(loc="best")
         return
-    if own:
+    handles, labels = first.get_legend_handles_labels()
+    for axes in others:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            if label not in labels:
+                handles, labels = [*handles, handle], [*labels, label]
+    if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=columns)
-    else:
-        ax.legend(handles, labels, loc="best")
 
 
 def plain(text: str) -> str:
