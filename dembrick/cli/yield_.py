@@ -71,15 +71,22 @@ def run(options, console) -> int:
 
 def _text(rows: list[dict], said: list[tuple[str, str]]) -> str:
     """Table with a line per history: limit and mechanism (the texts ``said``), the largest load, the torsion."""
-    from dembrick.views.summary import known
+    from dembrick.views.summary import ROUNDING, known
 
-    width, wide = max(len(row["history"]) for row in rows), max(len("limit"), *(len(text) for text, _ in said))
-    lines = [f"{'history':{width}} {'formulation':16} {'limit':{wide}}{'V_peak':>12}{'M_T [N m]':>12}  mechanism"]
+    cells = [("history", "formulation", "limit", "V_peak", "M_T [N m]", "mechanism")]
     for row, (text, by) in zip(rows, said, strict=True):
-        line = f"{row['history']:{width}} {row['formulation'] or '':16} {text:{wide}}"
+        numbers = "", "", ""
         if row["V"] is not None:
             upper = row["V_lower"] if row["V_upper"] is None else row["V_upper"]
             peak = known(row["V_peak"], None if row["digits_open"] else 0.1 * (upper - row["V_lower"]))
-            line += f"{peak:>12}{row['M_T']:z12.4f}  {by}"
-        lines.append(line)
-    return "\n".join(lines)
+            torsion = row["M_T"] if abs(row["M_T"]) > ROUNDING * abs(row["N"]) else 0.0
+            numbers = peak, f"{torsion:.6g}", by
+        cells.append((row["history"], row["formulation"] or "", text, *numbers))
+    wide = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return "\n".join(
+        "  ".join(
+            f"{cell:>{width}}" if name in ("V_peak", "M_T [N m]") else f"{cell:{width}}"
+            for name, cell, width in zip(cells[0], line, wide, strict=True)
+        ).rstrip()
+        for line in cells
+    )

@@ -209,6 +209,17 @@ def test_blocks_that_meet_are_followed_in_shorter_steps(fixed):
     assert found.run.motion.time_step < 0.9 * found.run.motion.critical_time_step
 
 
+def test_the_largest_load_of_a_test_to_and_fro_may_be_a_negative_one():
+    """The last force is more than mu N, at which the block slides."""
+    mu = 0.3
+    text = header("concave", mu, 1e9) + FLOOR + block("stone", (0.0, 0.0, 0.05)) + jack("stone", (-0.15, 0.0, 0.02))
+    control = '[control]\nkind = "displacement"\nlarge_displacements = true\nforce_protocol = [-30.0, 10.0, -40.0]\n'
+    found = dembrick.simulate(toml.loads(text + control))
+    point, one = found.yield_point, mu * 2000.0 * 0.3 * 0.2 * 0.1 * 9.81
+    assert point.V_peak == pytest.approx(-one, rel=2e-4) and found.uncertain == -point.V_peak
+    assert point.displacement_at_peak == found.rows["displacement"][-1] < 0.0
+
+
 def test_a_loop_that_loses_nothing_loses_nothing_whatever_comes_after():
     """Forces below mu N, then one that pushes the block on to another: it had -5e-7 J."""
     text = header("concave", 0.3, 1e9) + FLOOR + block("stone", (0.0, 0.0, 0.05)) + block("curb", (0.302, 0.0, 0.05))

@@ -75,7 +75,7 @@ class LoadPathResult(MotionResult):
         if run.resultant is not None:
             carried = dict(zip(carried, (run.resultant[:4] + 0.0).tolist(), strict=True))
         pair = (joints.block_a[run.joint], joints.block_b[run.joint]) if len(joints) else ()
-        peak = run.path[np.argmax(run.path[:, 1])]
+        peak = run.path[np.argmax(np.abs(run.path[:, 1]))]
         return YieldPoint(
             V=V,
             V_lower=lower,
@@ -167,8 +167,9 @@ class DrivenPathResult(LoadPathResult):
 
     @property
     def uncertain(self) -> float:
-        """Number that an error estimate compares: the largest V."""
-        return self.yield_point.V_peak
+        """Number that an error estimate compares: the size of the largest V, which may be that of either half of a
+        cycle."""
+        return abs(self.yield_point.V_peak)
 
     def take_error(self, estimate: float) -> None:
         """Keep the error estimate of the largest V."""

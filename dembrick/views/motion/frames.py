@@ -63,8 +63,8 @@ def usual(history) -> str:
 
 
 def peak_time(history) -> float:
-    """Time (s, or the number of the equilibrium) of the limit, or of the greatest load of the record. Raises
-    ScenarioError if no load grows."""
+    """Time (s, or the number of the equilibrium) of the limit, or of the greatest load of the record, of either sign.
+    Raises ScenarioError if no load grows."""
     point = summary.yield_point(history.results)
     at = point.get("limit_at")
     if history.curve.load is None or not history.n_row:
@@ -73,7 +73,7 @@ def peak_time(history) -> float:
         raise ScenarioError(f"{history.path}: no load grows in this run, so there is no frame of its peak")
     loads, V = np.asarray(history.load), point.get("V")
     if at is None or V is None:
-        return at if at is not None else float(history.time[int(np.argmax(loads))])
+        return at if at is not None else float(history.time[int(np.argmax(np.abs(loads)))])
     carry = np.flatnonzero(np.abs(loads - V) <= LEFT * abs(V))
     if not len(carry) or int(nearest(history.time, [at])[0]) in carry:
         return at

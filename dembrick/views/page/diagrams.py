@@ -131,4 +131,4 @@ def thinned(history: History, most: int = MOST_ROWS) -> np.ndarray:
     if history.n_row <= most:
         return np.arange(history.n_row)
     even = np.linspace(0, history.n_row - 1, most).round().astype(int)
-    return np.unique(np.append(even, int(np.argmax(history.load))))
+    return np.unique(np.append(even, int(np.argmax(np.abs(history.load)))))
