@@ -34,7 +34,9 @@ from dembrick.scenario.declared import (
 class Sine:
     """``amplitude`` times sin(2 pi ``frequency`` t + ``phase``); frequency in Hz, phase in rad."""
 
-    amplitude: float = field(metadata=number("of the load", "amplitude"))
+    amplitude: float = field(
+        metadata=number("", "amplitude: the factor of a load, or of the quantity of a base motion")
+    )
     frequency: float = field(metadata=positive("Hz", "frequency"))
     phase: float = field(default=0.0, metadata=number("rad", "phase"))
 
@@ -47,7 +49,7 @@ class Pulse:
     """``amplitude`` from ``start`` for ``duration`` (s), then -``rebound`` times ``amplitude`` for ``duration`` over
     ``rebound``, so that the total integral is zero; zero otherwise. Without a rebound there is only the first part."""
 
-    amplitude: float = field(metadata=number("of the motion", "height of a rectangular pulse"))
+    amplitude: float = field(metadata=number("", "height of a rectangular pulse, of the quantity of a base motion"))
     duration: float = field(metadata=positive("s", "its length", "it must be longer than 0 s"))
     start: float = field(default=0.0, metadata=not_negative("s", "when it begins"))
     rebound: float = field(

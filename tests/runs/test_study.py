@@ -17,10 +17,25 @@ from dembrick.runs import study as studies
 from dembrick.runs.study.draws import Draws, distribution
 from dembrick.runs.study.executors import ClusterError, run_here, run_local
 from dembrick.scenario import shipped
+from dembrick.views import plot
+from helpers.scenario_text import block, header
 from helpers.studies import read_csv, write_study
 
 BASE = (shipped.folder() / "set4a.toml").read_text(encoding="utf-8")
 THREE = '[grid]\n"joint.friction" = [0.5, 0.6, 0.7]\n'
+PRESSED = header("convex") + block("floor", (0.0, 0.0, -0.05), (0.6, 0.6, 0.1), "fixed = true")
+PRESSED += (
+    block("stone", (0.0, 0.0, 0.05))
+    + """
+[[pressures]]
+block = "stone"
+direction = [-1, 0, 0]
+value = 1000.0
+actuator = true
+[control]
+kind = "yield"
+"""
+)
 DRAWS = """
 [grid]
 joint.formulation = ["concave", "corrected"]
@@ -177,9 +192,19 @@ loads.upper.force = [[0, 0, -300], [10, 0, -378], [0, 5, -500], [0, 0, -378], [0
         for name, most in (("V", 1e-4), ("V_lower", 1e-3), ("V_upper", 1e-3), ("N", 1e-9), ("M_T", 2e-3)):
             if other[name]:
                 assert float(one[name]) == pytest.approx(float(other[name]), rel=most, abs=1e-9)
+        assert one["load_unit"] == other["load_unit"] == "N"
         if one["mechanism"] == "torsion-shear":
             centre, expected = ([float(r[f"torsion_centre_{i}"]) for i in (1, 2)] for r in (one, other))
             assert centre == pytest.approx(expected, abs=2e-3)
+
+
+def test_a_driven_pressure_is_a_factor_in_the_table_and_in_its_figure(write, tmp_path):
+    """In cases that run together, and by themselves."""
+    body = '[grid]\n"joint.friction" = [0.3, 0.6]\n'
+    for name, more in (("together", ""), ("alone", "histories = true\n")):
+        rows = read_csv(studies.sweep(write(more + body, PRESSED), tmp_path / name).csv)
+        assert [(row["load_unit"], row["theory"] == "") for row in rows] == [("1", name == "together")] * 2
+        assert plot.study(plot.read_study(tmp_path / name)).axes[0].get_ylabel() == "load factor V [-]"
 
 
 def test_finished_cases_are_not_run_again_and_a_torn_line_is(write, tmp_path):

@@ -19,6 +19,7 @@ from helpers import history_cases as cases
 from helpers.one_joint import scene, single
 from helpers.scenario_text import block, header
 
+G = (-9.8, -5.0)
 PANELS = {"concave": None, "convex": 80.0}  # formulation and measured V (N)
 TITLE = "Granite blocks, jack at 0.12 m"
 
@@ -216,12 +217,47 @@ def test_a_cloud_over_formulations_has_their_colours(tmp_path):
         ("arches.arch.thickness", "m"),
         ("materials.stone.density", "kg/m3"),
         ("control.pulse.duration", "s"),
+        ("control.sine.amplitude", ""),  # of an acceleration, as a rule
+        ("gravity.2", "m/s2"),
+        ("gravity", "m/s2"),
         ("joint.formulation", ""),
         ("nothing.here", ""),
     ],
 )
 def test_keys_have_their_units(key, unit):
     assert unit_of(key) == unit
+
+
+def test_loads_of_a_study_are_in_the_unit_of_its_cases(tmp_path):
+    head = "case,joint.friction,status,V,V_lower,V_peak,load_unit,V_1"
+    for told, V, others in (("N", "V [N]", "N"), ("1", "load factor V [-]", "-")):
+        table = table_of(tmp_path, head, [f"{i},0.{i + 3},yield,5,5,5,{told},100" for i in (0, 1)])
+        assert plot.study(table).axes[0].get_ylabel() == V
+        for answer in ("V_lower", "V_peak"):
+            label = plot.study(table, answer).axes[0].get_ylabel()
+            assert label.endswith(f"[{others}]")
+        assert plot.study(table, "V_1").axes[0].get_ylabel() == "V 1 [N]"
+
+
+def test_open_brackets_have_arrows_and_no_bar_is_told_that_is_not_there(tmp_path):
+    head = "case,joint.friction,status,V,V_lower,V_upper,bracket,path_dependent,digits_open"
+    ends = {"open": "10,", "indicator": "9,11"}
+    for bracket, said in (("open", "depends on the path"), ("indicator", "depends on the path; bar: what was found")):
+        rows = [f"{i},0.{i + 3},completed,10,{ends[bracket]},{bracket},true,false" for i in (0, 1)]
+        axes = plot.study(table_of(tmp_path, head, rows)).axes[0]
+        labels = [text.get_text() for text in axes.get_legend().get_texts()]
+        arrows = [own for own in axes.texts if own.arrow_patch is not None]
+        assert (labels, len(arrows)) == (([said, "no upper bound"], 2) if bracket == "open" else ([said], 0))
+
+
+def test_keys_in_the_legend_of_a_study_are_told_apart(tmp_path):
+    head = "case,gravity.2,blocks.0.density,blocks.1.density,status,V"
+    rows = [f"{i},{g},{a},{b},yield,{i}" for i, (g, a, b) in enumerate((g, a, b) for g in G for a in (1, 2) for b in G)]
+    table = table_of(tmp_path, head, rows)
+    labels = [own.get_label() for own in plot.study(table, over=["blocks.1.density"]).axes[0].containers]
+    assert labels[0] == "gravity.2 -9.8, density 1" and len(set(labels)) == 4
+    labels = [own.get_label() for own in plot.study(table, over=["gravity.2"]).axes[0].containers]
+    assert labels[0] == "blocks.0.density 1, blocks.1.density -9.8"
 
 
 def test_a_settled_figure_is_the_one_that_saving_lays_out(tmp_path):

@@ -22,6 +22,7 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
     "V_upper": "yield_point.V_upper",
     "bracket": "yield_point.bracket",
     "V_peak": "yield_point.V_peak",
+    "load_unit": "load_unit",
     "V_1": "yield_point.V_1",
     "V_2": "yield_point.V_2",
     "M_T": "yield_point.M_T",
@@ -51,6 +52,7 @@ TEXTS = (
     "status",
     "searched",
     "bracket",
+    "load_unit",
     "mechanism",
     "blocks",
     "path_dependent",
@@ -90,7 +92,8 @@ def _alone(scenario: Scenario | DembrickError, history: str | None) -> dict[str,
     if not isinstance(scenario, Scenario):
         return {"status": FAILED, "error": str(scenario)}
     try:
-        return simulate(scenario, history, force=True, record=history is not None).as_dict()
+        result = simulate(scenario, history, force=True, record=history is not None)
+        return result.as_dict() | {"load_unit": None if result.curve.load is None else result.curve.unit}
     except DembrickError as error:
         return failure(scenario, error, history)
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dembrick.assembly import build as assemblies
+from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import ScenarioError
 from dembrick.runs import theory_check
 from dembrick.scenario.model import Scenario, Solver, YieldControl
@@ -76,6 +77,7 @@ class _Case:
         self.name = assembly.names[joint.block_b]
         b, arm, axes = joint.block_b, np.asarray(joint.arm_b), np.asarray(joint.axes)
         actuators = assembly.actuators
+        self.load_unit = recorded_curve(scenario.control, actuators).unit
         self.polygon, self.law = np.asarray(joint.polygon), scenario.joint
         self.dead = theory_check.wrench(axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
         self.point = (actuators.at.arm - arm) @ axes.T
@@ -145,14 +147,15 @@ def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[
     seconds = (time.perf_counter() - began) / len(cases)
     # without a certified bracket, a separate run follows equilibria to another V within the tolerance
     answered = (found.status == "yield") & found.certified
-    return {i: _result(found, i, case.name, case.reach, seconds) for i, case in enumerate(cases) if answered[i]}
+    return {i: _result(found, i, case, seconds) for i, case in enumerate(cases) if answered[i]}
 
 
-def _result(found: batch.LimitLoads, i: int, name: str, reach: float, seconds: float) -> dict[str, Any]:
+def _result(found: batch.LimitLoads, i: int, case: _Case, seconds: float) -> dict[str, Any]:
     """The JSON object of one case; its loop time is the mean of all cases run with it."""
-    centre, how = joint_mechanism(found.twist[i], found.tilt[i], reach)
+    centre, how = joint_mechanism(found.twist[i], found.tilt[i], case.reach)
     numbers = {name: float(getattr(found, name)[i]) + 0.0 for name in _NUMBERS}
     bracket = "certified" if found.certified[i] else "indicator"
     point = {**numbers, "bracket": bracket, "torsion_centre": centre, "mechanism": how}
-    known = {"path_dependent": False, "no_path_above": True, "associative": None, "blocks": [name]}
-    return {"status": "yield", "yield_point": point, **known, "steps": int(found.steps[i]), "wall": {"loop": seconds}}
+    known = {"path_dependent": False, "no_path_above": True, "associative": None, "blocks": [case.name]}
+    cost = {"steps": int(found.steps[i]), "wall": {"loop": seconds}}
+    return {"status": "yield", "yield_point": point, "load_unit": case.load_unit, **known, **cost}

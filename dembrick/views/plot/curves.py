@@ -128,10 +128,7 @@ def _at_least(axes: Axes, load: float, colour: str, label: str | None) -> None:
     """Draw a line at a lower bound of a limit load, with arrows upwards."""
     axes.axhline(load, color=colour, **_OPEN, label=label)
     for share in (0.06, 0.94):  # of the width
-        axes.annotate(
-            "", (share, load), (0.0, 16.0), xycoords=("axes fraction", "data"), textcoords="offset points",
-            arrowprops={"arrowstyle": "<-", "color": colour, "lw": 0.8, "shrinkA": 0.0, "shrinkB": 0.0},
-        )  # fmt: skip
+        style.upwards(axes, (share, load), ("axes fraction", "data"), colour)
 
 
 def curve_panels(panels: Sequence[CurvePanel]) -> Figure:

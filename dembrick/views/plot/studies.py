@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
 TABLE = "table.csv"
 ANSWERS = ("value", "V", "collapse_load_factor", "greatest_displacement")  # default: the first that any case has
 _LIMITS = ("V", "collapse_load_factor")
+_LOADS = ("V", "V_lower", "V_upper", "V_peak", "theory", "associative")  # in the unit of the load
 _UNITS = {
-    "N": ("V", "V_lower", "V_upper", "V_peak", "V_1", "V_2", "N", "theory", "associative"),
+    "N": ("V_1", "V_2", "N"),
     "N m": ("M_T",),
     "m": ("displacement", "collapse_displacement", "greatest_displacement", "torsion_centre_1", "torsion_centre_2"),
     "-": ("collapse_load_factor", "error_vs_theory"),
@@ -32,6 +34,7 @@ _UNITS = {
     "s": ("loop",),
 }
 _FORMULATION = "joint.formulation"
+_LAST_WORD = re.compile(r"[^.]*[^.\d][^.]*(\.\d+)*$")  # of a key, and the numbers after it
 _MOST_LINES = 8  # in the legend of a panel; with more, the cases are drawn as unconnected points
 
 
@@ -137,15 +140,22 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
     for i, (values, line) in enumerate(lines.items()):
         colour, dashes, marker = _look(others or [key], values, i)
         shown = sorted((j for j in line if y[j] is not None), key=lambda j: x[j])
-        label = ", ".join(f"{name.rpartition('.')[2]} {value}" for name, value in zip(others, values, strict=False))
+        label = ", ".join(f"{name} {value}" for name, value in zip(_short(others), values, strict=False))
         error = None if bars is None else [[bars[j][side] for j in shown] for side in (0, 1)]
         axes.errorbar([x[j] for j in shown], [y[j] for j in shown], error, color=colour, marker=marker, capsize=2.5,
                       ls=dashes if joined else "none", label=style.plain(label) if label else None)  # fmt: skip
+    limits = [j for j in range(len(table.rows)) if y[j] is not None and answer in _LIMITS]
     for mark, found, bar in (("o", _on_one_path, "to the bound of all"), ("s", _on_several, "what was found")):
-        some = [j for j in range(len(table.rows)) if y[j] is not None and answer in _LIMITS and found(table, j)]
+        some = [j for j in limits if found(table, j)]
         if some:
+            told = f"; bar: {bar}" if bars is not None and any(max(bars[j]) > 0.0 for j in some) else ""
             axes.plot([x[j] for j in some], [y[j] for j in some], ls="none", marker=mark, mfc="white", mec=style.BLACK,
-                      zorder=4, label=f"depends on the path; bar: {bar}")  # fmt: skip
+                      zorder=4, label=f"depends on the path{told}")  # fmt: skip
+    no_end = [j for j in limits if table.rows[j].get("bracket") == "open"]
+    for j in no_end:
+        style.upwards(axes, (x[j], y[j]), "data", style.GREY)
+    if no_end:
+        axes.plot([], [], ls="none", marker=r"$\uparrow$", color=style.GREY, ms=9, label="no upper bound")
     if not numeric:
         names = list(dict.fromkeys(row[key] for row in table.rows))
         axes.set_xticks(range(len(names)), [style.plain(name) for name in names])
@@ -160,6 +170,13 @@ def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
         return [value for value in found if value is not None], True
     order = {name: float(i) for i, name in enumerate(dict.fromkeys(row[key] for row in table.rows))}
     return [order[row[key]] for row in table.rows], False
+
+
+def _short(keys_: Sequence[str]) -> list[str]:
+    """The ends of keys, from their last word on, where these tell them apart."""
+    ends = [_LAST_WORD.search(key) for key in keys_]
+    found = [key if end is None else end[0] for key, end in zip(keys_, ends, strict=True)]
+    return found if len(set(found)) == len(found) else list(keys_)
 
 
 def _look(others: Sequence[str], values: Sequence[str], number: int) -> tuple:
@@ -192,15 +209,22 @@ def _axis(table: StudyTable, answer: str) -> _Axis:
         return _Axis(style.plain(f"{searched} at which it falls"), unit_of(searched))
     if answer in _LIMITS and _tilts(table):
         return _Axis(r"table angle $\theta$ at the limit", "deg", tilts=True)
-    of_structure = any(factor is not None for factor in table.numbers("collapse_load_factor"))
-    unit = (
-        "-"
-        if answer in (*_LIMITS, "associative") and of_structure
-        else next((u for u, c in _UNITS.items() if answer in c), "")
-    )
+    unit = next((u for u, c in _UNITS.items() if answer in c), "")
+    if answer in _LOADS:
+        unit = _unit_of_loads(table)
     largest = max((abs(value) for value in table.numbers(answer) if value is not None), default=0.0)
     name, factor = summary.travel_unit(largest) if unit == "m" else summary.load_unit(largest, unit)
-    return _Axis(style.plain(answer.replace("_", " ")), name, factor)
+    said = "load factor V" if answer == "V" and unit == "-" else answer.replace("_", " ")
+    return _Axis(style.plain(said), name, factor)
+
+
+def _unit_of_loads(table: StudyTable) -> str:
+    """The unit that all cases have their loads in, empty where they have several; of a table that does not tell it, "-"
+    if it has collapse load factors."""
+    units = {row.get("load_unit", "") for row in table.rows} - {""}
+    if not units:
+        return "-" if any(factor is not None for factor in table.numbers("collapse_load_factor")) else "N"
+    return {"1": "-"}.get(own := units.pop(), own) if len(units) == 1 else ""
 
 
 def _with_unit(name: str, unit: str) -> str:
@@ -210,7 +234,8 @@ def _with_unit(name: str, unit: str) -> str:
 def unit_of(key: str) -> str:
     """The unit of a scenario key in the notation of studies (``joint.friction``, ``walls.house.block.1``); "-" for a
     dimensionless number, empty if there is none."""
-    first, *_, last = [part.partition("[")[0] for part in key.split(".") if not part.isdecimal()]
+    parts = [part.partition("[")[0] for part in key.split(".") if not part.isdecimal()] or [""]
+    first, last = parts[0] if len(parts) > 1 else "", parts[-1]
     told = {heading.strip("[]{} =").split(".")[0].split("]")[0]: table for heading, table in keys.tables().items()}
     of_controls = [table for heading, table in keys.tables().items() if heading.startswith("[control]")]
     inner = [table for name, table in told.items() if name in key.split(".")[1:]]

@@ -120,6 +120,14 @@ def look(number: int) -> tuple:
     return colour, CYCLE[(number + turn) % len(CYCLE)][1], marker
 
 
+def upwards(axes: Axes, place: tuple[float, float], coords, colour: str) -> None:
+    """An arrow up from a ``place`` in the coordinates ``coords``: from a load that a limit has at least."""
+    axes.annotate(
+        "", place, (0.0, 16.0), xycoords=coords, textcoords="offset points",
+        arrowprops={"arrowstyle": "<-", "color": colour, "lw": 0.8, "shrinkA": 0.0, "shrinkB": 0.0},
+    )  # fmt: skip
+
+
 def legend(figure: Figure, panels: Axes | Sequence[Axes], own: bool, columns: int = 2) -> None:
     """Draw one legend for all panels: below the axes, where it hides no data, in our ``own`` figures; else a legend
     inside each of the user's axes."""
