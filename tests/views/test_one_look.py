@@ -299,6 +299,25 @@ def test_a_layout_says_what_its_letters_are(pushed_in_plan):
         assert plot.layout([found], torsion_centre=False).get_supxlabel() == ""
 
 
+@pytest.mark.parametrize("point, direction", [
+    ((0.0, 0.1), (0.0, 1.0)), ((0.0, -0.1), (0.0, -1.0)), ((0.15, 0.0), (1.0, 0.0)), ((-0.15, 0.0), (-1.0, 0.0)),
+    ((0.05, 0.1), (0.6, 0.8)),
+])  # fmt: skip
+def test_a_jack_that_pulls_outwards_is_in_its_layout(point, direction):
+    """The arrow, which is left out where its tip is outside the axes, and the letter beside it, in the figure."""
+    figure = plot.layout(scene(jacks=single(point, direction=(*direction, 0.0))))
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    tips = [own for own in axes.texts if own.arrow_patch is not None and own.arrow_patch.get_linewidth() > 1.0]
+    letter = next(own for own in axes.texts if own.get_text() == "V")
+    assert len(tips) == 1 and axes.viewLim.contains(*tips[0].xy)
+    assert tips[0].xy == pytest.approx(np.array(point) + 0.126 * np.array(direction), rel=1e-9)
+    box = letter.get_window_extent()
+    assert figure.bbox.contains(box.x0, box.y0) and figure.bbox.contains(box.x1, box.y1)
+    others = [own.get_window_extent() for own in axes.texts if own.get_text() not in ("", "V")]
+    assert not box.count_overlaps(others)
+
+
 @pytest.fixture(scope="module")
 def pushed_in_plan(tmp_path_factory):
     path = tmp_path_factory.mktemp("plan") / "run.h5"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PANEL = (2.3, 2.9)  # inches
+_SIDEWAYS = 0.3  # of a force, to the left: what stands at the tip of its arrow is beyond it
 
 
 class Plan(NamedTuple):
@@ -104,52 +105,65 @@ def _draw(axes, plan: Plan, torsion_centre: bool) -> None:
     axes.plot(*plan.centre, "+", color="black", ms=7, label="centroid O")
     axes.annotate("O", plan.centre, (3, 3), textcoords="offset points")
     forces = plan.directions * plan.weights[:, None]
+    ends = [lower, upper]  # of the outline and the arrows with what stands at their tips
     for i, (point, force) in enumerate(zip(plan.points, forces, strict=True)):
         length = float(np.hypot(*force))
         if length < 1e-9:
             continue  # an actuator along z is not visible in plan
-        tip = point + 0.42 * size * force / length
+        way = force / length
+        tip = point + 0.42 * size * way
         _arrow(axes, point, tip, style.VERMILLION, "-|>", 1.8)
         axes.plot(*point, "o", color=style.VERMILLION, ms=3.5)
         factor = "" if abs(abs(plan.weights[i]) - 1.0) < 1e-9 else f"{abs(plan.weights[i]):.3g} "
-        axes.annotate(f"{factor}V", tip, (5, 0), textcoords="offset points", ha="left", va="center",
-                      color=style.VERMILLION)  # fmt: skip
-    _arms(axes, plan, forces, size, a)
-    _dimension(axes, lower, [upper[0], lower[1]], [0.0, -0.52 * size], f"a = {a:.3g} m", "top")
-    _dimension(axes, [lower[0], lower[1]], [lower[0], upper[1]], [-0.12 * size, 0.0], f"b = {b:.3g} m", "side")
+        side = -1 if way[0] < -_SIDEWAYS else 1
+        axes.annotate(f"{factor}V", tip, (5 * side, 0), textcoords="offset points", ha="left" if side > 0 else "right",
+                      va="center", color=style.VERMILLION)  # fmt: skip
+        ends += [tip, tip + size * np.array([side * (0.08 + 0.09 * len(f"{factor}V")), 0.08 * way[1]])]
+    ends += _arms(axes, plan, forces, size, a, np.array(ends))
+    lowest, highest = np.min(ends, axis=0), np.max(ends, axis=0)
+    below = min(-0.52 * size, lowest[1] - lower[1] - 0.1 * size)
+    _dimension(axes, lower, [upper[0], lower[1]], [0.0, below], f"a = {a:.3g} m", "top")
+    left = min(-0.12 * size, lowest[0] - lower[0] - 0.06 * size)
+    _dimension(axes, [lower[0], lower[1]], [lower[0], upper[1]], [left, 0.0], f"b = {b:.3g} m", "side")
     if torsion_centre and plan.torsion_centre is not None:
         axes.plot(*plan.torsion_centre, "x", color=style.BLUE, ms=7, mew=1.8)
         axes.annotate("C", plan.torsion_centre, (0, 5), textcoords="offset points", color=style.BLUE, ha="center")
     heading, _, rest = style.plain(plan.title).partition(":")
     axes.set_title("\n".join([heading, style.wrapped(rest.strip(), 30)]).rstrip(), fontsize=8)
     axes.set_aspect("equal")
-    axes.set_xlim(lower[0] - 0.36 * size, upper[0] + 0.2 * size)
-    axes.set_ylim(lower[1] - 0.7 * size, upper[1] + 0.4 * size)
+    axes.set_xlim(lower[0] + left - 0.24 * size, max(upper[0] + 0.2 * size, highest[0]))
+    axes.set_ylim(lower[1] + below - 0.18 * size, max(upper[1] + 0.4 * size, highest[1]))
     axes.set(xticks=[], yticks=[])  # "axis off" would leave the title out of the figure's layout
     axes.spines[:].set_visible(False)
 
 
-def _arms(axes, plan: Plan, forces: np.ndarray, size: float, a: float) -> None:
-    """Draw the arm of a couple of actuators, or the eccentricity of a single one, measured normal to the force."""
+def _arms(axes, plan: Plan, forces: np.ndarray, size: float, a: float, ends: np.ndarray) -> list[np.ndarray]:
+    """Draw the arm of a couple of actuators, or the eccentricity of a single one, measured normal to the force, clear
+    of the ``ends`` (k, 2) of what is drawn. Returns the end of this drawing if that is beyond them."""
     sizes = np.hypot(*forces.T)
     couple = len(forces) == 2 and np.allclose(forces.sum(axis=0), 0.0, atol=1e-9) and sizes[0] > 1e-9
     if not (couple or (len(forces) == 1 and sizes[0] > 1e-9)):
-        return
+        return []
     along = forces[0] / sizes[0]
     feet = plan.points + ((plan.centre - plan.points) @ along)[:, None] * along  # of O on the lines of action
     start, end = (feet[1], feet[0]) if couple else (plan.centre, feet[0])
     distance = float(np.hypot(*(end - start)))
     if distance < 1e-9:
-        return
+        return []
     if end[0] < start[0]:
         start, end = end, start
     down = along if along[1] < 0 else -along
     name = "arm" if couple else "e"
+    side = "side" if abs(along[0]) > abs(along[1]) else "top"
     reach = 0.5 * float(np.ptp(plan.outline @ along)) + (0.2 if couple else 0.12) * size
+    beyond = float(((ends - plan.centre) @ down).max()) + 0.1 * size
+    in_the_way = beyond > reach or side == "side"
+    reach = max(reach, beyond)
     text = f"{name} = {distance:.4g} m"
     if abs(abs(along[1]) - 1.0) < 1e-9:  # along y, the arm runs along a
         text = f"{name} = {distance:.4g} m\n= {distance / a:.3g} a"
-    _dimension(axes, start, end, reach * down, text, "top")
+    _dimension(axes, start, end, reach * down, text, side)
+    return [plan.centre + (reach + 0.3 * size) * down] if in_the_way else []
 
 
 def _dimension(axes, start, end, offset, text: str, side: str) -> None:
