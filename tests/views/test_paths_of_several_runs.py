@@ -65,6 +65,21 @@ def test_what_runs_share_is_told_once(loaded):
     assert sorted(labels) == ["limit surface, concave", "limit surface, convex, exact", "one", "other"]
 
 
+def test_a_yield_point_is_where_its_joint_was(loaded):
+    """At the end of a path to and fro, on the side of its last half; of another joint there is none."""
+    to_and_fro = np.array([0.0, 0.5, 1.0, 0.5, 0.0, -0.4, -0.8, -0.9, -0.9])
+    point = {"V": -90.0, "V_1": 0.0, "V_2": -90.0, "M_T": 6.3, "N": 500.0}
+    run = loaded(V_2=100.0 * to_and_fro, M_T=-7.0 * to_and_fro, results={"yield_point": point})
+    (star,) = (line for line in plot.load_path(run).axes[0].lines if line.get_label() == "yield point")
+    assert star.get_xydata()[0] == pytest.approx([-90.0, -6.3])
+    rows = cases.record(0, 5, 2, 0)
+    told = {"blocks": cases.mixed_assembly(), "channels": CHANNELS}
+    told |= {"results": {"yield_point": point | {"joint": ["lower", "upper"]}}}
+    with cases.written(run.path.replace("run0", "two"), rows, **told) as two:
+        drawn = [[line.get_label() for line in plot.load_path(two, joint=j).axes[0].lines] for j in (0, 1)]
+    assert ["yield point" in own for own in drawn] == [True, False]
+
+
 def test_a_yield_point_of_any_run_is_in_the_legend(loaded):
     grown = np.linspace(0.0, 1.0, 9)
     point = {"yield_point": {"V": 100.0, "V_1": 0.0, "V_2": 100.0, "M_T": 7.0, "N": 500.0}}

@@ -212,9 +212,9 @@ def load_path(
             axes.plot(shear * x, torsion * y, color=look.colour, ls=look.line, lw=1.6, marker=look.marker, ms=3.2,
                       markevery=max(1, len(path.V) // 12), label=label, zorder=3)  # fmt: skip
             point = summary.yield_point(history.results)
-            if {"V_1", "V_2", "M_T"} <= set(point):
-                x = abs(np.array([point["V_1"], point["V_2"]]) @ path.direction)
-                y = abs(point["M_T"])
+            if {"V_1", "V_2", "M_T"} <= set(point) and path.number == subject.chosen_joint(history):
+                x = float(np.array([point["V_1"], point["V_2"]]) @ path.direction)
+                y = path.sense * point["M_T"]
                 if relative:
                     strength = subject.shear_strength(history.joints[path.number], point.get("N", np.nan))
                     x, y = x / strength, y / (strength * path.radius)
