@@ -121,7 +121,7 @@ def commands_page() -> str:
                 ["0", "ok"],
                 ["1", "no answer: not converged, diverged, energy audit, a write that failed; the history is kept"],
                 ["2", "invalid input or usage"],
-                ["3", "answered, but theory and replay disagree, or a verification case fails"],
+                ["3", "answered, but theory and simulation disagree, or a verification case fails"],
                 ["4", "an optional dependency is missing"],
                 ["130, 143", "interrupted; what was simulated is on disk"],
             ],

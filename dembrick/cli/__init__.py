@@ -20,24 +20,24 @@ GARBAGE = 400_000  # new objects before a garbage collection: imports and loadin
 VERBS = {
     "lab": "replay the four laboratory tests for all formulations and print Table 3",
     "run": "run a scenario",
-    "new": "a complete commented scenario to start from",
-    "examples": "the scenarios that ship with the package: list, print, copy",
+    "new": "write a complete, commented scenario to start from",
+    "examples": "list, print or copy the scenarios that ship with the package",
     "check": "validate and describe a scenario without running it",
-    "limit": "rigid-block limit analysis: bounds of the load factor, the mechanism, reactions",
-    "domain": "yield domain of a joint by theory, and by simulation",
-    "sweep": "a parameter study: grid, table or random draws, on all cores or a cluster",
-    "fit": "the friction that best explains measured yield points",
-    "yield": "yield points out of histories",
-    "joints": "what every joint carries: N, V, M_T, eccentricity, slip, utilisation",
-    "plot": "force-displacement curves of histories",
-    "export": "a history as other files: ParaView, CSV, picture, curve, page, each by its ending",
-    "render": "a picture, a movie or a web page of a history",
-    "view": "a window on a history, with a time slider",
-    "restart": "go on with a run that was killed or interrupted",
-    "info": "what a history holds",
-    "verify": "the verification cases that ship with the package, against their references",
+    "limit": "rigid-block limit analysis: bounds on the load factor, the mechanism, reactions",
+    "domain": "yield domain of a joint, by theory and by simulation",
+    "sweep": "run a parameter study: grid, table or random draws, on all cores or a cluster",
+    "fit": "fit friction to measured yield points, or scenario keys to measured curves",
+    "yield": "list the yield points of histories",
+    "joints": "list the forces of every joint: N, V, M_T, eccentricity, slip, utilisation",
+    "plot": "draw figures of histories and studies, such as force-displacement curves",
+    "export": "write a history as ParaView, CSV, picture, curve or page, chosen by the ending",
+    "render": "draw a picture, movie or web page of a history",
+    "view": "open a window on a history, with a time slider",
+    "restart": "continue a run that was killed or interrupted",
+    "info": "summarise a history",
+    "verify": "run the verification cases that ship with the package against their references",
     "completion": "shell completion for bash, zsh, tcsh and fish",
-    "schema": "the JSON schema of a scenario, for editors",
+    "schema": "print the JSON schema of a scenario, for editors",
     "warmup": "compile the kernels into the cache",
 }
 SIMULATING = ("domain", "fit", "lab", "restart", "run", "sweep", "verify", "warmup")  # these may compile kernels
@@ -45,8 +45,8 @@ HELP = (
     "usage: dembrick COMMAND ...\n\n"
     "Replays laboratory tests of dry-stacked stone blocks, with an error bar on every number.\n\ncommands:\n"
     + "".join(f"  {verb:10} {text}\n" for verb, text in VERBS.items())
-    + "\n'dembrick COMMAND --help' tells the options of a command; 'dembrick --version' the version,"
-    + "\nwith -v also where the compiled kernels come from."
+    + "\n'dembrick COMMAND --help' lists the options of a command, 'dembrick --version' prints the version,"
+    + "\nand with -v also where the compiled kernels come from."
 )
 
 
@@ -75,9 +75,9 @@ def _add_arguments(parser, verb: str) -> None:
     parser.description = f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}."
     common = parser.add_argument_group("output")
     common.add_argument("--json", action="store_true", help="print one JSON object on standard output")
-    common.add_argument("--quiet", "-q", action="store_true", help="no progress and no remarks")
+    common.add_argument("--quiet", "-q", action="store_true", help="print no progress and no remarks")
     common.add_argument(
-        "-v", "--verbose", action="store_true", help="say where the time of a run went, on standard error"
+        "-v", "--verbose", action="store_true", help="print where the time of a run went, on standard error"
     )
     _module(verb).add_arguments(parser)
 
@@ -136,7 +136,7 @@ def _main(arguments: list[str]) -> int:
             """Report an error as argparse does, with a hint, and as JSON if asked for."""
             message += _meant(message, self._option_string_actions)
             if verb == "render" and message.startswith("unrecognized arguments") and "--to" in rest:
-                message += "; several files are named by a --to each"
+                message += "; to name several files, repeat --to before each"
             _failed_json(message, rest)
             super().error(message)
 
@@ -151,7 +151,7 @@ def _main(arguments: list[str]) -> int:
         with handled(), _compiling(verb, console):
             code = module.run(options, console)
             if signum := requested():  # too late to stop anything, but the caller should know
-                console.say("interrupted after the work was done; nothing is missing")
+                console.say("interrupted after the work was done; nothing was lost")
                 return 128 + signum
             return code
     except DembrickError as error:
@@ -211,7 +211,7 @@ def _compiling(verb: str, console):
     def tell(text: str) -> None:
         console.meter.stage(text)
         if reason := why_compiled():
-            console.detail(f"kernels are compiled here, not taken from the package: {reason}")
+            console.detail(f"compiling kernels here instead of taking those of the package: {reason}")
 
     with telling_of_compilation(tell), second_process():
         yield

@@ -131,12 +131,12 @@ def _text(data: dict, plan) -> str:
     seconds = data["expected_seconds"]
     took = "" if seconds is None else f", {duration(seconds)} on one core once compiled"
     if data["expected_seconds_falling"] is not None and data["free_blocks"] > 1:
-        took += f" ({duration(data['expected_seconds_falling'])} if all of it comes down)"
+        took += f" ({duration(data['expected_seconds_falling'])} if all of it collapses)"
     if data["expected_seconds_snapping"] is not None:
         took += f" (up to {duration(data['expected_seconds_snapping'])} if blocks slide and snap)"
     memory = max(1, round(plan.memory / 1e6))
-    doubt = f" (to a factor of {plan.within:g})" if plan.within > 2.0 else ""
-    lines.append(f"expected      {bound}{plan.steps} steps{doubt}{took}, {memory} MB beside those of the program")
+    doubt = f" (within a factor of {plan.within:g})" if plan.within > 2.0 else ""
+    lines.append(f"expected      {bound}{plan.steps} steps{doubt}{took}, {memory} MB besides the program's own")
     return "\n".join(lines)
 
 

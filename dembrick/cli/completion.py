@@ -16,6 +16,8 @@ def run(options, console) -> int:
     try:
         import shtab
     except ImportError:
-        raise MissingDependency("shell completion needs the package shtab: pip install shtab") from None
+        raise MissingDependency(
+            "shell completion needs the package shtab; install it with: pip install shtab"
+        ) from None
     put(shtab.complete(full_parser(), options.shell))
     return 0

@@ -18,19 +18,30 @@ def add_arguments(parser) -> None:
     parser.add_argument("--scenario", metavar="FILE.toml", help="joint, friction and N of a scenario with two blocks")
     parser.add_argument("--mu", type=float, help="friction coefficient")
     parser.add_argument("--N", type=float, help="normal force, N")
-    parser.add_argument("--cohesion", type=float, metavar="C", help="cohesion that the joint keeps, Pa (default: 0)")
-    parser.add_argument("--eccentricity", type=float, nargs=2, metavar=("EX", "EY"), help="of N from the centroid, m")
-    parser.add_argument("--formulation", nargs="+", metavar="F", help="default: all five")
-    parser.add_argument("--pressure", default="full", metavar="P", help="of convex: full, effective or linear")
-    parser.add_argument("--points", type=int, default=13, metavar="n", help="points of each curve by theory")
-    parser.add_argument("--simulate", type=int, default=0, metavar="n", help="replays in n directions of (V, M_T)")
+    parser.add_argument("--cohesion", type=float, metavar="C", help="cohesion, kept after slip, Pa (default: 0)")
     parser.add_argument(
-        "--space", default="quarter", metavar="S", help="directions: quarter, plane, or all of (V_1, V_2, M_T)"
+        "--eccentricity", type=float, nargs=2, metavar=("EX", "EY"), help="eccentricity of N from the centroid, m"
     )
-    parser.add_argument("--shear-angle", type=float, default=90.0, metavar="DEG", help="of V from t1; default 90")
-    parser.add_argument("--height", type=float, default=0.0, metavar="m", help="of the load above the joint")
-    parser.add_argument("--tolerance", type=float, help=f"of the replays (default: {TOLERANCE:g})")
-    parser.add_argument("--csv", metavar="FILE.csv", help="write the points")
+    parser.add_argument("--formulation", nargs="+", metavar="F", help="formulations (default: all five)")
+    parser.add_argument(
+        "--pressure", default="full", metavar="P", help="pressure of convex joints: full, effective or linear"
+    )
+    parser.add_argument("--points", type=int, default=13, metavar="n", help="points of each theoretical curve")
+    parser.add_argument(
+        "--simulate", type=int, default=0, metavar="n", help="simulate tests in n directions of (V, M_T)"
+    )
+    parser.add_argument(
+        "--space",
+        default="quarter",
+        metavar="S",
+        help="directions of these tests: quarter, plane, or all of (V_1, V_2, M_T)",
+    )
+    parser.add_argument(
+        "--shear-angle", type=float, default=90.0, metavar="DEG", help="angle of V from t1 (default: 90)"
+    )
+    parser.add_argument("--height", type=float, default=0.0, metavar="m", help="height of the load above the joint")
+    parser.add_argument("--tolerance", type=float, help=f"tolerance of the simulated tests (default: {TOLERANCE:g})")
+    parser.add_argument("--csv", metavar="FILE.csv", help="write the points as a table")
     parser.add_argument("--plot", "--to", metavar="FILE", help="draw the domain of a rectangle (PNG, SVG, PDF)")
     add_force(parser)
 
@@ -46,15 +57,17 @@ def run(options, console) -> int:
     joint, own, inputs = _joint(options)
     formulations = options.formulation or ([own] if own else FORMULATIONS)
     if options.tolerance is not None and not options.simulate:
-        raise ScenarioError("--tolerance is that of replays, and theory needs none: add --simulate n")
+        raise ScenarioError("--tolerance belongs to simulated tests, and theory needs none: add --simulate n")
     if options.pressure != "full" and "convex" not in formulations:
-        raise ScenarioError(f"--pressure {options.pressure} is that of convex joints: add --formulation convex")
+        raise ScenarioError(f"--pressure {options.pressure} belongs to convex joints: add --formulation convex")
     tolerance = TOLERANCE if options.tolerance is None else options.tolerance
     request = domain.Request(options.space, options.shear_angle, options.height, options.pressure, tolerance=tolerance)
     if options.plot and options.space != "quarter":
         raise ScenarioError("--plot draws the quarter V, M_T of a rectangle: leave --space out")
     if options.plot and joint.edges is None:
-        raise ScenarioError("--plot draws the quarter V, M_T of a rectangle, and this joint is none: use --csv")
+        raise ScenarioError(
+            "--plot draws the quarter V, M_T of a rectangle, and this joint is not a rectangle: use --csv"
+        )
     if options.simulate < 0:
         raise ScenarioError(f"--simulate = {options.simulate} is out of range: use 0, or at least 2 directions")
     with history.product("domain", [repr(joint.as_dict())], inputs, options.force):
@@ -95,7 +108,7 @@ def _curves(rows: list[dict], height: float) -> dict:
     differ from the paper."""
     import numpy as np
 
-    above = f", load {1e3 * height:.3g} mm up" if height else ""
+    above = f", load {1e3 * height:.3g} mm above the joint" if height else ""
     curves: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
         pressed = "" if row["pressure"] == "full" else f", {row['pressure']} pressure"
@@ -145,7 +158,7 @@ def _joint(options):
             raise ValueError
     except ValueError:
         raise ScenarioError(
-            f"--polygon {options.polygon!r} is no list of corners: write x,y;x,y;x,y in m, in quotes"
+            f"--polygon {options.polygon!r} is not a list of corners: write x,y;x,y;x,y in m, in quotes"
         ) from None
     return DomainJoint.from_corners(corners, options.mu, options.N, **more), None, []
 
@@ -158,7 +171,7 @@ def _sound(found: dict, tolerance: float) -> bool:
 def _said(name: str, found: dict) -> str:
     """One line on convexity, normality and error of the simulated points of a formulation."""
     convexity, normality = found["convexity"], found["normality"]
-    note = "" if found["certified"] else " (the normal forces move with the load: no associated set)"
+    note = "" if found["certified"] else " (the normal forces change with the load, so flow is not associated)"
     return (
         f"{name}: convex within {convexity['value']:.2g} and slip normal within {normality['value']:.2g} "
         f"(error bars allow {convexity['tolerance']:.2g}), theory within {found['error_vs_theory']:.2g}{note}"

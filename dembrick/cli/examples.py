@@ -4,8 +4,8 @@ from __future__ import annotations
 
 
 def add_arguments(parser) -> None:
-    parser.add_argument("name", nargs="?", help="one example: print its file")
-    parser.add_argument("--copy", metavar="DIR", help="copy the example, or all of them, into a folder")
+    parser.add_argument("name", nargs="?", help="print the file of this example")
+    parser.add_argument("--copy", metavar="DIR", help="copy the example, or all examples, into a folder")
 
 
 def run(options, console) -> int:
@@ -21,7 +21,7 @@ def run(options, console) -> int:
     if options.name is not None:
         path = shipped.find(options.name)
         if path is None:
-            raise ScenarioError(f"no shipped scenario is called {options.name!r}; {nearest(options.name, found)}")
+            raise ScenarioError(f"there is no example {options.name!r}; {nearest(options.name, found)}")
         found = {options.name: path}
     if options.copy is None:
         told = {name: shipped.kind_and_title(path) for name, path in found.items()}
@@ -37,7 +37,7 @@ def run(options, console) -> int:
     for name, path in found.items():
         target = folder / Path(f"{name}.toml").relative_to(".") if options.name is None else folder / path.name
         if os.path.exists(target):
-            raise OutputError(f"{target}: this file exists; choose another folder")
+            raise OutputError(f"{target}: this file already exists; choose another folder")
         copied.append((path, target))
     for path in shipped.folder().glob("*.csv") if options.name is None else ():
         copied.append((path, folder / path.name))
@@ -49,6 +49,6 @@ def run(options, console) -> int:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
     except OSError as error:
-        raise WriteError(f"{folder}: the examples cannot be copied ({error.strerror})") from error
+        raise WriteError(f"{folder}: the examples cannot be copied here ({error.strerror})") from error
     console.result({"copied": [str(target) for _, target in copied]}, f"{len(copied)} files copied into {folder}")
     return 0

@@ -17,7 +17,12 @@ def add_to(parser, **how) -> None:
     """Add the option ``--to``; ``how``: further keywords for argparse."""
     told = "; ".join(f"{', '.join(endings)}: {what}" for what, endings, _ in WRITERS)
     parser.add_argument(
-        "--to", metavar="FILE", nargs="+", action="extend", help=f"write these files, each by its ending: {told}", **how
+        "--to",
+        metavar="FILE",
+        nargs="+",
+        action="extend",
+        help=f"files to write, each in the format of its ending: {told}",
+        **how,
     )
 
 
@@ -29,9 +34,9 @@ def check_names(paths: Sequence[str]) -> None:
         ending = os.path.splitext(path)[1].lower()
         if ending not in BY_ENDING:
             known = ", ".join(BY_ENDING)
-            raise OutputError(f"{path}: nothing is written with the ending '{ending}'; let it be one of {known}")
+            raise OutputError(f"{path}: no file can be written with the ending '{ending}'; use one of {known}")
         if os.path.realpath(path) in map(os.path.realpath, paths[:number]):
-            raise OutputError(f"{path}: this file is named twice after --to; leave one out")
+            raise OutputError(f"{path}: --to names this file twice; name it once")
 
 
 def check_free(paths: Sequence[str], text: str, inputs: Iterable[str], force: bool) -> None:
@@ -138,7 +143,7 @@ def add_arguments(parser) -> None:
     add_force(parser)
     layers = list(LAYERS)
     parser.add_argument(
-        "--layers", nargs="+", choices=layers, default=layers, help="what goes into ParaView's files (default: all)"
+        "--layers", nargs="+", choices=layers, default=layers, help="contents of the ParaView files (default: all)"
     )
 
 

@@ -6,7 +6,12 @@ from dembrick.cli.paths import add_force, require_ending
 
 
 def add_arguments(parser) -> None:
-    parser.add_argument("scenario", nargs="*", metavar="SCENARIO", help="scenarios of curves: one, or one each")
+    parser.add_argument(
+        "scenario",
+        nargs="*",
+        metavar="SCENARIO",
+        help="scenario of the measured curves: one for all, or one for each",
+    )
     parser.add_argument(
         "--lab", metavar="DATA.csv", required=True, action="append",
         help="measured yield points: columns test, scenario, V [N]; or with SCENARIO a measured curve: columns of "
@@ -14,7 +19,9 @@ def add_arguments(parser) -> None:
     )  # fmt: skip
     parser.add_argument("--vary", metavar="KEY,KEY", help="keys of SCENARIO to fit, as for --set: joint.friction")
     parser.add_argument("--out", metavar="FITTED.toml", help="write SCENARIO with the fitted values")
-    parser.add_argument("--formulation", nargs="+", metavar="F", help="of yield points; default: all five")
+    parser.add_argument(
+        "--formulation", nargs="+", metavar="F", help="formulations of a fit to yield points (default: all five)"
+    )
     add_force(parser)
 
 
@@ -28,7 +35,7 @@ def run(options, console) -> int:
     if options.scenario:
         return _curves(options, console)
     if len(options.lab) > 1 or options.vary or options.out:
-        raise ScenarioError("--vary, --out and several --lab belong to measured curves: name their SCENARIO too")
+        raise ScenarioError("--vary, --out and several --lab belong to measured curves: add the SCENARIO of the curves")
     for name in options.formulation or ():
         if name not in FORMULATIONS:
             raise ScenarioError(f"--formulation {show(name)} is unknown; {nearest(name, FORMULATIONS)}")
@@ -51,7 +58,7 @@ def _curves(options, console) -> int:
     if not options.vary:
         raise ScenarioError("--vary is missing: name the keys to fit, for instance --vary joint.friction")
     if options.out and len(options.scenario) > 1:
-        raise ScenarioError("--out writes one scenario, and there are several; set the values in each")
+        raise ScenarioError("--out writes one scenario, and several are given; set the values in each yourself")
     if options.out:
         require_ending(options.out, (".toml",), "a scenario")
     measured = [plot.read_measured(path) for path in options.lab]
@@ -74,7 +81,7 @@ def _text(fits, confidence: float) -> str:
 
     lines = [f"friction coefficient, +- half the {100 * confidence:.0f} % confidence interval"]
     for one in fits:
-        known = f"{one.mu:.4f}  (one test: no interval)"
+        known = f"{one.mu:.4f}  (no interval from one test)"
         if one.half_width is not None:
             known = " +- ".join(barred(one.mu, one.half_width))
         lines.append(f"\n{one.formulation:16} mu = {known}")

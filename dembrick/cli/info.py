@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 def add_arguments(parser) -> None:
     parser.add_argument("history", metavar="FILE.h5", help="history file")
-    one = parser.add_argument_group("what all joints carry, beside").add_mutually_exclusive_group()
+    one = parser.add_argument_group("forces of all joints, printed too").add_mutually_exclusive_group()
     one.add_argument("--frame", type=frame_of, metavar="{peak,last,N}", help=FRAME)
     one.add_argument("--time", type=float, metavar="SECONDS", help="at the row nearest to this time")
     parser.add_argument("--scenario", action="store_true", help="print the scenario text instead")
-    parser.add_argument("--profile", action="store_true", help="where the time of the run went")
+    parser.add_argument("--profile", action="store_true", help="print where the time of the run went")
 
 
 def run(options, console) -> int:
@@ -79,7 +79,9 @@ def _run_again(file, path: str) -> list[KeyNumber]:
     from dembrick.views.number_lines import KeyNumber
 
     if isinstance(file.settings.get("custom_law"), dict):
-        return [KeyNumber("run again", "in Python only, as its joint law is a function that the file does not hold")]
+        return [
+            KeyNumber("run again", "only in Python, because its joint law is a function that the file does not hold")
+        ]
     killed = {"interrupted": "", "running": " (if it was killed)"}.get(file.status)  # others have ended
     goes_on = [] if killed is None else [KeyNumber("go on", f"dembrick restart {path}{killed}")]
     with_files = f", with {len(file.inputs)} file{'s' * (len(file.inputs) > 1)} that it holds" if file.inputs else ""

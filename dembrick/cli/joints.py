@@ -35,8 +35,8 @@ def add_arguments(parser) -> None:
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     one = parser.add_mutually_exclusive_group()
     one.add_argument("--frame", type=frame_of, metavar="{peak,last,N}", help=FRAME)
-    one.add_argument("--time", type=float, metavar="SECONDS", help="the row nearest to this time")
-    parser.add_argument("--csv", metavar="FILE.csv", help="write the table")
+    one.add_argument("--time", type=float, metavar="SECONDS", help="show the row nearest to this time")
+    parser.add_argument("--csv", metavar="FILE.csv", help="write the table to this file")
     add_force(parser)
     parser.add_argument("--all", action="store_true", help=f"print all joints, not only the {MOST} most utilised")
 
@@ -70,7 +70,7 @@ def state(file, frame: int | str | None, time: float | None, whole: bool = False
         told.append(f"{what} of the frame at {at.frame_time:.4g}{'' if file.counts_equilibria else ' s'}")
     text = f"{', '.join(told)}\n\n{_text(rows, len(rows) if whole else MOST)}"
     if met is None:
-        text += '\n\nforces of new contacts were not recorded: "contacts" in output.channels records them'
+        text += '\n\nforces of new contacts were not recorded; to record them, add "contacts" to output.channels'
     elif met:
         text += "\n\n" + _text_of_contacts(met, len(met) if whole else MOST)
     if reactions:
@@ -93,7 +93,7 @@ def _text(rows: list[dict], most: int) -> str:
         cells = "".join(f"{_cell(row[name], largest[name], factor):>12}" for name, factor in COLUMNS.items())
         lines.append(f"{row['joint']:{width}}{cells}  {row['state']}")
     if len(rows) > most:
-        lines.append(f"and {len(rows) - most} joints that are utilised less: --all, or --csv")
+        lines.append(f"and {len(rows) - most} less utilised joints: show them with --all or --csv")
     return "\n".join(lines)
 
 
@@ -110,7 +110,7 @@ def _text_of_contacts(rows: list[dict], most: int) -> str:
         cells = (_cell(row[name], largest[name], factor) for name, (_, factor) in OF_CONTACTS.items())
         lines.append(f"{row['contact']:{width}}" + "".join(f"{cell:>12}" for cell in cells))
     if len(rows) > most:
-        lines.append(f"and {len(rows) - most} new contacts that carry less: --all")
+        lines.append(f"and {len(rows) - most} new contacts with smaller forces: show them with --all")
     return "\n".join(lines)
 
 
@@ -126,7 +126,7 @@ def _text_of_reactions(rows: list[dict], most: int) -> str:
         cells = "".join(f"{_cell(row[name], largest[unit], 1.0):>12}" for name, unit in units.items())
         lines.append(f"{row['support']:{width}}{cells}")
     if len(rows) > most:
-        lines.append(f"and {len(rows) - most} more supports: --all")
+        lines.append(f"and {len(rows) - most} more supports: show them with --all")
     return "\n".join(lines)
 
 

@@ -13,7 +13,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--tolerance", type=float, help="relative half-width of the bracket (default 1e-3)")
     parser.add_argument("--out", metavar="DIR", help="folder for histories, tables and figures (default results/lab)")
     add_force(parser)
-    parser.add_argument("--no-figures", action="store_true", help="no figures and no constant-rate curves")
+    parser.add_argument("--no-figures", action="store_true", help="draw no figures and run no constant-rate curves")
 
 
 def run(options, console) -> int:
@@ -64,5 +64,5 @@ def run(options, console) -> int:
     console.result(data, "\n".join([*text, f"histories: {folder}"]))
     if replayed.agrees:
         return 0
-    console.error("theory and replay disagree in at least one row")
+    console.error("theory and simulation disagree in at least one row")
     return 3

@@ -16,19 +16,19 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--heuristic",
         action="store_true",
-        help="a second opinion without dilatancy: a sequence of programmes, no bound (Gilbert and others 2006)",
+        help="add an estimate without dilatancy: a sequence of programmes, not a bound (Gilbert and others 2006)",
     )
     parser.add_argument("--picture", "--to", metavar="FILE.png", help="draw the mechanism")
-    parser.add_argument("--out", metavar="FILE.h5", help="write the mechanism as a history, which render draws")
+    parser.add_argument("--out", metavar="FILE.h5", help="write the mechanism as a history, for dembrick render")
     add_force(parser)
     reaction = parser.add_argument_group("reaction of a support that may move, under the dead loads")
     reaction.add_argument(
-        "--reaction", metavar="SUPPORT", help="a fixed block or a group: its least and greatest force"
+        "--reaction", metavar="SUPPORT", help="fixed block or group whose least and greatest force are computed"
     )
     reaction.add_argument(
         "--direction",
         metavar="X,Y,Z",
-        help="along which its force on the other blocks counts as positive; against it as negative",
+        help="direction in which its force on the other blocks counts as positive",
     )
 
 
@@ -79,4 +79,4 @@ def _vector(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise ScenarioError(f"--direction {text} must be three numbers with commas between, such as 1,0,0") from None
+        raise ScenarioError(f"--direction {text} must be three numbers separated by commas, such as 1,0,0") from None

@@ -6,7 +6,7 @@ from dembrick.cli.paths import add_force, require_ending
 
 
 def add_arguments(parser) -> None:
-    parser.add_argument("template", nargs="?", help="one of those that are listed without it, or a shipped scenario")
+    parser.add_argument("template", nargs="?", help="template or example to copy (default: list the templates)")
     parser.add_argument("file", nargs="?", help="file to write (default: TEMPLATE.toml)")
     add_force(parser)
 
@@ -24,12 +24,12 @@ def run(options, console) -> int:
     if options.template is None:
         told = {name: shipped.description(path) for name, path in templates.items()}
         lines = [f"{name:14} {text.split('. ')[0].rstrip('.')}" for name, text in told.items()]
-        lines.append("\n'dembrick new TEMPLATE' writes one; the name of one of 'dembrick examples' does as well")
+        lines.append("\n'dembrick new TEMPLATE' writes one; the names that 'dembrick examples' lists work too")
         console.result({"templates": told}, "\n".join(lines))
         return 0
     templates = {name: path for name, path in shipped.examples().items() if "/" not in name} | templates
     if options.template not in templates:
-        raise ScenarioError(f"no template is called {options.template!r}; {nearest(options.template, templates)}")
+        raise ScenarioError(f"there is no template {options.template!r}; {nearest(options.template, templates)}")
     path = options.file or f"{options.template}.toml"
     require_ending(path, (".toml",), "a scenario")
     text = (

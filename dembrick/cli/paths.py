@@ -26,13 +26,13 @@ def default_output(name: str, is_free: Callable[[str], bool] | None = None) -> s
     return path
 
 
-FRAME = "at the limit, the last, or by its number, negative from the end (default: peak of a search, else last)"
+FRAME = "frame at the limit, the last, or by number, negative from the end (default: peak of a search, else last)"
 
 
 def require_ending(path: str, endings: Sequence[str], what: str) -> None:
     """Raise OutputError unless a path has one of the ``endings`` with which ``what`` is written."""
     if os.path.splitext(path)[1].lower() not in endings:
-        raise OutputError(f"{path}: {what} is written with the ending {' or '.join(endings)}; choose such a name")
+        raise OutputError(f"{path}: {what} must have the ending {' or '.join(endings)}")
 
 
 def frame_of(text: str) -> int | str:
@@ -42,7 +42,7 @@ def frame_of(text: str) -> int | str:
 
 def add_force(parser) -> None:
     """Add the option to replace an existing file."""
-    parser.add_argument("--force", action="store_true", help="replace a file that is there, whatever it is")
+    parser.add_argument("--force", action="store_true", help="replace an existing file, whatever it holds")
 
 
 def make_folder(folder: str | os.PathLike) -> Path:

@@ -13,7 +13,7 @@ KINDS = {
     "unbalanced": "out-of-balance force over time",
     "layout": "plan of the blocks and actuators",
     "domain": "yield domains with the yield points of the histories",
-    "spectrum": "response spectra of records of the ground (CSV files, .AT2) in place of histories",
+    "spectrum": "response spectra of ground motions (CSV or .AT2 files instead of histories)",
 }
 DAMPING, STAGES = 0.05, 4
 BELONGS = {  # options of some kinds only
@@ -24,14 +24,14 @@ BELONGS = {  # options of some kinds only
     "damping": ("spectrum",),
 }
 LAB_FORMAT = (
-    "a measured curve to lay over (may be repeated): CSV whose first line names its columns with their units, such as "
-    "'displacement [mm],force [N]'; lines that begin with # are remarks"
+    "measured curve to draw as well (may be repeated): a CSV file whose first line names its columns with their "
+    "units, such as 'displacement [mm],force [N]'; lines that begin with # are comments"
 )
 
 
 def add_arguments(parser) -> None:
     parser.add_argument(
-        "histories", nargs="+", metavar="FILE.h5", help="history files, drawn into one figure; or table.csv of a study"
+        "histories", nargs="+", metavar="FILE.h5", help="history files, drawn in one figure, or table.csv of a study"
     )
     parser.add_argument(
         "--to", metavar="FILE", help="figure file (default: results/<first history>.png, with the kind in its name)"
@@ -39,24 +39,30 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--kind", choices=KINDS, default="curve", help="; ".join(f"{name}: {text}" for name, text in KINDS.items())
     )
-    parser.add_argument("--label", action="append", metavar="TEXT", help="label of a history; once for each, in order")
+    parser.add_argument(
+        "--label", action="append", metavar="TEXT", help="label of a history (repeat for each, in order)"
+    )
     parser.add_argument("--lab", action="append", default=[], metavar="FILE.csv", help=LAB_FORMAT)
     parser.add_argument(
-        "--joint", metavar="A/B", help="joint of path and joint, by its blocks (default: what gave way)"
+        "--joint",
+        metavar="A/B",
+        help="joint for the kinds path and joint, by its blocks (default: the one that failed)",
     )
     parser.add_argument(
         "--component",
         action="append",
         choices=["x", "y", "z", "length"],
-        help="of points: this one only (may be repeated; default: x, y and z, where they move)",
+        help="for points: only this component (may be repeated; default: those of x, y and z that move)",
     )
-    parser.add_argument("--over", action="append", default=[], metavar="KEY", help="of a study: this key only")
-    parser.add_argument("--answer", metavar="COLUMN", help="of a study: the column to draw (default: value or V)")
     parser.add_argument(
-        "--damping", type=float, metavar="SHARE", help=f"of spectrum: of critical (default: {DAMPING:g})"
+        "--over", action="append", default=[], metavar="KEY", help="for a study: only this key (may be repeated)"
+    )
+    parser.add_argument("--answer", metavar="COLUMN", help="for a study: column to draw (default: value or V)")
+    parser.add_argument(
+        "--damping", type=float, metavar="SHARE", help=f"for spectrum: share of critical damping (default: {DAMPING:g})"
     )
     add_force(parser)
-    parser.add_argument("--stages", type=int, metavar="N", help=f"stages of joint (default: {STAGES})")
+    parser.add_argument("--stages", type=int, metavar="N", help=f"for joint: number of stages (default: {STAGES})")
 
 
 def run(options, console) -> int:
@@ -72,7 +78,7 @@ def run(options, console) -> int:
     from dembrick.errors import ScenarioError
 
     if options.over or options.answer:
-        raise ScenarioError("--over and --answer belong to the table of a study (table.csv), and this is a history")
+        raise ScenarioError("--over and --answer belong to the table of a study (table.csv), not to a history")
     if options.label and len(options.label) != len(options.histories):
         raise ScenarioError(
             f"--label: {len(options.label)} labels for {len(options.histories)} histories; give one for each"
@@ -152,9 +158,11 @@ def _study(options, console) -> int:
     from dembrick.views import plot
 
     if len(options.histories) > 1:
-        raise ScenarioError("a study is drawn by itself: give one table.csv, and no other file")
+        raise ScenarioError("a study has a figure of its own: give one table.csv and no other file")
     if options.label or options.lab or options.joint or options.kind != "curve":
-        raise ScenarioError("--kind, --label, --lab and --joint belong to histories; a study has --over and --answer")
+        raise ScenarioError(
+            "--kind, --label, --lab and --joint belong to histories; for a study use --over and --answer"
+        )
     table = plot.read_study(options.histories[0])
     figure = plot.study(table, options.answer, options.over)
     with history.product("study", [table.path], [table.path], options.force):

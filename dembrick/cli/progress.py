@@ -22,7 +22,7 @@ WIDTH = 24  # of a bar
 FIRST_LINE, LONGEST_PAUSE = 10.0, 600.0  # s, between lines where there is no terminal
 RECENT = 10.0  # s, over which the rate is averaged
 OFTEN = 0.1  # s, between two updates of a bar
-COMPILING = "compiling (first run of this kind; half a minute, then it is kept)"
+COMPILING = "compiling (first run of this kind: half a minute; later runs reuse the result)"
 
 
 class Meter:
@@ -48,7 +48,7 @@ class Meter:
         if progress.time is not None:
             parts.append(f"t = {progress.time:.4g} s")
         if rate > 0.0:
-            parts.append(f"{rate:.3g} a second")
+            parts.append(f"{rate:.3g} per second")
             if progress.total is not None:
                 left = duration((progress.total - progress.done) / rate)
                 parts.append(f"{'at most ' if progress.at_most else ''}{left} left")

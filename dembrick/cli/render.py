@@ -16,7 +16,7 @@ def add_arguments(parser) -> None:
         "histories",
         nargs="+",
         metavar="FILE",
-        help="history file, or a scenario (.toml): as it is before a run; several are drawn side by side",
+        help="history file, or scenario (.toml) as it is before a run; several are drawn side by side",
     )
     parser.add_argument(
         "--to",
@@ -30,10 +30,8 @@ def add_arguments(parser) -> None:
     one.add_argument("--frame", type=frame_of, metavar="{peak,last,N}", help=FRAME)
     one.add_argument("--time", type=float, metavar="SECONDS", help="show the frame nearest to this time")
     movie = parser.add_argument_group("movie")
-    movie.add_argument("--fps", type=float, help=f"frames a second (default: {FPS:g})")
-    movie.add_argument(
-        "--count", type=int, help=f"most frames, spread evenly over the time of the run (default: {COUNT})"
-    )
+    movie.add_argument("--fps", type=float, help=f"frames per second (default: {FPS:g})")
+    movie.add_argument("--count", type=int, help=f"greatest number of frames, evenly spaced in time (default: {COUNT})")
     add_force(parser)
     parser.add_argument("--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), help="pixels")
 
@@ -46,26 +44,26 @@ def add_look(parser) -> None:
         "--view",
         choices=["iso", "iso-front", "front", "back", "side", "top"],
         default="iso",
-        help="camera (default: iso, from +x, +y and above)",
+        help="view direction (default: iso, from +x, +y and above)",
     )
     look.add_argument(
         "--magnify",
         "--magnification",
         type=float,
         metavar="FACTOR",
-        help="magnification of the motion (default: so that it is seen)",
+        help="magnification of the motion (default: enough to make it visible)",
     )
     look.add_argument(
         "--color",
         choices=["displacement", "utilisation", "slip", "energy", "none"],
         default="displacement",
-        help="what the blocks are coloured by (default: displacement)",
+        help="quantity that colours the blocks (default: displacement)",
     )
     look.add_argument(
         "--names",
         choices=["none", "blocks", "joints", "all"],
         default="none",
-        help="write the names of these, if they move",
+        help="write the names of these parts if they move",
     )
     look.add_argument("--thrust", action="store_true", help="draw the line of thrust, and the hinges as dots")
     look.add_argument(
@@ -141,7 +139,7 @@ def _kind(path: str, options) -> str:
     require_ending(path, tuple(KINDS), "a picture, movie or page")
     kind = KINDS[os.path.splitext(path)[1].lower()]
     if kind == "page" and len(options.histories) > 1:
-        raise ScenarioError("a page shows one run; --to FILE.png or FILE.gif draws several side by side")
+        raise ScenarioError("a page shows one run; use --to FILE.png or FILE.gif to draw several side by side")
     return kind
 
 

@@ -15,7 +15,7 @@ def add_arguments(parser) -> None:
         "--at",
         metavar="T",
         type=float,
-        help="go on from this time of the run, which may be over; FILE.h5 stays as it is",
+        help="continue from this time of the run, even if it has ended; FILE.h5 stays unchanged",
     )
     parser.add_argument(
         "--set",
@@ -25,7 +25,7 @@ def add_arguments(parser) -> None:
         help="with --at: change a joint law, a load, a tie, ... from then on; 'run FILE.h5 --set ... --out NEW.h5' "
         "makes the change from the start",
     )
-    parser.add_argument("--out", metavar="NEW.h5", help="with --at: the new history")
+    parser.add_argument("--out", metavar="NEW.h5", help="with --at: file of the new history")
     export.add_to(parser, default=[])
     add_force(parser)
 
@@ -42,12 +42,14 @@ def run(options, console) -> int:
             changes = " ".join(f"--set {change}" for change in options.set) or "--set KEY.PATH=VALUE"
             new = options.out or "NEW.h5"
             raise ScenarioError(
-                "--set and --out go with --at T, the time from which the run goes on; for the whole run with a change: "
+                "--set and --out need --at T, the time from which the run continues; to change the whole run: "
                 f"dembrick run {options.history} {changes} --out {new}"
             )
         return answer(lambda: restart(options.history, **shown), options.history, console, options.to)
     if not options.out:
-        raise ScenarioError("--at T writes a new history and leaves the old one as it is; name it: --out NEW.h5")
+        raise ScenarioError(
+            "--at T writes a new history and leaves the old one unchanged; name the new one: --out NEW.h5"
+        )
     require_ending(options.out, HISTORIES, "a history")
     given = {"changes": options.set, "force": options.force, **shown}
     went_on = partial(restart_at, options.history, options.at, options.out, **given)

@@ -17,7 +17,7 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--out",
         metavar="FILE.h5",
-        help="history file (default: results/<scenario>.h5, or a name with a number where that is of another scenario)",
+        help="history file (default: results/<scenario>.h5, with a number added if that holds another scenario)",
     )
     parser.add_argument(
         "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
@@ -26,15 +26,15 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--refine",
         action="store_true",
-        help="how far the answer is known: searches again with other stiffness ratios, shorter steps and forces locked "
-        "in; in real time with stiffer joints and at half the rate, in the deformed geometry with stiffer joints and "
-        "half the steps",
+        help="estimate the error of the answer by further runs: searches with other stiffness ratios, shorter steps "
+        "and locked-in forces; real time with stiffer joints and at half the rate; deformed geometry with "
+        "stiffer joints and half the steps",
     )
     parser.add_argument(
         "--bound",
         action="store_true",
-        help="what limit analysis says, whatever it costs: of a search the associative bound, which no path exceeds; "
-        "of supports that settle the least and the greatest reaction before they move",
+        help="add limit analysis, whatever it costs: for a search the associative bound, which no load path "
+        "exceeds; for supports that settle the least and the greatest reaction before they move",
     )
     export.add_to(parser, default=[])
     add_force(parser)
@@ -90,7 +90,7 @@ def _default_path(scenario, console) -> str:
 
     path = default_output(Path(scenario.path).stem + ".h5", is_free)
     if taken:
-        console.remark(f"{taken[0]} holds another scenario, or other --set; this one goes to {path}")
+        console.remark(f"{taken[0]} holds another scenario or other --set values; this run is written to {path}")
     return path
 
 
@@ -133,12 +133,12 @@ def answer(simulated: Callable, path: str, console, to: Sequence[str] = (), forc
         alone = result.theory is not None
         remedy = 'Take pressure = "linear" of a convex joint' if alone else "Take concave or convex joints"
         console.error(
-            f"the contact points of a distributed joint miss the continuum by {100 * result.points_miss:+.2g} %, more "
-            f"than the tolerance: it opens. {remedy}, or state joint.points of your own"
+            f"the contact points of a distributed joint miss the continuum by {100 * result.points_miss:+.2g} %, "
+            f"more than the tolerance, because it opens. {remedy}, or set joint.points"
         )
         return 3
     console.error(
-        "theory and replay disagree: V lies outside the tolerance of theory, or theory outside the certified bracket"
+        "theory and simulation disagree: V is off by more than its tolerance, or theory outside the certified bracket"
     )
     return 3
 

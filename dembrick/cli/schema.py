@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def add_arguments(parser) -> None:
-    parser.add_argument("--out", metavar="FILE.json", help="write it to a file (default: print it)")
+    parser.add_argument("--out", metavar="FILE.json", help="file to write (default: print the schema)")
 
 
 def run(options, console) -> int:
@@ -23,7 +23,7 @@ def run(options, console) -> int:
         return 0
     require_ending(path, (".json",), "the schema")
     if os.path.exists(path):
-        raise OutputError(f"{path}: this file exists; choose another name")
+        raise OutputError(f"{path}: this file already exists; choose another name")
     history.write_whole(path, f"{text}\n", "schema")
-    console.result({"file": path}, f"{path} written; name it in the first line of a scenario: #:schema {path}")
+    console.result({"file": path}, f"{path} written; let the first line of a scenario be: #:schema {path}")
     return 0

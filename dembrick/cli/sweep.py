@@ -10,12 +10,16 @@ _MOST_LINES = 40  # of the statistics on the screen; the tables have all
 
 
 def add_arguments(parser) -> None:
-    parser.add_argument("study", help="the TOML file: a base scenario, and the keys that change or are searched")
-    parser.add_argument("--out", metavar="FOLDER", help="where rows and tables go (default: results/<study>)")
-    parser.add_argument("--jobs", type=int, metavar="N", help="local processes (default: one a core)")
-    parser.add_argument("--shard", metavar="i/n", help="run every n-th case only, for job arrays; shards share --out")
+    parser.add_argument("study", help="TOML file of the study: a base scenario, and the keys that vary or are searched")
+    parser.add_argument("--out", metavar="FOLDER", help="folder for rows and tables (default: results/<study>)")
+    parser.add_argument("--jobs", type=int, metavar="N", help="number of local processes (default: one per core)")
+    parser.add_argument(
+        "--shard", metavar="i/n", help="run only every n-th case, for job arrays; all shards need the same --out"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask scheduler (address or scheduler file)")
-    parser.add_argument("--timeout", type=float, default=30.0, metavar="S", help="how long the scheduler may be silent")
+    parser.add_argument(
+        "--timeout", type=float, default=30.0, metavar="S", help="longest time without an answer from the scheduler"
+    )
     parser.add_argument("--retry", action="store_true", help="run failed cases again")
     add_force(parser)
 
@@ -47,7 +51,9 @@ def run(options, console) -> int:
     )
     console.result(outcome.as_dict(), _text(study, outcome))
     if outcome.failed:
-        console.error(f"{outcome.failed} of {outcome.finished} cases failed; the column 'error' of the table says why")
+        console.error(
+            f"{outcome.failed} of {outcome.finished} cases failed; the column 'error' of the table gives the reasons"
+        )
         return 1
     return 0
 
@@ -88,7 +94,9 @@ def _answer(cell: dict, unit: str) -> str:
         one_path = {"digits_open": cell["digits_open"] == "true"}
         return plain(str(limit_text({"V": cell["mean"], **cell}, one_path, unit)))
     if cell["digits_open"]:
-        return f"about {known(cell['mean'], None)} {unit}".rstrip() + f" (of these paths){_on_average(cell, unit)}"
+        return (
+            f"about {known(cell['mean'], None)} {unit}".rstrip() + f" (for these load paths){_on_average(cell, unit)}"
+        )
     return _mean(cell, unit) + _on_average(cell, unit)
 
 
@@ -103,7 +111,7 @@ def _mean(cell: dict, unit: str) -> str:
 
 def _on_average(cell: dict, unit: str) -> str:
     sure = " (95 %)" if cell["mean_error"] is not None and not cell.get("digits_open") else ""
-    return f" on average of {cell['count']} cases{sure}, which deviate by {cell['deviation']:.4g} {unit}".rstrip()
+    return f" on average of {cell['count']} cases{sure}, standard deviation {cell['deviation']:.4g} {unit}".rstrip()
 
 
 def _text(study, outcome) -> str:
@@ -114,14 +122,14 @@ def _text(study, outcome) -> str:
     unit = "N" if study.search is None and scenario_of(study, 0).actuators else ""
     lines = [
         study.title,
-        f"cases         {outcome.finished} of {outcome.cases} done, {outcome.ran} of them now, {outcome.failed} failed",
+        f"cases         {outcome.finished} of {outcome.cases} done, {outcome.ran} in this run, {outcome.failed} failed",
         f"tables        {outcome.csv}, {outcome.h5}",
         f"time          {outcome.wall:.3g} s",
     ]
     for cell in outcome.statistics[:_MOST_LINES]:
         own = {key: value for key, value in cell.items() if key in study.keys}
         fixed = ", ".join(f"{key} = {value if isinstance(value, str) else show(value)}" for key, value in own.items())
-        missing = f"  {cell['unanswered']} more have no answer" if cell["unanswered"] else ""
+        missing = f"  {cell['unanswered']} more without an answer" if cell["unanswered"] else ""
         if study.search is not None:
             half = cell["half_width"]
             if cell["count"] > 1:
@@ -136,5 +144,5 @@ def _text(study, outcome) -> str:
             continue
         lines.append(f"V             {_answer(cell, unit)}  {fixed}".rstrip() + missing)
     if len(outcome.statistics) > _MOST_LINES:
-        lines.append(f"              and {len(outcome.statistics) - _MOST_LINES} more: see the tables")
+        lines.append(f"              and {len(outcome.statistics) - _MOST_LINES} more in the tables")
     return "\n".join(lines)

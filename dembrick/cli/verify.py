@@ -7,10 +7,10 @@ from dembrick.cli.streams import put
 
 
 def add_arguments(parser) -> None:
-    parser.add_argument("case", nargs="*", help="names of cases, or beginnings of names (default: all)")
-    parser.add_argument("--validation", action="store_true", help="laboratory tests beside the answers, in minutes")
-    parser.add_argument("--quick", action="store_true", help="a few cases that take seconds")
-    parser.add_argument("--list", action="store_true", help="name the cases and run none")
+    parser.add_argument("case", nargs="*", help="cases by name or by the beginning of their names (default: all)")
+    parser.add_argument("--validation", action="store_true", help="compare with laboratory tests; takes minutes")
+    parser.add_argument("--quick", action="store_true", help="run only a few cases, in seconds")
+    parser.add_argument("--list", action="store_true", help="list the cases without running them")
     parser.add_argument("--report", metavar="FILE.html", help="write the table as a web page")
     add_force(parser)
 

@@ -6,8 +6,8 @@ FORMULATIONS = ("concave", "convex")
 
 
 def add_arguments(parser) -> None:
-    parser.add_argument("--jobs", type=int, metavar="N", help="processes side by side (default: one a core)")
-    parser.add_argument("--all", action="store_true", help="also what few scenes need: joints with bonds")
+    parser.add_argument("--jobs", type=int, metavar="N", help="number of processes (default: one per core)")
+    parser.add_argument("--all", action="store_true", help="also compile what few scenarios need: joints with bonds")
 
 
 def run(options, console) -> int:

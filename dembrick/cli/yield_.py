@@ -7,7 +7,7 @@ from dembrick.cli.paths import add_force, require_ending
 
 def add_arguments(parser) -> None:
     parser.add_argument("histories", nargs="+", metavar="FILE.h5", help="history files")
-    parser.add_argument("--csv", metavar="FILE.csv", help="write the table")
+    parser.add_argument("--csv", metavar="FILE.csv", help="write the table to this file")
     parser.add_argument("--plot", metavar="FILE", help="draw the points on the yield domain (PNG, SVG, PDF)")
     add_force(parser)
 
@@ -23,15 +23,15 @@ def run(options, console) -> int:
     read = {path: history.read(path) for path in options.histories}
     files = {path: file for path, file in read.items() if file.regime in loading}
     if not files:
-        raise HistoryError(f"{listed([*read])}: no limit load was asked for; 'dembrick info' says what a history holds")
+        raise HistoryError(f"{listed([*read])}: this run searched no limit load; 'dembrick info' summarises a history")
     if without := [path for path in read if path not in files]:
-        console.remark(f"left out, as no limit load was asked for: {listed(without)}")
+        console.remark(f"left out because no limit load was searched: {listed(without)}")
     said = []
     rows = []
     for path, file in files.items():
         point = (file.results or {}).get("yield_point")
         if not point:
-            raise HistoryError(f"{path}: this history has no yield point (status {file.status}); run it to the end")
+            raise HistoryError(f"{path}: this history has no yield point (status {file.status}); run it to its end")
         if isinstance(error := file.results.get("error"), str):
             raise HistoryError(f"{path}: this run found no yield point: {error}")
         told = yield_point(file.results)

@@ -327,6 +327,6 @@ def test_histories_that_ask_for_no_limit_load_are_left_out_of_the_table(tmp_path
     capsys.readouterr()
     assert main(["yield", limit, rest]) == 0
     out, err = capsys.readouterr()
-    assert "216.0549" in out and rest not in out and err == f"left out, as no limit load was asked for: {rest}\n"
+    assert "216.0549" in out and rest not in out and err == f"left out because no limit load was searched: {rest}\n"
     assert main(["yield", rest]) == 2
-    assert f"{rest}: no limit load was asked for" in capsys.readouterr().err
+    assert f"{rest}: this run searched no limit load" in capsys.readouterr().err

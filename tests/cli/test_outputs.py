@@ -58,8 +58,8 @@ def test_an_arch_is_drawn_from_the_front_with_its_line_of_thrust(told):
 @pytest.mark.parametrize(
     "names, message",
     [
-        (["curve.txt"], "curve.txt: nothing is written with the ending '.txt'; let it be one of .png, .gif"),
-        (["a.png", "./a.png"], "./a.png: this file is named twice after --to"),
+        (["curve.txt"], "curve.txt: no file can be written with the ending '.txt'; use one of .png, .gif"),
+        (["a.png", "./a.png"], "./a.png: --to names this file twice"),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_anything_runs(names, message, told, folder):
@@ -84,13 +84,13 @@ def test_render_writes_what_it_is_asked_for(told):
     assert json.loads(out) == {"picture": "b.png", "files": ["b.png"]}
     code, _, err = told("render", "run.h5", "--to", "z.xyz")
     endings = ".png or .gif or .mp4 or .html or .htm"
-    assert code == 2 and f"z.xyz: a picture, movie or page is written with the ending {endings}" in err
+    assert code == 2 and f"z.xyz: a picture, movie or page must have the ending {endings}" in err
 
 
 def test_render_says_how_several_files_are_named(capsys):
     with pytest.raises(SystemExit):
         main(["render", "run.h5", "--to", "c.png", "c.html"])
-    assert "unrecognized arguments: c.html; several files are named by a --to each" in capsys.readouterr().err
+    assert "unrecognized arguments: c.html; to name several files, repeat --to before each" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ def test_lines_come_at_growing_intervals_where_there_is_no_terminal(clock, capsy
         if line := capsys.readouterr().err:
             came.append((second, line))
     assert [second for second, _ in came] == [10, 30, 70, 150, 310, 630, 1230, 1830, 2430, 3030, 3630]
-    assert came[0][1] == "step 1000 of 400000, t = 0.1 s, 100 a second, 1.1 h left\n"
+    assert came[0][1] == "step 1000 of 400000, t = 0.1 s, 100 per second, 1.1 h left\n"
 
 
 def test_quiet_shows_nothing(clock, capsys):
@@ -64,12 +64,12 @@ def test_a_bar_on_a_terminal(clock, capsys, monkeypatch):
         clock.now = float(second)
         meter.run(Progress("step", 100 * second, 1000, 0.01 * second, at_most=second == 5))
     shown = capsys.readouterr().err
-    assert "[#########...............] step 400 of 1000, t = 0.04 s, 100 a second, 6 s left" in shown
-    assert "[############............] step 500 of at most 1000, t = 0.05 s, 100 a second, at most 5 s left" in shown
+    assert "[#########...............] step 400 of 1000, t = 0.04 s, 100 per second, 6 s left" in shown
+    assert "[############............] step 500 of at most 1000, t = 0.05 s, 100 per second, at most 5 s left" in shown
     meter.run(Progress("equilibrium", 7))
     clock.now = 6.0
     meter.run(Progress("equilibrium", 9))
-    assert "\r\033[Kequilibrium 9, 2 a second" in capsys.readouterr().err
+    assert "\r\033[Kequilibrium 9, 2 per second" in capsys.readouterr().err
     meter.clear()
     assert capsys.readouterr().err == "\r\033[K"
 

@@ -47,7 +47,7 @@ def test_default_names_of_different_runs_do_not_meet(folder, capsys):
     assert main(run) == 0
     first = (folder / "results" / "mine.h5").read_bytes()
     assert main([*run, "--set", "joint.friction=0.5"]) == 0
-    assert "results/mine.h5 holds another scenario, or other --set; this one goes to results/mine_2.h5" in (
+    assert "results/mine.h5 holds another scenario or other --set values; this run is written to results/mine_2.h5" in (
         capsys.readouterr().err
     )
     (folder / "B").mkdir()

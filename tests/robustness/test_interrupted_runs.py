@@ -97,7 +97,7 @@ def test_a_signal_that_finds_the_answer_there_leaves_it_whole(tmp_path, capsys, 
     assert main(["run", str(tmp_path / "set4a.toml"), "--out", str(path), "--json"]) == 143
     out, err = capsys.readouterr()
     assert json.loads(out)["status"] == "yield"
-    assert err.endswith("interrupted after the work was done; nothing is missing\n")
+    assert err.endswith("interrupted after the work was done; nothing was lost\n")
     with read(path) as file:
         assert file.status == "yield"
 

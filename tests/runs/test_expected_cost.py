@@ -64,7 +64,7 @@ def test_a_wall_that_slides_takes_what_was_measured():
 
 def test_check_says_how_far_off_it_may_be(capsys):
     assert main(["check", str(SCENARIOS / "verification" / "goodman_bray.toml")]) == 0
-    assert "steps (to a factor of 4)" in capsys.readouterr().out
+    assert "steps (within a factor of 4)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(  # docs/performance.md: walls out of their plane, processor time and Newton steps
@@ -102,7 +102,7 @@ def test_a_wall_that_comes_apart_takes_what_was_measured(capsys):
     assert plan.exact and plan.steps == 85332
     assert 0.5 < plan.seconds_falling / 115.0 < 2.0 and 1.0 < plan.seconds < 4.0
     assert main(["check", str(SCENARIOS / "wall_collapse.toml")]) == 0
-    assert re.search(r"\([\d.]+ (s|min) if all of it comes down\)", capsys.readouterr().out)  # as fast as it is here
+    assert re.search(r"\([\d.]+ (s|min) if all of it collapses\)", capsys.readouterr().out)  # as fast as it is here
     assert planned("arch_tilt")[1].seconds_falling is None
 
 
@@ -135,7 +135,7 @@ def test_a_slower_machine_takes_longer(monkeypatch, capsys):
 def test_check_says_it(monkeypatch, capsys):
     monkeypatch.setattr(expected_cost, "slowness", lambda: 1.0)
     assert main(["check", str(SCENARIOS / "set4a_curve.toml")]) == 0
-    assert "expected      20026 steps, 0.7 s on one core once compiled, 1 MB beside" in capsys.readouterr().out
+    assert "expected      20026 steps, 0.7 s on one core once compiled, 1 MB besides" in capsys.readouterr().out
     assert main(["check", str(SCENARIOS / "arch.toml"), "--json"]) == 0
     assert 0.7 < json.loads(capsys.readouterr().out)["expected_seconds"] < 0.8
 

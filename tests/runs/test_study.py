@@ -294,7 +294,7 @@ def test_the_mean_of_draws_has_the_bars_of_its_cases_and_of_its_scatter(deviatio
         assert cell["half_width"] == pytest.approx(half, rel=0.2) and cell["unanswered"] == 0
         assert cell["mean_error"] == pytest.approx(cell["half_width"] + t * cell["standard_error"], rel=1e-6)
     assert cli.main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 0
-    assert " on average of 8 cases (95 %), which deviate by " in capsys.readouterr().out
+    assert " on average of 8 cases (95 %), standard deviation " in capsys.readouterr().out
 
 
 def test_means_of_what_depends_on_the_path_have_two_digits():
@@ -306,7 +306,7 @@ def test_means_of_what_depends_on_the_path_have_two_digits():
         "mean_error": 1e-7,
         "standard_error": 1e-7,
     }
-    assert sweep._answer(cell, "").startswith("about 0.43 (of these paths) on average of 3 cases")
+    assert sweep._answer(cell, "").startswith("about 0.43 (for these load paths) on average of 3 cases")
     shut = cell | {"digits_open": False, "mean_error": None}
     assert sweep._answer(shut, "").startswith("0.43387 (no error bar) on average")
 
