@@ -131,11 +131,11 @@ CHANNELS = (
     Channel("history/load", "{load_unit}", "{load}", columns="load [{unit}]"),
     Channel(
         "history/displacement", "m",
-        "driven displacement: sum(weight u) / sum|weight| over the actuators, since they began to push",
+        "driven displacement: sum(weight u) / sum|weight| over the actuators since they began to push",
         columns="displacement [{unit}]",
     ),
     Channel(
-        "history/actuator_displacement", "m", "displacement of each actuator's point along it, since it began to push",
+        "history/actuator_displacement", "m", "displacement of each actuator's point along it since it began to push",
         ("actuator",), columns="displacement of {name} [{unit}]",
     ),
     Channel(
@@ -152,7 +152,7 @@ CHANNELS = (
     ),
     Channel("history/tension", "N", "tension of each tie, negative where a bar is pressed{when}", ("tie",),
             columns="tension of {name} [{unit}]"),
-    Channel("history/yielded", "m", "elongation that each tie has yielded and keeps", ("tie",),
+    Channel("history/yielded", "m", "plastic elongation of each tie", ("tie",),
             columns="yielded of {name} [{unit}]"),
     *(
         Channel(
@@ -176,22 +176,21 @@ CHANNELS = (
             ("elastic", None, "energy in the springs of joints and ties, since the start"),
             ("jack_spring", False, "energy in the spring of the actuators"),
             ("external", None, "work of gravity, loads and actuators since the start"),
-            ("friction", None, "work taken by friction"),
-            ("dashpots", None, "work taken by dashpots"),
-            ("released", True, "energy that springs of joints lost in letting go or in being cut or handed over"),
-            ("stepping", True, "work taken by springs that open or close within a time step: an error of "
-             "second order in it"),
-            ("new_contacts", True, "work done on contacts that formed since the start: what they hold, and what they "
-             "took"),
-            ("crushing", None, "work taken by crushing of joints"),
-            ("fracture", None, "energy that springs of joints lost as bonds broke; it depends on the stiffness of the "
-             "joints and is no fracture energy of a material"),
-            ("yielding", None, "work taken by ties that yield"),
+            ("friction", None, "work dissipated by friction"),
+            ("dashpots", None, "work dissipated by dashpots"),
+            ("released", True, "energy lost by springs of joints that opened, were cut or passed to contacts"),
+            ("stepping", True, "work lost in springs that open or close within a time step: an error of second "
+                               "order in the step"),
+            ("new_contacts", True, "work done on contacts that formed since the start: stored and dissipated"),
+            ("crushing", None, "work dissipated by crushing of joints"),
+            ("fracture", None, "energy lost by springs of joints as bonds broke; it depends on the stiffness of the "
+                               "joints and is not a fracture energy of a material"),
+            ("yielding", None, "work dissipated by yielding ties"),
         )
     ),
     Channel("history/unbalanced", "1", "unbalanced-force ratio", columns="unbalanced [{unit}]"),
     Channel("history/lower", "{load_unit}", "lower bound of the limit load so far"),
-    Channel("history/upper", "{load_unit}", "upper bound of the limit load so far; 1e300 stands for none"),
+    Channel("history/upper", "{load_unit}", "upper bound of the limit load so far; 1e300 means none"),
     Channel(
         "history/new_contacts", "1", "contacts formed since the start that carry a force now", real_time=True
     ),
@@ -211,11 +210,11 @@ CHANNELS = (
     ),
     Channel("frames/spin", "rad/s", "angular velocity, world axes", ("block", 3), "velocity"),
     Channel(
-        "frames/bond", "1", "part of the area of each joint whose bond holds", ("joint",), STRENGTHS,
+        "frames/bond", "1", "share of the area of each joint whose bond is intact", ("joint",), STRENGTHS,
     ),
     Channel(
         "frames/joint_shift", "m",
-        "where O is on the block that the polygon rides on, from O of the start, along t1 and t2 of the joint",
+        "position of O on the block that carries the polygon, from the initial O, along t1 and t2 of the joint",
         ("joint", 2), "joints", True,
     ),
     Channel(
@@ -225,11 +224,11 @@ CHANNELS = (
     ),
     Channel(
         "frames/contact_arm", "m",
-        "where each contact point is on the block that the polygon rides on, from O of the start, along t1, t2",
+        "position of each contact point on the block that carries the polygon, from the initial O, along t1, t2",
         ("point", 2), "contacts", True,
     ),
     Channel(
-        "frames/contact_area", "m2", "tributary area of each contact point: less where part of its joint was cut off",
+        "frames/contact_area", "m2", "tributary area of each contact point, less where part of its joint was cut off",
         ("point",), "contacts", True,
     ),
     Channel(
@@ -273,7 +272,7 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
     curve = recorded_curve(control, assembly.actuators)
     words = {"load": curve.about, "load_unit": curve.unit}
     words |= {"time": "number of the equilibrium" if counts else "time", "time_unit": "1" if counts else "s"}
-    words["when"] = " (of the last forces, a step before the row)" if regime.real_time else ""
+    words["when"] = " (one step before the row)" if regime.real_time else ""
     found = []
     for channel in CHANNELS:
         wanted = channel.real_time in (None, regime.real_time)

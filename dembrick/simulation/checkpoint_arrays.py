@@ -47,7 +47,7 @@ def restored_state(state, snapshot: Snapshot):
     if pressed is not None:  # check before anything is restored, as counts are used as indices
         count = snapshot.array(COUNTERS[1], pressed.count)
         if (count < 0).any() or (count > room_of(pressed)).any():
-            raise HistoryError(f"{snapshot.path}: {COUNTERS[1]} leads out of its polygons")
+            raise HistoryError(f"{snapshot.path}: {COUNTERS[1]} is outside the range of its polygons")
     return restored("state", state, snapshot, COUNTERS)
 
 
@@ -74,7 +74,7 @@ def restored(name: str, part, snapshot: Snapshot, counters: Container[str] = ())
         path, own = f"{name}.{field}", plain(np.asarray(value))
         found = snapshot.array(path, own)
         if own.dtype.kind in "iub" and path not in counters and not np.array_equal(found, own):
-            raise HistoryError(f"{snapshot.path}: {path} is not that of this scenario")
+            raise HistoryError(f"{snapshot.path}: {path} does not belong to this scenario")
         if isinstance(value, np.ndarray):
             own[...] = found
         else:

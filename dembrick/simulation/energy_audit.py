@@ -101,8 +101,8 @@ class Auditor:
         friction = float(energy.friction if isinstance(energy, Sums) else energy.work[0].sliding)
         if custom and friction < -GIVEN * scale:
             raise EnergyAuditError(
-                f"the joints gave back {-friction:.2g} J more than they took: the energy that a joint law of one's own "
-                "returns must be what its springs hold at the forces that it returns"
+                f"the joints gave back {-friction:.2g} J more than they took: a custom joint law must return the "
+                "energy that its springs store at the forces that it returns"
             )
         if isinstance(energy, Sums):
             return _of_motion(residual, max(scale, energy.floor, energy.rounding / MOTION), energy)
@@ -114,18 +114,18 @@ class Auditor:
         limit, negative = (MOTION, BROKEN) if breaks else (LIMIT, NEGATIVE)
         if not relative <= limit:
             raise EnergyAuditError(
-                f"the energy balance is off by {relative:.2g} of what was put in (limit {limit:g}): the time step "
+                f"the energy balance is off by {relative:.2g} of the energy put in (limit {limit:g}): the time step "
                 "does not resolve this motion; lower solver.step_factor or the rate"
             )
         if not abs(friction - by_law) <= SLIP * scale:
             raise EnergyAuditError(
-                f"the friction work is off by {(friction - by_law) / scale:.2g} of what was put in (limit {SLIP:g}): "
-                "the steps do not resolve the slip; lower solver.step_factor or the rate"
+                f"the friction work is off by {(friction - by_law) / scale:.2g} of the energy put in (limit "
+                f"{SLIP:g}): the steps do not resolve the slip; lower solver.step_factor or the rate"
             )
         if result.least_friction_increment < -negative * scale:
             raise EnergyAuditError(
-                f"friction gave back {-result.least_friction_increment:.2g} J in one increment: slip turns about "
-                "within a time step; lower solver.step_factor or the rate"
+                f"friction gave back {-result.least_friction_increment:.2g} J in one increment: slip reverses within "
+                "a time step; lower solver.step_factor or the rate"
             )
         return result
 
@@ -137,12 +137,12 @@ def _of_motion(residual: float, scale: float, energy: Sums) -> MotionAudit:
     result = MotionAudit(relative, law_error, energy.least, stepping)
     if not relative <= MOTION:
         raise EnergyAuditError(
-            f"the energy balance is off by {relative:.2g} of what was put in (limit {MOTION:g}): the time step does "
-            "not resolve this motion; lower solver.step_factor"
+            f"the energy balance is off by {relative:.2g} of the energy put in (limit {MOTION:g}): the time step "
+            "does not resolve this motion; lower solver.step_factor"
         )
     if not abs(stepping) <= STEPPING:
         raise EnergyAuditError(
-            f"contacts that open and close within a time step made or took {abs(stepping):.2g} of the energy put in "
-            f"(limit {STEPPING:g}): lower solver.step_factor"
+            f"contacts that open and close within a time step created or removed {abs(stepping):.2g} of the energy "
+            f"put in (limit {STEPPING:g}): lower solver.step_factor"
         )
     return result

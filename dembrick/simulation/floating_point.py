@@ -22,13 +22,13 @@ def faults_raised() -> Iterator[None]:
             yield
     except (FloatingPointError, np.linalg.LinAlgError) as error:
         raise DivergedError(
-            f"a floating-point fault in the computation ({error}), so that there is no answer; try another "
-            "control.tolerance or stiffness, and please report the scenario"
+            f"no answer because of a floating-point error ({error}); try another control.tolerance or stiffness, and "
+            "please report the scenario"
         ) from error
 
 
 def not_nan(value: float, what: str) -> float:
     """The ``value``; DivergedError if it is NaN, which would fail every comparison and could get lost in ``max``."""
     if math.isnan(value):
-        raise DivergedError(f"{what} is no number, so that there is no answer; please report the scenario")
+        raise DivergedError(f"no answer because {what} is not a number; please report the scenario")
     return value

@@ -118,8 +118,8 @@ def _compiled(function: Callable, memory: tuple[str, ...], parameters: tuple[str
     except Exception as error:  # numba raises various errors for a missing field
         name = getattr(function, "__name__", "law")
         raise ScenarioError(
-            f"the joint law {name} does not compile: {_cause(error)}; it must take (move, law, memory) and return four "
-            "numbers, the normal force, two shear forces and the energy held, by what numba knows of Python"
+            f"the joint law {name} does not compile: {_cause(error)}; it must take (move, law, memory) and return "
+            "four numbers (normal force, two shear forces, stored energy), in the Python that numba can compile"
         ) from error
 
 
@@ -139,8 +139,8 @@ def _try(law: CustomLaw, compiled: PointerLaw) -> None:
         raise ScenarioError(f"the joint law {law.name} fails for an open point at rest: {error}") from error
     if not np.isfinite(rest.answer).all():
         raise ScenarioError(
-            f"the joint law {law.name} answers with {rest.answer[0].tolist()} for an open point at rest: its forces "
-            "and its energy must be finite"
+            f"the joint law {law.name} returns {rest.answer[0].tolist()} for an open point at rest: forces and "
+            "energy must be finite"
         )
 
 

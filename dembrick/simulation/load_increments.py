@@ -70,12 +70,12 @@ def report_error(report: Callable[[str], None] | None, increments: int, error: f
     """Report a large ``error`` of forces (over the greatest of them) after so many increments."""
     if report is None or error <= LOUD:
         return
-    way = "friction depends on the way of the loads"
-    more = "more [[stages]] follow it more closely"
+    way = "friction depends on the load path"
+    more = "add [[stages]] to follow it more closely"
     if error == math.inf:
-        report(f"{way}, which was not followed in increments: forces are those of one step; {more}")
+        report(f"{way}, but the loads were applied in one step; {more}")
     else:
-        report(f"{way}: in {increments} increments forces are known to {error:.1g} of the greatest; {more}")
+        report(f"{way}: after {increments} increments the forces are known to {error:.1g} of the greatest; {more}")
 
 
 def described(increments: int, error: float, force: float) -> dict[str, int | float | None]:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from dembrick.simulation.statics.state import State
 
 OTHER_JOINTS = (
-    "the joints or contact points of this stage are not those that the stage before has left: run the scenario from "
-    "its start"
+    "the joints or contact points of this stage do not match those at the end of the previous stage: run the "
+    "scenario from its start"
 )
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 

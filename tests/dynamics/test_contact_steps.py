@@ -122,7 +122,7 @@ def squeezed(step_factor=0.9, duration=0.4):
     )  # fmt: skip
 
 
-SAYS = "at t = 0.0[0-9]+ s block 'ball' swings on all its contacts faster than .*: lower solver.step_factor"
+SAYS = "at t = 0.0[0-9]+ s block 'ball' oscillates on its contacts faster than .*: lower solver.step_factor"
 
 
 def test_many_small_faces_at_once_are_more_than_a_step_stands(monkeypatch):

@@ -169,7 +169,7 @@ def test_what_falls_on_for_ever_ends_the_run():
     stone, said = Block("b", "stone", (0.4, 0.4, 0.2), (0.0, 0.0, 0.1)), []
     result = simulate(of_stone(law("concave", 0.3, 1e8), control, (floor, stone)), report=said.append)
     assert result.as_dict()["outcome"] == "fell" and 3.0 < result.run.motion.time < 10.0
-    assert any("block 'b' has fallen by" in one and "falls on with nothing below" in one for one in said)
+    assert any("block 'b' has fallen by" in one and "has nothing below it" in one for one in said)
     assert result.rows["time"][-1] == pytest.approx(result.run.motion.time)
 
 

@@ -77,13 +77,13 @@ def test_spline_of_a_cubic(tmp_path):
 BAD_FILES = {
     "gap": (
         "0,0\n0.01,1\n0.02,1\n0.05,1\n0.06,1\n",
-        "line 5: time leaves a gap of 0.03 s (the usual step is 0.01 s); give the samples that are missing",
+        "line 5: time leaves a gap of 0.03 s (the usual step is 0.01 s); add the missing samples",
     ),
-    "jump": ("0,0\n0.01,1\n0.01,2\n0.02,1\n", "line 4: time stands still; give a jump by two samples"),
+    "jump": ("0,0\n0.01,1\n0.01,2\n0.02,1\n", "line 4: time does not advance; give a jump as two samples"),
     "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 4: time goes back"),
     "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is not a finite number"),
     "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is not a finite number"),
-    "too short for a load": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, the run lasts from 0 to 1 s"),
+    "too short for a load": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, but the run lasts from 0 to 1 s"),
     "empty": ("", "at least 2 lines"),
 }
 
@@ -130,7 +130,7 @@ def test_a_load_history_is_told_by_its_corners(folder):
 def test_a_factor_may_have_unequal_steps_and_a_motion_may_not(tmp_path):
     for quantity in ("velocity", "displacement"):
         write(tmp_path / "corners.csv", [0.0, 0.1, 2.0, 2.1], [0.0, 1.0, 1.0, 0.0], quantity)
-        with pytest.raises(ScenarioError, match=r"line 4: time leaves a gap of 1.9 s .*; give the samples that are"):
+        with pytest.raises(ScenarioError, match=r"line 4: time leaves a gap of 1.9 s .*; add the missing samples"):
             read_samples(tmp_path / "corners.csv", 2.1, quantity)
     write(tmp_path / "corners.csv", [0.0, 0.1, 2.0, 2.1], [0.0, 1.0, -0.9, 0.0], "factor")
     factor = linear(read_samples(tmp_path / "corners.csv", 2.1, "factor"))
@@ -156,7 +156,9 @@ def test_supports_do_not_stop_all_at_once_at_the_end_of_a_record(folder):
     time = np.linspace(0.0, 0.2, 201)
     file = write(folder / "ramp.csv", time, 3.0 * time, "velocity")
     control = BaseMotionControl(0.4, (1.0, 0.0, 0.0), file=file, quantity="velocity")
-    with pytest.raises(ScenarioError, match=r"the supports have 0.6 m/s at its end at 0.2 s, and would stop at once"):
+    with pytest.raises(
+        ScenarioError, match=r"the supports move at 0.6 m/s at the end of the history, 0.2 s, and would stop abruptly"
+    ):
         simulate(block_on_floor(control))
 
 
@@ -203,5 +205,5 @@ def test_a_block_beside_shaken_supports_falls_freely():
 
 def test_a_sine_that_no_step_follows_is_refused():
     fast = BaseMotionControl(0.1, direction=(1.0, 0.0, 0.0), sine=Sine(1.0, 50000.0))
-    with pytest.raises(ScenarioError, match=r"control.sine.frequency = 50000 Hz swings in 2e-05 s"):
+    with pytest.raises(ScenarioError, match=r"control.sine.frequency = 50000 Hz has a period of 2e-05 s"):
         simulate(block_on_floor(fast))

@@ -129,7 +129,7 @@ def test_it_does_not_stand_under_its_dead_loads(tmp_path, capsys):
     """A block on a slope steeper than its friction; the answer names it, and how much is not balanced."""
     steep = (9.81 * math.sin(0.7), 0.0, -9.81 * math.cos(0.7))
     scenario = one_block((push((1.0, 0.0, 0.0)),), gravity=steep)
-    with pytest.raises(NotConvergedError, match="does not stand under its dead loads: by sliding of stone") as raised:
+    with pytest.raises(NotConvergedError, match="does not stand under its dead loads: sliding of stone") as raised:
         limit(scenario)
     assert raised.value.answer["statics"] | {"unbalanced": 0} == {
         "stands": False,
@@ -153,7 +153,7 @@ def test_the_harmonic_stack(overhang, stands):
     if stands:
         assert limit(pushed).load_factor > 0.0
         return
-    with pytest.raises(NotConvergedError, match="by rocking of"):
+    with pytest.raises(NotConvergedError, match="does not stand under its dead loads: rocking of"):
         limit(pushed)
 
 

@@ -175,7 +175,7 @@ def test_a_polygon_that_is_not_there_is_refused(tmp_path, stop_after, array):
         simulate(given, path)
     for one in Checkpoints(path).existing():
         rewritten(one, **{array: lambda numbers: numbers + np.array(1000, numbers.dtype)})
-    with pytest.raises(HistoryError, match=f"{array} leads out of its polygons"):
+    with pytest.raises(HistoryError, match=f"{array} is outside the range of its polygons"):
         restart(path)
 
 

@@ -114,5 +114,5 @@ def test_a_checkpoint_of_no_step_is_refused(tmp_path, stop_after, monkeypatch, l
         simulate(dataclasses.replace(given("concave", "shaken"), output=model.Output(checkpoint=1e9)), path)
     for one in Checkpoints(path).existing():
         rewritten(one, loop=np.array(loop))
-    with pytest.raises(HistoryError, match="this checkpoint is of no step of this run"):
+    with pytest.raises(HistoryError, match="this checkpoint holds no step of this run"):
         restart(path)

@@ -63,5 +63,5 @@ def test_a_checkpoint_of_no_equilibrium_is_refused(tmp_path, stop_after, numbers
         simulate(turned_floor(), path)
     for one in Checkpoints(path).existing():
         rewritten(one, **{equilibria.SNAPSHOT: np.array(numbers)})
-    with pytest.raises(HistoryError, match="this checkpoint is of no step of this run"):
+    with pytest.raises(HistoryError, match="this checkpoint holds no step of this run"):
         restart(path)

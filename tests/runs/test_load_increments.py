@@ -228,9 +228,9 @@ def test_a_way_that_is_not_known_well_is_said(monkeypatch):
     monkeypatch.setattr(load_increments, "COUNTS", (8, 19))
     heard = []
     simulate(scene("concave", 1e5, ROUND), report=heard.append)
-    assert any("in 19 increments forces are known to" in sentence for sentence in heard)
+    assert any("after 19 increments the forces are known to" in sentence for sentence in heard)
     monkeypatch.setattr(relaxation.Relaxation, "_in_increments", lambda *_: (0, False))
     found = simulate(scene("concave", 1e5, ROUND), report=heard.append)
-    assert "which was not followed in increments" in heard[-1]
+    assert "but the loads were applied in one step" in heard[-1]
     assert found.as_dict()["statics"]["path_error"] is None
     assert "way of the loads 1 increment (forces as in one step)" in words(found.text())

@@ -54,7 +54,7 @@ def test_points_that_would_let_it_fall_stand_against_the_wall(gap):
 
 @pytest.mark.parametrize("control", [DRIVEN, IN_TIME], ids=["driven", "in time"])
 def test_what_begins_without_a_look_is_refused_with_a_remedy(control):
-    with pytest.raises(NotConvergedError, match="rest in each other: let a stage of kind"):
+    with pytest.raises(NotConvergedError, match="overlap at equilibrium: put a stage of kind"):
         leaning(control, 1e-4)
     found = leaning(control, 1e-4, f"[[stages]]\n{STATICS}")
     assert float(found.run.motion.state.links.wrench[0, 2]) == pytest.approx(WEIGHT, rel=0.02)

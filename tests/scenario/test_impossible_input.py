@@ -44,7 +44,8 @@ BAD = {
     ),
     "a load faster than the time step": (
         DYNAMIC + load("block", SINE.replace("3.0", "3.0e4")),
-        "load number 1: sine.frequency = 30000 Hz swings in 3.33e-05 s, and the time step is 0.000227 s; lower",
+        "load number 1: sine.frequency = 30000 Hz has a period of 3.33e-05 s, too short for the time step of "
+        "0.000227 s; lower",
     ),
     "a fixed block with a velocity": (
         BASE.replace("fixed = true", "fixed = true\nvelocity = [0.0, 1.0, 0.0]") + DYNAMIC,

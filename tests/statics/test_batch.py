@@ -137,7 +137,7 @@ def _renamed(options):
     "polygon, words",
     [
         (RECTANGLE[::-1], "clockwise"),
-        (RECTANGLE + 0.01, "not about its centroid"),
+        (RECTANGLE + 0.01, "must have its centroid at the origin"),
         (RECTANGLE[:2], "at least three corners"),
         (np.insert(RECTANGLE, 1, [[0.0, -B / 2]], axis=0), "on the line of its neighbours"),
     ],

@@ -264,7 +264,9 @@ def test_a_joint_that_stays_whole_is_pushed_on(floor, travel, said):
     """V = mu m g + c A, as far as the block goes; a joint that has lost 2 % of its area is told of."""
     heard = []
     result = simulate(on_a_floor(floor, travel), record=False, report=heard.append)
-    told = "2 % of the joint between 'floor' and 'block' hang over an edge, and a test at a constant rate takes joints"
+    told = (
+        "2 % of the joint between 'floor' and 'block' hang over an edge, but a constant-rate test keeps the whole area"
+    )
     assert any(told in line for line in heard) == said
     assert result.yield_point.V == pytest.approx(0.3 * 4.8 * 9.81 + 500.0 * 0.06, rel=1e-6)
 

@@ -117,8 +117,8 @@ def test_a_step_above_the_critical_one_names_itself(built):
     [
         (RUNAWAY, 3.0, "more than 4 times the energy"),
         (DIVERGED, 3.0, "moved more than 0.1 of the smallest block"),
-        (DIVERGED, np.nan, "is no number"),
-        (RUNAWAY, np.inf, "is no number"),
+        (DIVERGED, np.nan, "is not a number"),
+        (RUNAWAY, np.inf, "is not a number"),
     ],
 )
 def test_what_a_guard_says(built, status, velocity, what):
@@ -205,7 +205,7 @@ def test_a_joint_that_sticks_and_slips_says_that_its_peak_is_no_strength():
     control, said = DisplacementControl(rate=1e-4, travel=1e-3), []
     point = simulate(of_stone(law("convex", 0.6), control, blocks, actuators=(jack,)), report=said.append).yield_point
     assert point.V == pytest.approx(0.6 * 0.4 * 2000.0 * 9.81, rel=1e-6) and point.V_peak > 1.1 * point.V
-    assert any("V swings by" in text and "no strength" in text for text in said)
+    assert any("V swings by" in text and "not a strength" in text for text in said)
 
 
 def test_a_swing_is_refused():
@@ -313,6 +313,6 @@ def test_blocks_that_fall_are_named_and_not_called_a_divergence(friction):
     actuator = Actuator("pull", "foot", (1.8, 0.0, -0.15), (1.0, 0.0, 0.0))
     blocks, control = (*stones, foot, floor), DisplacementControl(0.4, 1.2)
     scene = of_stone(law("concave", friction, 1e8), control, blocks, actuators=(actuator,))
-    said = "block 'arch.[0-9]' .*has come down by .* shorten control.travel"
+    said = "block 'arch.[0-9]' .*has dropped by .* shorten control.travel"
     with pytest.raises((NotConvergedError, DivergedError), match=said):
         simulate(scene, record=False)

@@ -184,7 +184,7 @@ def rooms(faces: Faces, snapshot) -> int:
     """Number of polygons for which the joints need room before ``snapshot`` is restored."""
     outline = snapshot.array("faces.outline", faces.outline)
     if int(outline.max()) >= len(faces.count) + len(outline):
-        raise HistoryError(f"{snapshot.path}: faces.outline leads out of its polygons")
+        raise HistoryError(f"{snapshot.path}: faces.outline is outside the range of its polygons")
     return int(outline.max()) + 1
 
 
@@ -192,7 +192,7 @@ def check_restored(faces: Faces, path) -> None:
     """Raise HistoryError if indices restored from the checkpoint ``path`` are out of bounds."""
     faces.share()
     if (faces.count < 0).any() or (faces.count > faces.x.shape[1]).any():
-        raise HistoryError(f"{path}: faces.count leads out of its polygons")
+        raise HistoryError(f"{path}: faces.count is outside the range of its polygons")
     part = faces.pressed
     if part is not None and ((part.count < 0).any() or (part.count > room_of(part)).any()):
-        raise HistoryError(f"{path}: faces.pressed.count leads out of its polygons")
+        raise HistoryError(f"{path}: faces.pressed.count is outside the range of its polygons")

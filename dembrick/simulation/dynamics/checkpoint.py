@@ -116,7 +116,7 @@ class Past:
         steps, dt, before = snapshot.array("loop", np.zeros(3)).tolist()
         counts = min(steps, before) >= 0.0 < max(steps, before) and steps.is_integer() and before.is_integer()
         if not (counts and 0.0 < dt < math.inf):
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+            raise HistoryError(f"{snapshot.path}: this checkpoint holds no step of this run")
         moving.steps, moving.time_step, moving.dead_load_steps = int(steps), dt, int(before)
         if goes_on is not None and goes_on.anything:
             self._change(snapshot, goes_on)

@@ -428,13 +428,13 @@ class ContactDetection:
         parts, joints = parts_table(self.assembly.shapes), len(self.retired)
         most = len(parts.owner) ** 2
         if not (0.0 < count <= most and count.is_integer()):
-            raise HistoryError(f"{snapshot.path}: contacts.loop is not that of this scenario")
+            raise HistoryError(f"{snapshot.path}: contacts.loop does not belong to this scenario")
         first, second, joint = (
             snapshot.array(f"contacts.{name}", np.zeros(int(count), np.int64)).copy() for name in PAIRS
         )
         pairs = np.column_stack([first, second])
         if (pairs < 0).any() or (pairs >= len(parts.owner)).any() or (joint < -1).any() or (joint >= joints).any():
-            raise HistoryError(f"{snapshot.path}: the pairs of contacts are not of this scenario")
+            raise HistoryError(f"{snapshot.path}: the pairs of contacts do not belong to this scenario")
         laws = [self.assembly.laws.between(a, b) for a, b in parts.owner[pairs].tolist()]
         self.touching = self._blank(polygons, pairs, joint, laws)
         self._let_lie(self.touching)
@@ -444,4 +444,4 @@ class ContactDetection:
         self.touching.bearable[:] = self.bearable
         faces = parts.face_count[pairs].sum(axis=1)
         if (self.touching.plane < -1).any() or (self.touching.plane >= faces).any():
-            raise HistoryError(f"{snapshot.path}: contacts.plane leads out of its faces")
+            raise HistoryError(f"{snapshot.path}: contacts.plane is outside the range of its faces")

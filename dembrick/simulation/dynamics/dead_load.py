@@ -88,7 +88,7 @@ def find_equilibrium(
         raise UndecidedError(
             f"undecided under the dead loads: after {motion.dead_load_steps} steps of relaxation "
             f"{of_joint_forces(attempt.ratio)} are still out of balance, and no joint has come apart; a run of kind "
-            '"statics" may decide it, by Newton\'s method, and softer joints come to rest in fewer steps'
+            '"statics" may decide it by Newton\'s method, and softer joints converge in fewer steps'
         )
     bodies.start[:] = bodies.position
     return attempt.ratio

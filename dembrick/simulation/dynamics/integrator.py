@@ -286,8 +286,8 @@ def _examine(motion: Motion) -> None:
     motion.phases["contact_search"] += time.perf_counter() - began
     if block is not None:
         raise StepTooLong(
-            f"at t = {motion.time:.6g} s block {show(motion.assembly.names[block])} swings on all its contacts faster "
-            f"than steps of {motion.time_step:.3g} s can follow, which would make energy from nothing: lower "
+            f"at t = {motion.time:.6g} s block {show(motion.assembly.names[block])} oscillates on its contacts "
+            f"faster than steps of {motion.time_step:.3g} s can follow, which would create energy: lower "
             "solver.step_factor"
         )
 
@@ -300,10 +300,10 @@ def _trouble(motion: Motion, status: int) -> str:
     first, second = (show(motion.assembly.names[i]) for i in blocks)
     where = f"at t = {motion.time:.6g} s blocks {first} and {second}"
     if status == CROWDED:
-        return f"{where} have more faces than their contact has room for; describe them by simpler shapes"
+        return f"{where} have more faces than a contact can store; describe them by simpler shapes"
     return (
-        f"{where} are pressed into each other by more than {2.0 * DEEPEST:g} of the thinner one's inner radius, too "
-        "deep for a contact to mean anything; give the joints a greater normal_stiffness, or throw blocks less hard"
+        f"{where} overlap by more than {2.0 * DEEPEST:g} of the thinner one's inner radius, too much for a contact "
+        "to be meaningful; raise normal_stiffness of the joints, or lower the speed of impact"
     )
 
 
@@ -311,8 +311,8 @@ def rest_in_each_other(motion: Motion) -> str:
     """Message about blocks that dead loads have pressed into each other before new contacts were detected."""
     first, second = (show(motion.assembly.names[i]) for i in motion.contact_detection.met[0])
     return (
-        f"under the dead loads blocks {first} and {second}, which are drawn apart, come to rest in each other: let a "
-        'stage of kind = "statics" with large_displacements = true go before, which presses them against each other'
+        f"under the dead loads blocks {first} and {second}, which are drawn apart, overlap at equilibrium: put a "
+        'stage of kind = "statics" with large_displacements = true before the run, to press them together first'
     )
 
 

@@ -270,8 +270,8 @@ def _refuse_unresolved(key: str, frequency: float, time_step: float) -> None:
     """ScenarioError if the frequency (Hz) under a ``key`` is too great for the time step (s)."""
     if 1.0 < RESOLVED * time_step * frequency:
         raise ScenarioError(
-            f"{key} = {frequency:g} Hz swings in {1.0 / frequency:.3g} s, and the time step is {time_step:.3g} s; "
-            "lower the frequency, or solver.step_factor"
+            f"{key} = {frequency:g} Hz has a period of {1.0 / frequency:.3g} s, too short for the time step of "
+            f"{time_step:.3g} s; lower the frequency or solver.step_factor"
         )
 
 
@@ -281,7 +281,7 @@ def _samples(
     samples = time_histories.read_samples(path, duration, quantity, columns, may_end)
     if samples.step < time_step:
         raise ScenarioError(
-            f"{samples.path}: its step of {samples.step:.3g} s is shorter than the time step {time_step:.3g} s of the "
-            "run, which would step over samples; resample it, or lower solver.step_factor"
+            f"{samples.path}: its step of {samples.step:.3g} s is shorter than the time step {time_step:.3g} s of "
+            "the run, which would skip samples; resample the file, or lower solver.step_factor"
         )
     return samples

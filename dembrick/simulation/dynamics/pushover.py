@@ -74,7 +74,7 @@ def controller_of(control: Control, assembly: Assembly, gravity, time_step: floa
     """The controller of a `PushoverControl`; ScenarioError without gravity."""
     weight = float(np.linalg.norm(gravity))
     if not weight > 0.0:
-        raise ScenarioError("gravity is zero, and a pushover pushes by shares of the weight: give gravity")
+        raise ScenarioError("gravity is zero, but a pushover load is a share of the weight: give gravity")
     mass = np.where(assembly.fixed, 0.0, assembly.mass)
     swing = math.sqrt(weight / control.displacement)
     return PushController(

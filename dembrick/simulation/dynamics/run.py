@@ -154,10 +154,10 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
     if control.needs_supports and not np.any(assembly.fixed):
         raise ScenarioError(f"control kind {show(control.kind)} moves supports and no block is fixed: fix one")
     if not len(assembly.fixed) - np.sum(assembly.fixed):
-        raise ScenarioError("every block is fixed: nothing can move; let one be free")
+        raise ScenarioError("every block is fixed, so nothing can move; free one")
     may = control.in_deformed_geometry and control.drives != SUPPORTS
     if len(assembly.actuators.at) and not may:
-        remedy = "remove them, and actuator = true of [[pressures]]"
+        remedy = "remove them and actuator = true of [[pressures]]"
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
     if control.restitution is None:
         impacts = IMPACTS if control.regime is REAL_TIME and control.drives == SUPPORTS else 1.0
@@ -223,7 +223,7 @@ def most_steps(moving: Motion, control: Control, controller: PushController | No
     if not seconds < MOST_STEPS * moving.time_step:
         raise ScenarioError(
             f"control.{key} = {getattr(control, key):g} would take {seconds / moving.time_step:.3g} steps of "
-            f"{moving.time_step:.3g} s, and {MOST_STEPS:g} are the most; {remedy}"
+            f"{moving.time_step:.3g} s, but at most {MOST_STEPS:g} are allowed; {remedy}"
         )
     return math.ceil(seconds / moving.time_step * (1.0 - 1e-12))
 
@@ -244,8 +244,8 @@ def _fall_on(moving: Motion, limits: Limits, session: Session) -> bool:
         return False
     if session.report is not None:
         name = moving.assembly.names[int(np.argmax(speed))]
-        fall = f"block {show(name)} has fallen by {drop.max():.3g} m and falls on with nothing below"
-        session.report(f"the run ends at t = {moving.time:.4g} s: {fall}; a larger floor would catch it")
+        fall = f"block {show(name)} has fallen by {drop.max():.3g} m and has nothing below it"
+        session.report(f"the run ends at t = {moving.time:.4g} s: {fall}; enlarge the floor to catch it")
     return True
 
 

@@ -53,8 +53,8 @@ def read_samples(
         raise ScenarioError(f"{path}, line {numbers[first + 1]}: time {fault}")
     if time[0] > 0.0 or time[-1] < (0.0 if may_end else duration):
         raise ScenarioError(
-            f"{path}: covers {time[0]:.6g} to {time[-1]:.6g} s, the run lasts from 0 to {duration:.6g} s; shorten "
-            "control.duration or lengthen the history"
+            f"{path}: covers {time[0]:.6g} to {time[-1]:.6g} s, but the run lasts from 0 to {duration:.6g} s; "
+            "shorten control.duration or lengthen the history"
         )
     return Samples(time, value, str(path))
 
@@ -64,11 +64,11 @@ def _fault(step: float, usual: float, quantity: str) -> str:
     if step < 0.0:
         return "goes back; give samples in order"
     if step == 0.0:
-        return "stands still; give a jump by two samples, one time step of the run or more apart"
-    what = f"leaves a gap of {step:.6g} s (the usual step is {usual:.6g} s); give the samples that are missing"
+        return "does not advance; give a jump as two samples at least one time step of the run apart"
+    what = f"leaves a gap of {step:.6g} s (the usual step is {usual:.6g} s); add the missing samples"
     if quantity == "displacement":
-        return f"{what}, as a curve without corners goes through those of a displacement"
-    return f"{what}, every {usual:.6g} s also where the {quantity} is straight"
+        return f"{what}, because a smooth curve is drawn through samples of a displacement"
+    return f"{what}, also where the {quantity} is straight"
 
 
 def sine(shape: Sine) -> Curve:
@@ -134,8 +134,9 @@ def must_end_at_rest(samples: Samples, quantity: str) -> None:
     speed = np.abs(sampled_velocity(samples, quantity)(samples.time))
     if speed[-1] > AT_REST * speed.max():
         raise ScenarioError(
-            f"{samples.path}: the supports have {speed[-1]:.3g} m/s at its end at {samples.time[-1]:.6g} s, and would "
-            "stop at once in a run that lasts longer; shorten control.duration or lengthen the history"
+            f"{samples.path}: the supports move at {speed[-1]:.3g} m/s at the end of the history, "
+            f"{samples.time[-1]:.6g} s, and would stop abruptly in a longer run; shorten control.duration or "
+            "lengthen the history"
         )
 
 

@@ -126,7 +126,7 @@ def live_wrench(assembly: Assembly) -> np.ndarray:
         )
     if not (moves & ~assembly.held).any():
         raise ScenarioError(
-            "the loads push every block against its guide alone, so nothing limits them: turn one, or free what is held"
+            "the loads push every block only against its guide, so nothing limits them: turn a load, or free a guide"
         )
     return wrench
 
@@ -145,7 +145,7 @@ def prepared(
     that a plane of symmetry must contain too.
     """
     if not (~assembly.fixed).any():
-        raise ScenarioError("nothing can move: all blocks are fixed, so there is no limit to look for")
+        raise ScenarioError("nothing can move: all blocks are fixed, so there is no limit to find")
     joints, table = assembly.joints, assembly.contact_points
     chosen = np.ones(len(joints), bool) if corners else bounded_by_corners(joints)
     joints, table = corner_points(joints, chosen, table)
@@ -210,8 +210,9 @@ def _tilted(assembly: Assembly, live: np.ndarray, material: Material, corners: b
         off = 1e-3 * (falls_at - stands) - 2.0 * width / slope
         V = root - off if root - safe.lower > unsafe.upper - root else root + off
     raise NotConvergedError(
-        f"limit analysis: a table at tan = {safe.lower:.6g} stands, and where it falls was not found in {_TILT_ROUNDS} "
-        "rounds, as strengths that do not turn with the table carry nearly all; lower them, or push"
+        f"limit analysis: the blocks stand at tan = {safe.lower:.6g}, but the tilt at collapse was not found in "
+        f"{_TILT_ROUNDS} rounds, because strengths other than friction carry nearly all of the load; lower them, or "
+        "give a pushover"
     )
 
 
@@ -228,9 +229,8 @@ def falls(assembly: Assembly, found: Standing) -> NotConvergedError:
     names = [assembly.names[i] for i in found.mechanism.blocks]
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     error = NotConvergedError(
-        f"it does not stand under its dead loads: by {found.mechanism.kind} of {shown}, "
-        f"{100.0 * found.unbalanced:.3g} % of the dead loads are not balanced by any forces that the joints can carry; "
-        "check loads, friction and supports"
+        f"it does not stand under its dead loads: {found.mechanism.kind} of {shown}; the joints cannot balance "
+        f"{100.0 * found.unbalanced:.3g} % of the dead loads; check loads, friction and supports"
     )
     error.answer = {
         "status": "falls",
@@ -282,7 +282,7 @@ def refuse_gap(lower: float, upper: float, heavy: float, what: str) -> None:
     if not upper - lower <= GAP * max(abs(lower), abs(upper), LITTLE * heavy):
         raise NotConvergedError(
             f"limit analysis: the bounds {lower:.6g} and {upper:.6g} of {what} are further apart than {GAP:g} of it, "
-            "so neither is an answer; joints or blocks of very different sizes are the usual cause"
+            "so there is no answer; the usual cause is joints or blocks of very different sizes"
         )
 
 
@@ -326,7 +326,7 @@ def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]
     little = missing <= LITTLE * float(np.abs(structure.dead).sum())
     if found.status != SOLVED or (little and found.said != solver.TO_TOLERANCE):
         raise NotConvergedError(
-            f"limit analysis: the solver ended with the status {found.said} where it was asked what the dead loads lack"
+            f"limit analysis: the solver ended with the status {found.said} while it balanced the dead loads"
         )
     return max(0.0, missing), found.equation_dual
 
@@ -357,8 +357,8 @@ def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndar
             if found.status == SOLVED:
                 break  # the bounds show how accurate it is
             raise NotConvergedError(
-                f"limit analysis: after {MOST_ROUNDS} rounds no limit was found, and forces are still beyond the "
-                "surfaces of convex joints, so there is no answer; let joints act at points"
+                f"limit analysis: after {MOST_ROUNDS} rounds no limit was found, because forces still exceed the "
+                "limit surfaces of convex joints; use a formulation with contact points"
             )
         cuts = cuts.more(*further)
     if found.status != SOLVED:
@@ -380,8 +380,8 @@ def _far(programme: Programme, ray: Solution) -> np.ndarray:
     """
     if programme.cost @ ray.x >= 0.0 or bounds.ray_excess(programme, ray.x) > RAY:
         raise NotConvergedError(
-            f"limit analysis: the solver Clarabel ended with the status {ray.said}, but with forces that cannot grow "
-            "without a limit, so there is no answer; joints or blocks of very different sizes are the usual cause"
+            f"limit analysis: the solver Clarabel ended with the status {ray.said}, but its forces cannot grow "
+            "without limit, so there is no answer; the usual cause is joints or blocks of very different sizes"
         )
     most = max(1.0, float(np.abs(programme.limits).max(initial=0.0)))
     return ray.x * (_FAR_OUT * most / float(np.abs(ray.x).max()))

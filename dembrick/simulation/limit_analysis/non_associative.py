@@ -63,7 +63,7 @@ def second_opinion(assembly: Assembly) -> SecondOpinion:
     last = _solved(slope, loads)
     if last is None:
         raise NotConvergedError(
-            "no second opinion without dilatancy: the associative programme has no finite limit to start from"
+            "no estimate without dilatancy: the associative programme has no finite limit to start from"
         )
     normal, area_normal = _normals(slope, last.x)
     excess, ended = 0.0, ""
@@ -71,7 +71,7 @@ def second_opinion(assembly: Assembly) -> SecondOpinion:
         slope = _levelled(structure, normal, area_normal, DILATANCY[stage])
         found = _solved(slope, loads)
         if found is None:
-            ended = f"the programme after {len(seen)} has no answer"
+            ended = f"stopped, because programme {len(seen) + 1} has no answer"
             break
         last = found
         seen.append(float(last.x[-1]) / size)
@@ -139,4 +139,4 @@ def _excess(structure: Structure, slope: Structure, x: np.ndarray) -> float:
         cap = areas.adhesion + areas.friction * carried
         worst = max(worst, float((np.linalg.norm(forces.shear[:, :2], axis=1) - cap).max()))
         most = max(most, float(cap.max()))
-    return max(0.0, not_nan(worst / most, "what is out of balance in the second opinion"))
+    return max(0.0, not_nan(worst / most, "the out-of-balance force of the estimate without dilatancy"))

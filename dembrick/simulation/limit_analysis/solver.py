@@ -127,7 +127,7 @@ def solve(programme: Programme) -> Solution:
     if status is None or not (np.isfinite(x).all() and np.isfinite(dual).all()):
         raise NotConvergedError(
             f"limit analysis: the solver Clarabel ended after {found.iterations} iterations with the status {said}, "
-            "so there is no answer; joints or blocks of very different sizes are the usual cause"
+            "so there is no answer; the usual cause is joints or blocks of very different sizes"
         )
     seconds = time.perf_counter() - began
     return Solution(status, said, x, dual[:m], dual[m:], slack[m:], int(found.iterations), seconds)

@@ -141,7 +141,11 @@ def check(cases: Cases) -> None:
     reach = np.array([np.hypot(*p.T).max() for p in cases.polygons])[cases.shape]
     pushing = np.hypot(unit[:, 0], unit[:, 1]) * reach + np.abs(unit[:, 5])
     most = np.abs(cases.actuator_weight).sum(1) * reach
-    require(pushing > 1e-12 * most, "the load of the actuators", "it must have a part along the joint or turn it")
+    require(
+        pushing > 1e-12 * most,
+        "the load of the actuators",
+        "it must have a force along the joint or a torque about its normal",
+    )
 
 
 def _check_polygon(i: int, polygon: np.ndarray) -> None:
@@ -158,4 +162,6 @@ def _check_polygon(i: int, polygon: np.ndarray) -> None:
         )
     _, x, y = polygons.area_and_centroid([tuple(corner) for corner in polygon.tolist()])
     if np.hypot(x, y) > 1e-9 * size:
-        raise ScenarioError(f"{where} is not about its centroid, which lies at ({x:.6g}, {y:.6g}) m: shift it there")
+        raise ScenarioError(
+            f"{where} must have its centroid at the origin, but it lies at ({x:.6g}, {y:.6g}) m: shift the polygon"
+        )

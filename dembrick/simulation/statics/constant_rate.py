@@ -143,8 +143,8 @@ def push_at_constant_rate(
         else:
             advice = further(travel, max(2.0, factor), ahead)
         raise NotConvergedError(
-            f"no limit load: the joint has not begun to slip over the travel of {travel:.3g} m, and the "
-            f"{point.V:.6g} N that the actuators carry at its end are no strength; {advice}",
+            f"no limit load: the joint has not begun to slip over the travel of {travel:.3g} m, so the {point.V:.6g} "
+            f"N of the actuators at its end is not a strength; {advice}",
             replace(point, V=None),
         )
     if setup.certificate.strict:

@@ -84,8 +84,8 @@ def find_peak(assembly: Assembly, tolerance: float, step_factor: float, session:
         push = _push(assembly, tolerance, step_factor, pace)
         if not push.over:
             raise NotConvergedError(
-                f"no limit load: after {push.steps} steps V is {push.after:.6g} N, neither steady nor fallen to "
-                f'{FALLEN:g} of its peak of {push.V:.6g} N; follow it with kind = "displacement" and a rate'
+                f"no limit load: after {push.steps} steps V is {push.after:.6g} N, neither steady nor reduced to "
+                f'{FALLEN:g} of its peak of {push.V:.6g} N; follow the test with kind = "displacement" and a rate'
             )
         if push.at < RESOLVED:
             continue
@@ -102,7 +102,7 @@ def find_peak(assembly: Assembly, tolerance: float, step_factor: float, session:
         if push.at > FINEST:
             break
     raise NotConvergedError(
-        f"the limit load was not found within {tolerance:g}: after {halvings} halvings of the pace its peak of "
+        f"the limit load was not found within {tolerance:g}: after the rate was halved {halvings} times the peak of "
         f"{push.V:.6g} N may still change by {bar:.3g} N. Allow a larger control.tolerance"
     )
 
@@ -112,7 +112,7 @@ def _loop(assembly: Assembly, tolerance: float, step_factor: float, pace: float)
     setup = Setup(assembly, tolerance)
     if touches_itself(setup.state):
         raise ScenarioError(
-            "a search of a limit load with a joint law of one's own is for blocks that each stand on fixed ones alone, "
+            "a limit load with a custom joint law can be searched only if each block stands on fixed blocks alone, "
             'without ties and guides: use kind = "displacement" with a rate'
         )
     dt, inertia, drive = _inertia_and_drive(setup, step_factor)

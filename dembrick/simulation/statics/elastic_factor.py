@@ -64,7 +64,7 @@ def elastic_factor(state: State, position: np.ndarray) -> Factors:
     if failed >= 0:
         block = free[int(np.flatnonzero(pattern.place == failed)[0])]
         raise ScenarioError(
-            f"the joints do not hold block number {block} even when they are closed and stick: give its joints more "
+            f"block number {block} can move even if all its joints are closed and stick: give its joints more "
             "contact points"
         )
     return factors

@@ -76,7 +76,7 @@ def refuse_divergence(status: int, assembly: Assembly, state: State, steps: int,
     speed = np.abs(blocks.velocity).max(axis=1) + np.abs(blocks.spin).max(axis=1)
     lost = np.flatnonzero(~np.isfinite(speed))
     if len(lost):
-        b, did = int(lost[0]), "has a velocity that is no number"
+        b, did = int(lost[0]), "has a velocity that is not a number"
     elif status == RUNAWAY:
         b = _most_energy(assembly, state)
         did = f"moves where the blocks have more than {TIMES:g} times the energy that dead loads and actuators put in"
@@ -107,9 +107,9 @@ def came_down(assembly: Assembly, state: State) -> str | None:
     deepest = int(low[np.argmax(drop[low])])
     more = f" (and {len(low) - 1} more)" if len(low) > 1 else ""
     return (
-        f"block {assembly.names[deepest]!r}{more} has come down by {drop[deepest]:.3g} m: a constant-rate test knows "
-        "the joints of its start only and ends where blocks fall; shorten control.travel (the record is right up to "
-        'the fall), or live through the fall with control.kind = "dynamic"'
+        f"block {assembly.names[deepest]!r}{more} has dropped by {drop[deepest]:.3g} m: a constant-rate test keeps "
+        "its initial joints and ends where blocks fall; shorten control.travel (the record is valid up to "
+        'the fall), or simulate the fall with control.kind = "dynamic"'
     )
 
 
@@ -133,13 +133,13 @@ def other_joints(assembly: Assembly, state: State, travel: float) -> str | None:
         found = f"{after} blocks {a!r} and {b!r}, which have no joint, overlap by {deep:.2g} m"
         short = f"less than {travel:.2g} m"
     else:
-        return f"{hangs}, and a test at a constant rate takes joints as whole" if part > LESS else None
+        return f"{hangs}, but a constant-rate test keeps the whole area of its joints" if part > LESS else None
     if fall := came_down(assembly, state):
         raise NotConvergedError(f"no limit load: {fall}")
     raise NotConvergedError(
-        f"{found}, and a test at a constant rate knows the joints of its start alone, whole, so that its load is that "
-        f"of another structure: shorten control.travel to {short}, or give control.large_displacements = true, which "
-        "cuts joints and sees blocks meet"
+        f"{found}, but a constant-rate test keeps its initial joints, so its load is that of another structure: "
+        f"shorten control.travel to {short}, or set control.large_displacements = true, which cuts joints and "
+        "detects contacts"
     )
 
 
@@ -303,8 +303,8 @@ def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -
     if not (swing <= allowed and load >= point.V_lower - allowed):
         raise NotConvergedError(
             f"over the second half of a slow test V swings by {swing:.3g} N (rms) towards {load:.6g} N, and at least "
-            f"{point.V_lower:.6g} N is carried at the limit: the time step does not resolve this motion; "
-            "lower solver.step_factor",
+            f"{point.V_lower:.6g} N is reached at the limit: the time step does not resolve this motion; lower "
+            "solver.step_factor",
             point,
         )
 
@@ -318,8 +318,8 @@ def swings(point: YieldPoint, guard: Guard) -> str | None:
     if not swing > STEADY * point.V_lower:
         return None
     return (
-        f"over the second half of the travel V swings by {swing:.3g} N (rms), so that V_peak = {point.V_peak:.6g} N is "
-        "that of the swings and no strength; the bracket of V holds"
+        f"over the second half of the travel V swings by {swing:.3g} N (rms), so V_peak = {point.V_peak:.6g} N is a "
+        "peak of these swings, not a strength; the bracket of V holds"
     )
 
 

@@ -84,7 +84,7 @@ def find_limit_load(
         name, unit = ("V", " N") if goal is None else ("the load factor", "")
         remedies = ["Allow a larger control.tolerance", "follow the blocks with control.large_displacements = true"]
         if goal is not None:
-            remedies.append("live through the collapse with control.quasi_static = false")
+            remedies.append("simulate the collapse with control.quasi_static = false")
             remedies.append("take the upper bound of dembrick limit")
         least = point.V_peak if point.bracket == "open" else point.V_lower  # an equilibrium, where nothing is proven
         found = f"{name} is at least {least:.6g}{unit}, {_above(point, assembly, unit)}"
@@ -112,8 +112,10 @@ def _above(point: YieldPoint, assembly: Assembly, unit: str) -> str:
         except DembrickError:
             pass  # report on the search alone
         else:
-            return "and limit analysis limits nothing" if found.unlimited else f"and at most {found.upper:.6g}{unit}"
-    return f"and the mechanism of now needs {known}, which proves nothing" if known else "and no upper end is known"
+            return (
+                "and limit analysis finds no upper bound" if found.unlimited else f"and at most {found.upper:.6g}{unit}"
+            )
+    return f"and the current mechanism needs {known}, which proves nothing" if known else "and no upper bound is known"
 
 
 def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) -> Replay:

@@ -86,7 +86,7 @@ class LoadSystem:
 
     def __init__(self, assembly: Assembly, session: Session | None = None):
         if not len(assembly.actuators.at):
-            raise ScenarioError("no [[actuators]]: a replay needs at least one actuator to push with")
+            raise ScenarioError("no [[actuators]]: the test needs at least one")
         self.assembly = assembly
         self.state = starting_state(assembly, *((session.start, session.ties_before) if session else (None, None)))
         blocks = self.state.blocks
@@ -101,7 +101,7 @@ class LoadSystem:
         self.weight = float(np.abs(self.state.actuators.weight).sum())
         loaded = sorted(set(self.state.actuators.block.tolist()) & set(self.state.blocks.free.tolist()))
         if not len(loaded):
-            raise ScenarioError("every actuator pushes a fixed block: nothing can move; let one push a free block")
+            raise ScenarioError("every actuator pushes a fixed block, so nothing can move; let one push a free block")
         load = self.load[loaded]
         self.compliance = float((load * np.linalg.solve(self.stiffness[loaded], load[..., None])[..., 0]).sum())
         if not self.compliance > 0.0:
@@ -109,8 +109,8 @@ class LoadSystem:
             if pushed.any():
                 block = show(assembly.names[loaded[int(pushed.argmax())]])
                 raise ScenarioError(
-                    f"the actuators push block {block} against its guide alone, so nothing limits them: turn one, or "
-                    "free what is held"
+                    f"the actuators push block {block} only against its guide, so nothing limits them: turn one, or "
+                    "free the guided direction"
                 )
             raise ScenarioError("the actuators cancel out: together they push and twist no block; check directions")
         self.actuator_stiffness = ACTUATOR_STIFFNESS * self.weight / self.compliance

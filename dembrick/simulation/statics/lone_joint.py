@@ -194,7 +194,7 @@ class LoneSearch:
         counts = all(float(found[name]).is_integer() for name in ("equilibria", "iterations"))
         begun = counts and 0.0 <= found["equilibria"] < MOST_EQUILIBRIA and 0.0 < found["step"] < np.inf
         if not (begun and found["status"] == RUNNING):
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no equilibrium of this run")
+            raise HistoryError(f"{snapshot.path}: this checkpoint holds no equilibrium of this run")
         memory = SimpleNamespace(points=self.lone.point_memory, areas=self.lone.area_memory)
         given = joint_families.memory_arrays(self.state)
         for name, own in joint_families.memory_arrays(memory).items():

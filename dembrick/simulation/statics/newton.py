@@ -148,7 +148,7 @@ class Equilibria(Trials):
         began = time.perf_counter()
         energy = self.factor.energy(self.trial.residual)
         self.phases["equations"] += time.perf_counter() - began
-        return math.sqrt(max(0.0, not_nan(energy, "what is out of balance")))
+        return math.sqrt(max(0.0, not_nan(energy, "the out-of-balance force")))
 
     def differentiate(self, V: float) -> None:
         """Evaluate the tangents of the joints at the present motion."""

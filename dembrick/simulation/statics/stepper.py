@@ -72,7 +72,7 @@ class Loop:
         """Restore everything from a snapshot of the same scene; HistoryError if it is of another."""
         step, self.dt = (float(x) for x in snapshot.array("loop", np.zeros(2)))
         if not (step >= 0.0 and step.is_integer() and 0.0 < self.dt < np.inf):
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+            raise HistoryError(f"{snapshot.path}: this checkpoint holds no step of this run")
         self.step = int(step)
         self.state = restored_state(self.state, snapshot)
         for name, part in self.parts().items():
@@ -135,5 +135,5 @@ class Stepper:
                 if status == RUNNING:
                     self._session.pause(self)
         if status == FULL:
-            raise RuntimeError("a chunk was longer than its record has room for: please report this scenario")
+            raise RuntimeError("the record of a chunk is too short: please report this scenario")
         return status

@@ -81,8 +81,8 @@ def held_stiffness(assembly: Assembly, state: State) -> np.ndarray:
     loose = free[(values[:, -1] > 0.0) & (values[:, 0] < FREELY * values[:, -1])]
     if len(loose):
         raise ScenarioError(
-            f"block {show(assembly.names[loose[0]])} turns freely about the line in which all contact points lie that "
-            "hold it; give joint.points two each way, or more"
+            f"block {show(assembly.names[loose[0]])} turns freely about the line on which all its contact points "
+            "lie; give joint.points at least two each way"
         )
     return stiffness
 

@@ -210,8 +210,8 @@ def yield_domain(
     if len(bad):
         i = int(bad[0])
         raise NotConvergedError(
-            f"{formulation}: the replay in the direction (V_1, V_2, M_T) = {tuple(load[i].tolist())} is "
-            f"{limits.status[i]} after {limits.steps[i]} steps, and so are {len(bad) - 1} more of {fan.count}: allow a "
-            "larger tolerance, or check that the normal force acts inside the joint"
+            f"{formulation}: the test in the direction (V_1, V_2, M_T) = {tuple(load[i].tolist())} ended as "
+            f"{limits.status[i]} after {limits.steps[i]} steps, and so did {len(bad) - 1} more of {fan.count}: allow "
+            "a larger tolerance, or check that the normal force acts inside the joint"
         )
     return YieldDomain(load, limits, fan.space, friction * normal_force, lever)

@@ -190,8 +190,8 @@ class DrivenPath(EquilibriumPath):
         u, V, _ = self.path[-1]
         if not self.arrived(parameter):
             raise NotConvergedError(
-                f"the actuators have come {u:.3g} m of {self.head(parameter):.3g} m, and carry V = {V:.6g} N: guides "
-                "or supports hold the points that they push; let these go, or push elsewhere"
+                f"the actuators have moved {u:.3g} m of {self.head(parameter):.3g} m at V = {V:.6g} N, because "
+                "guides or supports hold the points that they push; free these points, or push elsewhere"
             )
 
     def arrived(self, parameter: float) -> bool:
@@ -214,7 +214,7 @@ class DrivenPath(EquilibriumPath):
         self.whole = snapshot.array(WHOLE, self.whole).copy()
         (number, *turned), self.turns = kept[:3].tolist(), kept[3:].copy()
         if not (number.is_integer() and 0 <= number < len(self.protocol.ways)):
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+            raise HistoryError(f"{snapshot.path}: this checkpoint holds no step of this run")
         self.way_number, self.turned = int(number), (turned[0], turned[1])
         self.V = self.path[-1][1]
 

@@ -210,7 +210,7 @@ class EquilibriumPath(ABC):
             if down > 1.0:
                 return None
             ratio, enough = unbalanced(self.moving.state, still, self.free)
-            ratio = not_nan(ratio, f"what is out of balance at {self.said(parameter)}")
+            ratio = not_nan(ratio, f"the out-of-balance force at {self.said(parameter)}")
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # on a swing the out-of-balance force may pass through zero, but not twice running
                 return ratio
@@ -222,8 +222,9 @@ class EquilibriumPath(ABC):
                     self.record_collapse_frame(1.0)
                     return None
         raise UndecidedError(
-            f"undecided at {self.said(parameter)}, neither at rest nor falling: after {ROUNDS * CHUNK * chunks} "
-            f"steps of relaxation {of_joint_forces(ratio)} are still out of balance; {self.slow}"
+            f"undecided at {self.said(parameter)}, neither in equilibrium nor falling: after "
+            f"{ROUNDS * CHUNK * chunks} steps of relaxation {of_joint_forces(ratio)} are still out of balance; "
+            f"{self.slow}"
         )
 
     def down(self, before: np.ndarray) -> float:
@@ -324,8 +325,8 @@ class EquilibriumPath(ABC):
         if self.moving.contact_detection.met:
             raise NotConvergedError(rest_in_each_other(self.moving))
         raise NotConvergedError(
-            "no equilibrium under the dead loads: blocks come down before anything grows, as bonds break or loads are "
-            "not those of the stage before; check loads, supports and the strengths of the joints"
+            "no equilibrium under the dead loads: blocks fall before the load grows, because bonds break or loads "
+            "differ from those of the previous stage; check loads, supports and the strengths of the joints"
         )
 
     def _target(self) -> float | None:
@@ -339,7 +340,7 @@ class EquilibriumPath(ABC):
         target = self.following()
         if target is not None and self.equilibria >= self.room - LEFT:
             on = f"blocks still follow {self.said(self.reached)}; stiffen the ties or joints on which they move"
-            raise UndecidedError(f"undecided: no limit in {self.equilibria} equilibria, as {on}")
+            raise UndecidedError(f"undecided: no limit within {self.equilibria} equilibria, because {on}")
         return target
 
     def run(self) -> None:
@@ -441,7 +442,7 @@ class EquilibriumPath(ABC):
         self.bonds = joint_families.bonds(self.moving.state)
         sound = 0.0 <= since <= self.reached <= self.greatest and self.reached < math.inf and min(failed, broken) >= 0.0
         if not (sound and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+            raise HistoryError(f"{snapshot.path}: this checkpoint holds no step of this run")
         self.equilibria, self.careful = int(count), bool(careful)
         self.from_where = since, snapshot.array(f"{SNAPSHOT}.stood", shapes[f"{SNAPSHOT}.stood"]).copy()
         rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria]

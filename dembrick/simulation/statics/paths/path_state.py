@@ -111,10 +111,10 @@ class PathState:
         numbers = snapshot.array("way.numbers", np.zeros(len(NUMBERS))).tolist()
         for (name, kind), number in zip(NUMBERS.items(), numbers, strict=True):
             if kind is not float and not (number.is_integer() and 0.0 <= abs(number) < 1e15):
-                raise HistoryError(f"{snapshot.path}: way.numbers does not belong to this run ({name} is no count)")
+                raise HistoryError(f"{snapshot.path}: way.numbers does not belong to this run ({name} is not a count)")
             setattr(self, name, kind(number))
         if not 0 <= self.equilibria <= MOST_EQUILIBRIA:
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+            raise HistoryError(f"{snapshot.path}: this checkpoint holds no step of this run")
         for name in ("motion", "direction", "spare"):
             setattr(self, name, snapshot.array(f"way.{name}", self.motion).copy())
         V, drag, steps = snapshot.array("way.drift", np.zeros(3)).tolist()

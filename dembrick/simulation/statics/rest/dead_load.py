@@ -47,8 +47,8 @@ FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # share of the last move that is kept, if blocks stand on free blocks
 PRESSES = 1e-9  # of the dead load of a block: a joint with a smaller force counts as unloaded
 DECIDES = (
-    "dembrick limit decides it where no forces within the strengths balance the loads (it falls) or where nothing "
-    "slides; softer or stiffer joints may decide it too"
+    "dembrick limit decides it if no admissible forces balance the loads (it falls) or if nothing slides; softer or "
+    "stiffer joints may decide it too"
 )
 
 
@@ -87,8 +87,8 @@ def dead_load_equilibrium(
     if not found.stands:
         raise NotConvergedError(
             f"{does_not_stand(found, assembly.names)} under the dead loads, before the test begins: on this path "
-            f"{of_joint_forces(found.unbalanced)} stay out of balance, and only a squeeze that is "
-            "built in, as by pre-stress, could balance them. Check loads, friction and supports"
+            f"{of_joint_forces(found.unbalanced)} stay out of balance, and only a built-in squeeze, as from "
+            "pre-stress, could balance them. Check loads, friction and supports"
         )
     return found
 
@@ -118,11 +118,11 @@ def _own_law_undecided(state: State, steps: int, ratio: float) -> str:
             "a run without it decides for friction alone",
         )
     else:
-        what = "no joint presses and something is still out of balance"
-        remedy = "let joints press, by guides that are free along their normals, or loads and ties that lift less"
+        what = "no joint is compressed and forces are still out of balance"
+        remedy = "compress the joints: use guides that are free along their normals, or loads and ties that lift less"
     return (
         f"undecided under the dead loads: after {steps} steps of relaxation {what}, and Newton's method, which would "
-        f"decide it, knows no joint law of one's own; {remedy}"
+        f"decide it, cannot use a custom joint law; {remedy}"
     )
 
 
@@ -164,7 +164,7 @@ def rest(
     compiled = time.perf_counter()
     session = relaxation.session_of(session or Session())
     ratio, steps = relaxation.run(session)
-    stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
+    stands, mechanism, moving = not_nan(ratio, "the out-of-balance force under the dead loads") <= UNBALANCED, None, ()
     if not stands and not relaxation.over and not moving_blocks(state):
         stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
     if not stands and joint_families.is_custom(state):

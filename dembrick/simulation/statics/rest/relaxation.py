@@ -269,6 +269,6 @@ class Relaxation:
         steps = [most for most, _ in self._rounds]
         steps.append(steps[-1] + 1)
         if not (at in range(len(steps)) and step in range(steps[int(at)])):
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+            raise HistoryError(f"{snapshot.path}: this checkpoint holds no step of this run")
         self._round, self._step = int(at), int(step)
         restored_state(self._state, snapshot)
