@@ -119,7 +119,7 @@ class Cause:
     @property
     def title(self) -> str:
         """Share and plainest motion, in a line."""
-        more = f" (or {len(self.motions) - 1} like it)" if len(self.motions) > 1 else ""
+        more = f" (or {len(self.motions) - 1} similar motions)" if len(self.motions) > 1 else ""
         return f"{self.percent}: {self.motions[0].said()}{more}"
 
     @property
@@ -197,7 +197,7 @@ class Causes:
             f"tried         {self.tried} motions of supports, {self.locked} of them locked; {self.seconds:.3g} s",
         ]
         for rank, cause in enumerate(self.causes[:SHOWN], 1):
-            lines.append(f"cause {rank}       {cause.percent} of all tried: {cause.motions[0].said()}")
+            lines.append(f"cause {rank}       {cause.percent} of the likelihood: {cause.motions[0].said()}")
             wrong = [f"{name} stays closed" for name in cause.misses] + [f"{n} opens" for n in cause.false_alarms]
             lines.append(
                 f"  joints      {cause.hits} of {seen} open" + (f"; {listed(wrong)}" if wrong else ", no other")
@@ -208,12 +208,12 @@ class Causes:
         if self.ambiguous:
             names = list(dict.fromkeys(name for cause in self.likely for name in cause.supports))
             lines.append(
-                f"ambiguous     what was seen does not tell {' from '.join(names)}: look at more joints or blocks"
+                f"ambiguous     the target does not distinguish {' from '.join(names)}: observe more joints or blocks"
             )
         if any(cause.slides for cause in self.likely):
             lines.append(
-                "slides        joints slide in likely causes, and limit analysis has them rise with it, which may open "
-                "others: target.paths = true follows the motions"
+                "slides        joints slide in likely causes, and limit analysis lets them dilate, which may open "
+                "others: set target.paths = true to follow the motions"
             )
         if self.causes and (self.causes[0].misses or self.causes[0].false_alarms):
             lines.append("unexplained   no motion of one support opens exactly these joints")
@@ -291,10 +291,10 @@ def _supports(target: Target, assembly: Assembly) -> list[int]:
         if name not in names:
             raise ScenarioError(f"target.supports: there is no block {show(name)}; {nearest(name, names)}")
         if names.index(name) not in able:
-            raise ScenarioError(f"target.supports: {show(name)} is no support: it must be fixed and carry a free block")
+            raise ScenarioError(f"target.supports: {show(name)} is not a support: fix it and let a free block touch it")
     chosen = [i for i in able if not target.supports or names[i] in target.supports]
     if len(able) < 2:
-        raise ScenarioError("no support can have moved against another: the structure stands on one; draw its parts")
+        raise ScenarioError("no support can have moved against another: the structure has only one; model its parts")
     return chosen
 
 

@@ -93,15 +93,15 @@ def fit_curves(
         raise ScenarioError(f"{len(curves)} curves and {len(given)} scenarios; give one for all or one for each")
     for one, other in itertools.combinations(curves, 2):
         if np.array_equal(one.displacement, other.displacement) and np.array_equal(one.load, other.load):
-            raise ScenarioError(
-                f"{one.name} and {other.name} are the same curve, which tells nothing twice; give it once"
-            )
+            raise ScenarioError(f"{one.name} and {other.name} are the same curve; give it once")
     alone = len(given) == 1
     given = [given[0]] * len(curves) if alone else list(given)
     start = _start(given, keys)
     points = sum(len(curve.load) for curve in curves)
     if points <= len(keys):
-        raise ScenarioError(f"{points} measured points cannot tell {len(keys)} keys; vary fewer, or measure more")
+        raise ScenarioError(
+            f"{points} measured points cannot determine {len(keys)} keys; vary fewer keys, or measure more points"
+        )
     runs = _Runs(given, curves, dict(zip(keys, start, strict=True)), report)
     at = np.zeros(len(keys))
     for _ in range(STARTS):
@@ -114,7 +114,7 @@ def fit_curves(
             continue
         break
     else:
-        raise NotConvergedError(f"the fit did not settle from {STARTS} starts; the last: {runs.told(trial.best)}")
+        raise NotConvergedError(f"the fit did not converge from {STARTS} starts; the last: {runs.told(trial.best)}")
     values = runs.values(trial.best)
     fitted = {
         key: Fitted(value, _times(value, low), _times(value, high), None not in (low, high))
@@ -140,11 +140,11 @@ def _searched(least_squares, runs: _Runs, start: np.ndarray, hold: float) -> np.
     )  # fmt: skip
     if not found.success:
         _, sizes, directions = np.linalg.svd(runs.slopes(found.x), full_matrices=False)
-        remedy = "start from values that are nearer, or vary fewer keys"
+        remedy = "start from closer values, or vary fewer keys"
         if sizes[-1] < APART * sizes[0]:
             mixed = [key for key, part in zip(runs.starts, directions[-1], strict=True) if abs(part) > MIXED]
-            remedy = f"these curves hardly tell {' and '.join(mixed)} apart: vary one of them"
-        raise NotConvergedError(f"the fit did not settle after {MOST} rounds, the last {runs.told(found.x)}; {remedy}")
+            remedy = f"these curves hardly distinguish {' and '.join(mixed)}: vary only one of them"
+        raise NotConvergedError(f"the fit did not converge in {MOST} rounds; the last: {runs.told(found.x)}; {remedy}")
     return found.x
 
 
@@ -185,7 +185,8 @@ class _Runs:
             if reached < REACHED * len(curve.load):
                 raise ScenarioError(
                     f"the simulated travel ends before the measured one ({1e3 * ours.displacement.max():.4g} and "
-                    f"{1e3 * curve.displacement.max():.4g} mm); lengthen control.travel, or mend the curve's unit"
+                    f"{1e3 * curve.displacement.max():.4g} mm); lengthen control.travel, or correct the unit of the "
+                    "curve"
                 )
 
     def values(self, x: np.ndarray) -> dict[str, float]:
@@ -225,8 +226,8 @@ class _Runs:
         pairs = [(self.residuals(x + h), self.residuals(x - h)) for h in STEP * np.eye(len(x))]
         if not np.isfinite(pairs).all():
             raise NotConvergedError(
-                f"runs next to {self.told(x)} have no answer, and no fit goes on from there; start from other values, "
-                f"or see to the reason: {self._reason}"
+                f"runs close to {self.told(x)} have no answer, so the fit cannot continue; start from other values, "
+                f"or remove the cause: {self._reason}"
             )
         return np.stack([(above - below) / (2.0 * STEP) for above, below in pairs], axis=1)
 
@@ -309,7 +310,9 @@ def _start(given: Sequence[Scenario], keys: Sequence[str]) -> list[float]:
         raise ScenarioError(f"--vary names a key twice: {', '.join(keys)}")
     for key in keys:
         if key.split(".")[0] in OF_THE_RUN:
-            raise ScenarioError(f"{key} says how the test is run, and no curve tells it; vary what is tested")
+            raise ScenarioError(
+                f"{key} says how the test is run and cannot be fitted to a curve; vary properties of the structure"
+            )
     for scenario in given:
         control = scenario.control
         pressed = any(pressure.actuator for pressure in scenario.pressures)
@@ -340,10 +343,10 @@ def _value(scenario: Scenario, key: str) -> float:
     if isinstance(node, int | float) and not isinstance(node, bool):
         if node > 0.0:
             return float(node)
-        raise ScenarioError(f"{key} = {node:g} is no start for a fit; give the scenario a value above zero")
+        raise ScenarioError(f"{key} = {node:g} cannot be the start of a fit; give the scenario a value above zero")
     if node is None:
         scenarios.varied(text, scenario.path, {key: 1.0})  # raises for an unknown key, and names the nearest
-    raise ScenarioError(f"{key} is no number of this scenario; give it a value to start from")
+    raise ScenarioError(f"{key} is not a number in this scenario; give it a value to start from")
 
 
 def _with(scenario: Scenario, text: str, values: dict[str, float]) -> Scenario:

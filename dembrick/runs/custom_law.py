@@ -28,7 +28,7 @@ def with_law(assembly: Assembly, scenario: Scenario, law: Any, refine: bool = Fa
     _refuse(assembly, scenario, law.name)
     if refine or bound:
         asked = "refine" if refine else "bound"
-        raise ScenarioError(f"{asked} = True runs or bounds other joints than the law {law.name} makes; leave it out")
+        raise ScenarioError(f"{asked} = True cannot use the joint law {law.name}; leave it out")
     return replace(assembly, custom_law=law)
 
 
@@ -43,7 +43,7 @@ def _refuse(assembly: Assembly, scenario: Scenario, name: str) -> None:
         )
     if scenario.stages:
         raise ScenarioError(
-            f"the law {name} cannot be given to a scenario with stages, whose first ones do not call it"
+            f"the law {name} cannot be given to a scenario with stages, because the first stages do not call it"
         )
     laws = list({id(one): one for one in assembly.joints.law}.values())
     if any(one.formulation == "convex" for one in laws):

@@ -55,8 +55,8 @@ class DomainJoint:
         outside = float(polygons.distance_outside(place, theory.polygons.convex_hull(self.polygon))[0])
         if self.cohesion == 0.0 and not outside <= 1e-9 * float(np.abs(self.polygon).max()):
             raise ScenarioError(
-                f"eccentricity = {tuple(place[0].tolist())} m lies outside the joint by {1e3 * outside:.4g} mm, so "
-                "that N tips the block over: let it lie inside"
+                f"eccentricity = {tuple(place[0].tolist())} m lies {1e3 * outside:.4g} mm outside the joint, where N "
+                "overturns the block: choose a point inside"
             )
 
     @staticmethod
@@ -72,7 +72,7 @@ class DomainJoint:
         """A convex polygon by its corners (m, 2), with any origin and orientation."""
         polygon = theory.polygons.as_polygon(corners)
         if not theory.polygons.is_convex(polygon):
-            raise ScenarioError("the polygon is not convex: a joint between two convex faces always is")
+            raise ScenarioError("the polygon is not convex, but a joint between two convex faces is")
         return DomainJoint(polygon - theory.polygons.centroid([polygon]), friction, normal_force, **options)
 
     @staticmethod
@@ -80,10 +80,10 @@ class DomainJoint:
         """The joint of a scene that has one, under its dead loads: N and eccentricity from statics."""
         if len(assembly.joints) != 1 or not assembly.joint_force_exact:
             raise ScenarioError(
-                f"a domain is that of one joint, and this scenario has {len(assembly.joints)}: give one with two blocks"
+                f"a domain belongs to one joint, but this scenario has {len(assembly.joints)}: give one with two blocks"
             )
         if len(assembly.ties):
-            raise ScenarioError("a domain is that of a joint alone, and this scenario has [[ties]]: leave them out")
+            raise ScenarioError("a domain belongs to a joint alone, but this scenario has [[ties]]: leave them out")
         joint = assembly.joints[0]
         free = joint.block_a if assembly.fixed[joint.block_b] else joint.block_b
         arm = joint.arm_a if free == joint.block_a else joint.arm_b
@@ -95,7 +95,7 @@ class DomainJoint:
         cohesion = known_cohesion(joint.law)
         if cohesion is None:
             raise ScenarioError(
-                "a domain is that of a joint that keeps its strength: with residual_cohesion = cohesion and no "
+                "a domain needs a joint that keeps its strength: residual_cohesion = cohesion, and no "
                 "residual_friction, dilation or compressive_strength"
             )
         return DomainJoint(np.array(joint.polygon), joint.law.friction, normal, (x, y), cohesion)
@@ -155,8 +155,8 @@ def _check(joint: DomainJoint, formulations: Sequence[str], request: Request) ->
         raise ScenarioError(f"unknown pressure {request.pressure!r}: {nearest(request.pressure, PRESSURES)}")
     if joint.has_several_pieces and (joint.cohesion > 0.0 or set(formulations) != {"convex"}):
         raise ScenarioError(
-            "the domain of a joint of several feet is known for the convex formulation without cohesion alone: give "
-            "--formulation convex without cohesion, or find single limits of the scenario by a run"
+            "the domain of a joint of several feet is known only for the convex formulation without cohesion: give "
+            "--formulation convex without cohesion, or run the scenario for single limits"
         )
 
 

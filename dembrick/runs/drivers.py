@@ -189,7 +189,7 @@ def _refuse_stresses(scenario: Scenario, assembly: Assembly) -> None:
     if stresses or forces:
         what = "strengths in Pa" if stresses else "ties that yield or have a prestress"
         raise ScenarioError(
-            "a quasi-static tilt pushes the blocks by the tangent of its angle, which holds for friction alone: with "
+            "a quasi-static tilt pushes the blocks by the tangent of its angle, which holds for friction only: with "
             f'{what} use large_displacements = true, kind = "pushover", a tilt with a rate, or dembrick limit'
         )
 

@@ -79,7 +79,7 @@ def read(path: str | os.PathLike) -> list[Measurement]:
     """Read measurements from a CSV file, or a shipped one by its name; ScenarioError names the line and the column."""
     path = shipped.table(path)
     table = read_table(path, "a file of measured yield points")
-    hint = "; of a measured curve, name the SCENARIO too"
+    hint = "; for a measured curve, add its SCENARIO"
     columns = cells_by_name(table, _COLUMNS, ("V", "deviation"), hint)
     if not table.lines:
         raise ScenarioError(f"{path}: a header line and at least one test are needed")
@@ -105,16 +105,16 @@ def read(path: str | os.PathLike) -> list[Measurement]:
                 if getattr(one.law, key) != getattr(scenario.joint, key):
                     between = " and ".join(map(show, one.between))
                     raise ScenarioError(
-                        f"{place}: {scenario.path} gives the joints between {between} a {key} of their own, and one "
-                        f"for all joints is looked for; leave {key} out of [[joints]]"
+                        f"{place}: {scenario.path} gives the joints between {between} a {key} of their own, but the "
+                        f"fit looks for one of all joints; leave {key} out of [[joints]]"
                     )
         digit = columns["V"][1] * _last_digit(cells["V"])
         found.append(Measurement(cells["test"], scenario, V, deviation, formulation, digit))
     missing = [number for (number, _), one in zip(table.lines, found, strict=True) if one.deviation is None]
     if 0 < len(missing) < len(found):
         raise ScenarioError(
-            f"{path}, line {missing[0]}: deviation is empty here and not elsewhere, so that nothing tells how much "
-            "this test counts beside the others; give one to all, or to none"
+            f"{path}, line {missing[0]}: deviation is empty here but not elsewhere, so the weight of this test is "
+            "unknown; give one to all tests, or to none"
         )
     return found
 
@@ -180,7 +180,7 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
         scale = V if stated is None else stated
         weight = slope / scale
         if not np.abs(slope * mu).max() > _TELLS * V.max():
-            raise ScenarioError(f"{name}: no test slips, so that none of them tells anything about friction")
+            raise ScenarioError(f"{name}: no test slips, so none of them gives information on friction")
         change = float(weight @ ((measured - V) / scale) / (weight @ weight))
         now, mu = mu, min(max(mu + change, 0.1 * mu, low), high)
         change = mu - now
@@ -196,7 +196,9 @@ def _fitted(name: str, group: list[Measurement]) -> Fit:
         weight = slope / scale
     if mu <= least != 0.0 or mu >= most:
         ends = f"{least:g} (residual friction or dilation) and {most:g} (cohesion over tensile strength)"
-        raise ScenarioError(f"{name}: the best friction coefficient lies outside of what strengths allow, {ends}")
+        raise ScenarioError(
+            f"{name}: the best friction coefficient lies outside the range that strengths allow, {ends}"
+        )
     V = V + slope * change
     scatter = half = None
     alone = 1.0 / math.sqrt(float(weight @ weight))  # of mu, for a scatter of one

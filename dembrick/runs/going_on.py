@@ -87,27 +87,29 @@ def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly
         if getattr(old, key) != getattr(new, key) and key not in _CHANGING:
             listed = ", ".join(_CHANGING)
             whole = f"dembrick run {file} --set {key}... changes it from the start"
-            raise ScenarioError(f"{file}: {key} cannot change on the way; what may is in {listed}; {whole}")
+            raise ScenarioError(f"{file}: {key} cannot change on the way; only {listed} can; {whole}")
     if any(pressure.actuator for pressure in (*old.pressures, *new.pressures)) and old.pressures != new.pressures:
-        raise ScenarioError(f"{file}: pressures cannot change on the way of a run that one of them drives")
+        raise ScenarioError(f"{file}: pressures cannot change during a run that one of them drives")
     before, now = old.control, new.control
     if type(before) is not type(now) or before.regime is not now.regime:
-        raise ScenarioError(f"{file}: control.kind = {show(before.kind)} stays as it is on the way")
+        raise ScenarioError(f"{file}: control.kind = {show(before.kind)} cannot change on the way")
     may = _OF_CONTROLS.get(before.kind, ())
     for key in (field.name for field in fields(before)):  # type: ignore[arg-type]
         if key not in may and getattr(before, key) != getattr(now, key):
-            what = f"what may is {', '.join(may)}" if may else "loads, ties and joint laws may"
+            what = f"only {', '.join(may)} can" if may else "only loads, ties and joint laws can"
             raise ScenarioError(f"{file}: control.{key} of kind {show(before.kind)} cannot change on the way; {what}")
     check_change(new, one, other, f"on the way of {file}", deformed=True)
     ties = _ties(at_stage(old, len(old.stages) + 1), at_stage(new, len(new.stages) + 1))
     if ties is not None and old.stages:
-        raise ScenarioError(f"{file}: the ties of a run with [[stages]] stay as they are; give them stages instead")
+        raise ScenarioError(
+            f"{file}: the ties of a run with [[stages]] cannot change on the way; give them stages instead"
+        )
     loads, gone = _loads(one, other, old, new)
     anything = any(getattr(old, key) != getattr(new, key) for key in _CHANGING)
     if anything and before.regime in AS_IT_WAS:  # springs of the actuators would push on blocks that give way
         raise ScenarioError(
-            f"{file}: nothing can change on the way of a driven displacement, whose actuators would let blocks jump; "
-            "put what changes into [[stages]]"
+            f"{file}: nothing can change on the way of a driven displacement, because the actuators would make "
+            "blocks jump; put changes into [[stages]]"
         )
     return RestartChanges(ties, loads, gone, anything)
 
@@ -184,7 +186,7 @@ def repeat(
         store.write_seconds = max(0.0, store.write_seconds)
     if moment.state is None:
         took = f"after {time.perf_counter() - began:.3g} s"
-        raise ScenarioError(f"{history.path}: its run ended at {moment.time:.6g}, {took}, before --at {at:g}")
+        raise ScenarioError(f"{history.path}: the repeated run ended at {moment.time:.6g}, {took}, before --at {at:g}")
     return moment
 
 
@@ -221,10 +223,10 @@ def prepared(
         raise ScenarioError(f"--at {at:g}: the time of a row, 0 or more")
     custom_law.require_repeatable(history)
     if history.settings.get(WENT_ON):
-        raise HistoryError(f"{file}: this run went on from another one; go on from that one, or run it to its end")
+        raise HistoryError(f"{file}: this run continued another one; continue that one, or run this one to its end")
     if not history.n_row or at > float(history.time[-1]) * (1.0 + 1e-12):
         last = float(history.time[-1]) if history.n_row else 0.0
-        raise ScenarioError(f"{file}: its last row is at {last:.6g}, and --at {at:g} is behind it")
+        raise ScenarioError(f"{file}: its last row is at {last:.6g}, before --at {at:g}")
     named = history.settings.get("scenario")
     path = named if isinstance(named, str) and named else None
     old = history.scenario(path)
@@ -245,6 +247,6 @@ def _check_time_step(old: Scenario, one: Assembly, new: Scenario, other: Assembl
     critical = run.prepare(other, new.control, new.solver.step_factor).critical_time_step
     if step > critical:
         raise ScenarioError(
-            f"{file}: its time step of {step:.3g} s is longer than the {critical:.3g} s that the stiffness of now "
-            "allows; run it again with a lower solver.step_factor, or take softer ties"
+            f"{file}: its time step of {step:.3g} s is longer than the {critical:.3g} s that the new stiffness "
+            "allows; run it again with a lower solver.step_factor, or use softer ties"
         )

@@ -56,7 +56,7 @@ def refuse_foreign_folder(folder: str | os.PathLike) -> None:
                 return
     if found:
         raise OutputError(
-            f"{folder}: this folder holds other things than a lab replay ({found[0]}); choose a new one, or --force"
+            f"{folder}: {found[0]} in this folder is not part of a lab replay; choose a new one, or use --force"
         )
 
 
@@ -259,8 +259,8 @@ def notes(rows: Sequence[dict]) -> str:
         if not r["load_height"] and m["load_height"] and (r["set"], r["formulation"]) == (m["set"], m["formulation"])
     ]
     lines = [
-        "+- is half the width of the bracket of V, with what the printed digits round off; * marks an indicator, "
-        "where the normal forces move with the load.",
+        "+- is half the width of the bracket of V plus the rounding of the printed digits; * marks an indicator, "
+        "where the normal forces change with the load.",
     ]
     if gaps:
         lines.append(

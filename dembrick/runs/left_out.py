@@ -79,8 +79,8 @@ def left_out(
     told = {
         "convex": (
             at_edge,
-            "slide or turn with the resultant at an edge, where full pressure keeps the torsion of the whole joint: "
-            "under linear pressure",
+            "slide or turn with the resultant at an edge, where full pressure keeps the torsional strength of the "
+            "whole joint: with linear pressure",
         ),
         "corrected": (drawn_in, "rock about corrected points, which lie inside the edge: about the true edge"),
         "distributed": (
@@ -115,8 +115,8 @@ def softened_impacts(assembly: Assembly, turned: np.ndarray) -> list[LeftOut]:
         meant = np.flatnonzero(rocked & (law == name))
         if len(meant):
             text = (
-                f"{_count(len(meant))} may rock over a bed of springs, which loses less at an impact than rigid blocks "
-                "that strike on a corner (Housner): concave joints lose as much as those"
+                f"{_count(len(meant))} may rock on a bed of springs, which dissipates less at an impact than rigid "
+                "blocks that strike on a corner (Housner): concave joints dissipate as much"
             )
             found.append(LeftOut(name, meant, None, text))
     return found
@@ -129,10 +129,10 @@ def replaced_joints(assembly: Assembly, joints: np.ndarray) -> list[LeftOut]:
     leave = {
         "compressive_strength": ([one.compressive_strength is not None for one in laws], "do not crush"),
         "dilation": ([one.dilation > 0.0 for one in laws], "do not dilate"),
-        "custom_law": ([assembly.custom_law is not None] * len(laws), "rub by plain friction"),
+        "custom_law": ([assembly.custom_law is not None] * len(laws), "have plain friction only"),
     }
     meant = {name: (np.flatnonzero(joints & np.array(own, bool)), what) for name, (own, what) in leave.items()}
-    why = "slid, turned or opened so far, or was hit as time began, that contacts took over, which"
+    why = "passed to contacts, by large slip, rotation or opening or by an impact at the start; contacts"
     return [
         LeftOut(name, own, None, f"{_count(len(own))} {why} {what}") for name, (own, what) in meant.items() if len(own)
     ]
@@ -140,7 +140,7 @@ def replaced_joints(assembly: Assembly, joints: np.ndarray) -> list[LeftOut]:
 
 def _beside(bound: float | None, load_factor: float) -> str:
     if bound is None:
-        return "another one, which dembrick limit bounds"
+        return "different; dembrick limit gives its bounds"
     if not np.isfinite(bound):
         return "not bounded"
     over = f", {100.0 * (bound / load_factor - 1.0):+.2g} %" if load_factor > 0.0 else ""

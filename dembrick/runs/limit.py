@@ -228,13 +228,13 @@ class ReactionResult:
         """Sentence on what the signs of the two values mean."""
         push = self.push
         if self.least.value == self.greatest.value == 0.0:
-            return "the support does not push the others along this direction, nor against it"
+            return "the support pushes the other blocks neither along this direction nor against it"
         if push is None:
-            return "the support may push the others along this direction (positive) or against it (negative)"
+            return "the support may push the other blocks along this direction (positive) or against it (negative)"
         side = {"inward": ", inward (towards them)", "outward": ", outward (away from them)", None: ""}[push["side"]]
         most = "without limit" if push["greatest"] is None else f"at most {push['greatest']:.6g} N"
         least = "without limit" if push["least"] is None else f"at least {push['least']:.6g} N"
-        return f"the support pushes the others along {named(push['along'])}{side}: {least}, {most}"
+        return f"the support pushes the other blocks along {named(push['along'])}{side}: {least}, {most}"
 
     def text(self) -> str:
         """Text of the command line."""
@@ -287,8 +287,7 @@ def limit(
     remarks = []
     if analysis.bounded_by_corners(assembly.joints).any():
         remarks.append(
-            "joints of effective or linear pressure have no convex strength, so they are bounded by points at their "
-            "corners"
+            "joints of effective or linear pressure have no convex limit surface, so points at their corners bound them"
         )
     wall = {"build": built, "solve": found.seconds, "total": time.perf_counter() - began}
     return LimitResult(given, assembly, found, beside, wall, opinion, remarks)
@@ -408,8 +407,8 @@ def _failure(scenario: Scenario, error: DembrickError) -> dict:
 
 def _unlimited(control: Control) -> str:
     if control.tilt_axis is not None:
-        return "stands at any tilt up to 90 deg: no mechanism gives way, whatever the angle"
-    return "unlimited: no mechanism gives way along the load, so rigid blocks carry it however great it is"
+        return "stands at any tilt up to 90 deg: no mechanism exists at any angle"
+    return "unlimited: no mechanism exists along the load, so rigid blocks carry any load"
 
 
 def _digits(found: analysis.Limit) -> int:

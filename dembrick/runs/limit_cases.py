@@ -34,9 +34,9 @@ def searched(scenario: Scenario) -> Scenario:
     if settled is not None:
         kind = show(scenario.stages[settled - 1].kind)
         raise ScenarioError(
-            f"limit analysis knows the geometry of the start, and stage {settled} of kind {kind} leaves another one: "
-            "remove it, take the search of dembrick run, or ask for the reaction of a support before it moved, "
-            "--reaction SUPPORT --direction X,Y,Z"
+            f"limit analysis uses the initial geometry, but stage {settled} of kind {kind} changes it: remove this "
+            "stage, use dembrick run, or find the reaction of a support before it moved, --reaction SUPPORT "
+            "--direction X,Y,Z"
         )
     control: Any = scenario.control
     if control.large_displacements:
@@ -55,7 +55,7 @@ def at_start(scenario: Scenario) -> tuple[Scenario, str | None]:
         return scenario, None
     kind = show(scenario.stages[settled - 1].kind)
     return at_stage(scenario, settled), (
-        f"limit analysis knows the geometry of the start: dead loads, ties and laws are those of stage {settled} of "
+        f"limit analysis uses the initial geometry: dead loads, ties and joint laws are those of stage {settled} of "
         f"kind {kind}, before anything has moved"
     )
 
@@ -72,8 +72,8 @@ def check_bound(scenario: Scenario) -> None:
         paths = control.support_paths
         if len(paths) > 1 or paths[0].rotation is not None or _first_deformed_stage(scenario) is not None:
             raise ScenarioError(
-                "--bound of a settlement is for supports that move along one line from the geometry of the start; "
-                "ask 'dembrick limit SCENARIO --reaction SUPPORT --direction X,Y,Z' for any direction"
+                "--bound of a settlement is for supports that move along one line from the initial geometry; for "
+                "any direction use 'dembrick limit SCENARIO --reaction SUPPORT --direction X,Y,Z'"
             )
     elif control.regime not in (LIMIT_LOAD, PATH_FOLLOWING):
         raise ScenarioError(
@@ -101,7 +101,7 @@ def names_of(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
     return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
 
 
-SQUEEZE = "forces that balance the dead loads exist; blocks find none that need a squeeze which only pre-stress gives"
+SQUEEZE = "forces that balance the dead loads exist; blocks do not develop forces that need a squeeze from pre-stress"
 
 
 @dataclass

@@ -248,7 +248,7 @@ def _after_pressing(scenario: Scenario, search: Search, joints: np.ndarray) -> f
         except UnstableHistory:
             continue
         return search(scenario, 1.0, start=start)
-    raise UnstableHistory("the blocks do not stand it that their joints are pressed together")
+    raise UnstableHistory("the blocks fall when their joints are pressed together")
 
 
 def _after_load_cycle(assembly: Assembly, wrench: np.ndarray) -> State:
@@ -262,5 +262,5 @@ def _rest(assembly: Assembly, start: State | None = None) -> State:
     """The equilibrium under the dead loads; UnstableHistory without one."""
     found = dead_load.find_rest(assembly, Session(start=start))
     if found.rest.stands is not True:
-        raise UnstableHistory("the blocks do not stand this history")
+        raise UnstableHistory("the blocks fall in this history")
     return found.state

@@ -47,9 +47,9 @@ def require_repeatable(history: History) -> None:
     found = came_from(history.settings).get(WENT_ON)
     if found:
         raise HistoryError(
-            f"{history.path}: this run went on from {found.get('file')} at {found.get('at')}, and its scenario alone "
-            f"does not lead there; use that history: dembrick restart {found.get('file')} --at {found.get('at')} "
-            "--set ... --out NEW.h5"
+            f"{history.path}: this run continued {found.get('file')} at {found.get('at')}, and its scenario alone "
+            f"cannot repeat it; use that history: dembrick restart {found.get('file')} --at {found.get('at')} --set "
+            "... --out NEW.h5"
         )
 
 

@@ -129,14 +129,14 @@ class RecordStore:
                 if found.about[key] != value:
                     what = "scenario" if key == "scenario" else "version of dembrick"
                     raise HistoryError(
-                        f"{found.path}: this checkpoint is of another {what} and would not go on to the same result; "
-                        f"{remedy}"
+                        f"{found.path}: this checkpoint is from another {what} and would not lead to the same "
+                        f"result; {remedy}"
                     )
             rows, frames = found.about["rows"], found.about["frames"]
             if rows > left.n_row or frames > left.n_frames:
                 raise HistoryError(
-                    f"{self.path}: it has {left.n_row} rows and {left.n_frames} frames, and the run had written {rows} "
-                    f"and {frames}; {remedy}"
+                    f"{self.path}: it has {left.n_row} rows and {left.n_frames} frames, but the run had written "
+                    f"{rows} and {frames}; {remedy}"
                 )
             self._auditor.worst[:] = found.array("audit.worst", self._auditor.worst)
             self.where = str(found.about["where"])

@@ -196,7 +196,7 @@ def restart_at(
             raise
         remark = going_on.check_repeated(moment, left)
     if report:
-        report(remark or f"going on from {moment.where}")
+        report(remark or f"continuing from {moment.where}")
     store.checkpoint, store.goes_on = moment.state, goes_on
     return _run(new, other, store, (began, start_up), progress=progress, report=report)
 
@@ -219,7 +219,7 @@ def restart(
     with claimed(history), closing(read(history)) as left:
         if left.status not in ("running", "interrupted"):
             raise HistoryError(
-                f"{left.path}: this run is over (status {left.status}); dembrick run {left.path} runs it again"
+                f"{left.path}: this run has ended (status {left.status}); to repeat it: dembrick run {left.path}"
             )
         custom_law.require_repeatable(left)
         named = left.settings.get("scenario")
@@ -231,7 +231,9 @@ def restart(
             require_repeatable(left)
         if report:
             left_at = store.checkpoint and store.where
-            report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
+            report(
+                f"continuing from {left_at}" if left_at else "no checkpoint was written: starting from the beginning"
+            )
         return _run(scenario, assembly, store, (began, start_up), progress=progress, report=report)
 
 
@@ -284,7 +286,7 @@ def _run(
             until_written.enter_context(interrupts.deferred())  # a signal must not lose the answer
         except WriteError as error:  # what is on the disk stays there
             kept = isinstance(store, RecordStore) and store.has_checkpoint
-            remedy = f"; once there is room again: dembrick restart {path}" if kept else ""
+            remedy = f"; after freeing space: dembrick restart {path}" if kept else ""
             failed = WriteError(f"{error}{remedy}")
             failed.answer = failure(scenario, failed, path)
             raise failed from error
@@ -304,7 +306,7 @@ def _run(
                 store.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
             error = interrupts.caused(error)
             if path and isinstance(error, Interrupted):
-                raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
+                raise Interrupted(error.signum, f"{error}; continue with: dembrick restart {path}") from None
             raise
         spent = {"start_up": start_up, "placing": placing, "began": began, "stages": stages.results}
         result = _finished(scenario, assembly, run, audit, store, spent, asked)
@@ -412,7 +414,7 @@ def _range_paths(result: Result) -> None:
         tried = [factor for each in pool.map(found, variants) for factor in each]
     factors = [factor for factor in tried if factor is not None]
     if not factors:
-        raise NotConvergedError("none of the other paths of the same structure found its limit", point)
+        raise NotConvergedError("no other load path of the same structure led to a limit", point)
     result.path = ranged(result.path, present(point.V), factors, len(tried))
     low, high = result.path["path_range"]
     upper = None if point.V_upper is None else max(point.V_upper, high)

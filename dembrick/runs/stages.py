@@ -170,7 +170,7 @@ class Stages:
         """Restore earlier stages from a snapshot; return it for the stage that was running, None between two."""
         done, size = snapshot.array(_NUMBER, np.zeros(2)).tolist()
         if not (done in range(len(self.scenario.stages) + 1) and size in range(_LONGEST)):
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no stage of this run")
+            raise HistoryError(f"{snapshot.path}: this checkpoint holds no stage of this run")
         text = snapshot.array(_RESULTS, np.zeros(int(size), np.uint8)).tobytes()
         try:
             results = json.loads(text)
@@ -192,9 +192,11 @@ def _bonds_at_limit(assembly: Assembly, run) -> str | None:
     """Remark on bonds that break at the limit of a search, and how the next stage inherits them."""
     left, limit = getattr(run, "left", None), getattr(run, "state", None)
     if isinstance(left, State) and isinstance(limit, State) and broke(left, limit):
-        return "the bonds that break at its limit are broken in what comes after it"
+        return "bonds that break at the limit stay broken in later stages"
     breaks = getattr(run, "collapse", None) is not None and any(law.bonded for law in assembly.joints.law)
-    said = "it hands on the blocks as they stood before they came down; bonds that broke only then are whole"
+    said = (
+        "the next stage starts from the last equilibrium before collapse; bonds that broke in the collapse are intact"
+    )
     return said if breaks else None
 
 
@@ -215,7 +217,7 @@ def check_change(scenario: Scenario, one: Assembly, other: Assembly, when: str, 
     ``when`` they change, for a message; ``deformed``: whether in a deformed geometry."""
     before, now = one.joints.law, other.joints.law
     if len(before) != len(now):
-        refuse(scenario, f"the formulation of joints stays as it is {when}")
+        refuse(scenario, f"the formulation of joints cannot change {when}")
     checked: set[tuple[int, int]] = set()
     for j, (had, has) in enumerate(zip(before, now, strict=True)):
         if (id(had), id(has)) in checked:
@@ -225,12 +227,14 @@ def check_change(scenario: Scenario, one: Assembly, other: Assembly, when: str, 
         joint = f"of the joint between {show(a)} and {show(b)}"
         for key in (entry.name for entry in fields(has)):
             if key not in MAY and getattr(had, key) != getattr(has, key):
-                refuse(scenario, f"{key} {joint} stays as it is {when}; what may change is {_LISTED}")
+                refuse(scenario, f"{key} {joint} cannot change {when}; only {_LISTED} can")
         if had.bonded != has.bonded:
             how, remedy = (
-                ("form", "give it a weak one from the start") if has.bonded else ("vanish", "leave it a weak one")
+                ("form", "give the joint a weak bond from the start")
+                if has.bonded
+                else ("vanish", "leave the joint a weak bond")
             )
-            refuse(scenario, f"bonds {joint} break by what they bear, and do not {how} {when}: {remedy}")
+            refuse(scenario, f"bonds {joint} break only by stress, and cannot {how} {when}: {remedy}")
     points = [j for j, law in enumerate(now) if law.formulation != "convex"]
     if deformed and _sorted([before[j] for j in points]) != _sorted([now[j] for j in points]):
         refuse(

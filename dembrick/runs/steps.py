@@ -68,8 +68,8 @@ def steps(
     control = scenario.control
     if control.regime.quasi_static or control.push_direction is not None:
         raise ScenarioError(
-            f"steps go through time, and control kind {show(control.kind)} is a search for equilibria; "
-            "use kind dynamic or base-motion, or a tilt with quasi_static = false"
+            f"steps need a run in real time, but control kind {show(control.kind)} is a search for equilibria; use "
+            "kind dynamic or base-motion, or a tilt with quasi_static = false"
         )
     every = real("every", every)
     require(every > 0.0, "every", every, "it must be longer than 0 s")
@@ -106,7 +106,7 @@ def _iterate(scenario: Scenario, every: float, loads) -> Iterator[Step]:
             force[own:] = 0.0
             for name, given in _forces(loads(step)).items():
                 if name not in rows:
-                    raise ScenarioError(f"loads name {show(name)}, which is no free block")
+                    raise ScenarioError(f"loads name {show(name)}, which is not a free block")
                 force[rows[name]] = given
             driving = replace(driving, force=force)  # a new object: the old one may hold loads found ahead
         status = advance(moving, driving, min(stride, total - moving.steps), limits)
@@ -117,9 +117,7 @@ def _forces(given) -> dict[str, np.ndarray]:
     if given is None:
         return {}
     if not isinstance(given, Mapping):
-        raise ScenarioError(
-            f"loads gave {_shown(given)}; it must give a table of forces by the names of blocks, or None"
-        )
+        raise ScenarioError(f"loads returned {_shown(given)}; it must return a table of forces by block name, or None")
     found = {}
     for name, force in given.items():
         try:
@@ -128,7 +126,7 @@ def _forces(given) -> dict[str, np.ndarray]:
             numbers = np.zeros(0)
         if numbers.dtype.kind not in "iuf" or numbers.shape != (3,) or not np.isfinite(numbers).all():
             raise ScenarioError(
-                f"loads give block {show(name)} the force {_shown(force)}; it must be three numbers (N): x, y and z"
+                f"loads gives block {show(name)} the force {_shown(force)}; it must be three numbers (N): x, y and z"
             )
         found[name] = numbers.astype(float)
     return found

@@ -146,7 +146,7 @@ def test_a_study_that_is_stopped_says_how_to_go_on(tmp_path):
     run.send_signal(signal.SIGINT)
     _, said = run.communicate(timeout=120)
     assert run.returncode == 130
-    assert "interrupted: 1 of 4 cases have their row in out; the same command goes on" in said
+    assert "interrupted: 1 of 4 cases are recorded in out; repeat the command to continue" in said
 
 
 def test_output_that_nobody_reads_is_no_error(tmp_path):

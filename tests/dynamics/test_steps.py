@@ -60,7 +60,7 @@ def test_what_has_no_time_is_refused():
         dembrick.steps("set4a", 0.01)
     with pytest.raises(ScenarioError, match="longer than 0 s"):
         dembrick.steps(scene(dembrick.DynamicControl(0.1)), 0.0)
-    with pytest.raises(ScenarioError, match="'floor', which is no free block"):
+    with pytest.raises(ScenarioError, match="'floor', which is not a free block"):
         list(dembrick.steps(scene(dembrick.DynamicControl(0.1)), 0.01, lambda step: {"floor": (1.0, 0.0, 0.0)}))
 
 
@@ -70,14 +70,14 @@ def test_what_has_no_time_is_refused():
 )  # fmt: skip
 def test_a_force_that_is_no_three_numbers_is_refused(force):
     """A number would act along all three axes."""
-    with pytest.raises(ScenarioError, match=r"loads give block 'block' the force .*; it must be three numbers"):
+    with pytest.raises(ScenarioError, match=r"loads gives block 'block' the force .*; it must be three numbers"):
         for _ in dembrick.steps(scene(dembrick.DynamicControl(0.02)), 0.01, loads=lambda _: {"block": force}):
             pass
 
 
 @pytest.mark.parametrize("given", [[1.0, 2.0, 3.0], 5.0, "block", [("block", (1.0, 0.0, 0.0))]])
 def test_loads_that_are_no_table_are_refused(given):
-    with pytest.raises(ScenarioError, match="it must give a table of forces by the names of blocks, or None"):
+    with pytest.raises(ScenarioError, match="it must return a table of forces by block name, or None"):
         for _ in dembrick.steps(scene(dembrick.DynamicControl(0.02)), 0.01, loads=lambda _: given):
             pass
 

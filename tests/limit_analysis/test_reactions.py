@@ -32,10 +32,8 @@ def test_the_thrust_of_an_arch(formulation, friction, greatest):
     for one in (found, mirrored):
         assert (one.push["along"], one.push["side"]) == ([-1.0, 0.0, 0.0], "inward")
         assert (one.push["least"], one.push["greatest"]) == pytest.approx((2130.36785, greatest), rel=1e-7)
-        said = (
-            "push          the support pushes the others along -x, inward (towards them): at least 2130.37 N, at most"
-        )
-        assert said in one.text() and one.as_dict()["push"] == one.push
+        said = "support pushes the other blocks along -x, inward (towards them): at least 2130.37 N, at most"
+        assert f"push          the {said}" in one.text() and one.as_dict()["push"] == one.push
 
 
 @pytest.mark.parametrize(
@@ -65,7 +63,9 @@ def test_what_is_zero_is_told_as_zero():
     for end in (found.least, found.greatest):
         assert end.value == end.reached == end.bound == 0.0
     assert "greatest      0 N (balanced 0, bound 0)" in found.text()
-    assert "push          the support does not push the others along this direction, nor against it" in found.text()
+    assert (
+        "push          the support pushes the other blocks neither along this direction nor against it" in found.text()
+    )
 
 
 def test_a_springing_that_sinks():
@@ -177,5 +177,5 @@ def test_limit_analysis_beside_a_spreading_arch():
     assert settled["at_rest"] == settled["greatest"]["reaction"] == path[:, 1].max(), "the start counts too"
     assert "2130.37 N to 3526.25 N (before the supports moved, by limit analysis)" in " ".join(found.text().split())
     turns = ["control.rotation={ angle = 1.0, axis = [0.0, 1.0, 0.0], point = [1.5, 0.0, 0.0] }", *SPREADS]
-    with pytest.raises(ScenarioError, match="supports that move along one line from the geometry of the start"):
+    with pytest.raises(ScenarioError, match="supports that move along one line from the initial geometry"):
         simulate(load("arch_spread", turns), bound=True, progress=False)

@@ -161,7 +161,7 @@ def test_a_history_with_fewer_rows_than_its_checkpoint_is_refused(stopped):
 
 def test_a_run_that_is_over_is_not_restarted(tmp_path):
     simulate(case("set4a", "concave"), tmp_path / "run.h5")
-    with pytest.raises(HistoryError, match=r"this run is over \(status yield\)"):
+    with pytest.raises(HistoryError, match=r"this run has ended \(status yield\)"):
         restart(tmp_path / "run.h5")
 
 

@@ -53,14 +53,14 @@ def test_a_signal_ends_the_run_and_restart_finishes_it(tmp_path, long_run, signu
     assert child.returncode == 128 + signum
     assert json.loads(out) == {"status": "interrupted", "history": str(path)}
     (line,) = err.splitlines()
-    assert line.startswith("interrupted after step") and line.endswith(f"go on with: dembrick restart {path}")
+    assert line.startswith("interrupted after step") and line.endswith(f"continue with: dembrick restart {path}")
     with read(path) as file:
         assert file.status == "interrupted" and 0 < file.n_row and file.n_frames == file.n_row
         assert file.settings["scenario"] == str(long_run / "long.toml")
     done = dembrick("restart", str(path), "--json")
     out, err = done.communicate(timeout=120)
     assert done.returncode == 0, err
-    assert json.loads(out)["status"] == "completed" and "going on from step" in err
+    assert json.loads(out)["status"] == "completed" and "continuing from step" in err
     check_same(long_run / "whole.h5", path)
     assert os.listdir(tmp_path) == ["run.h5"]
 
@@ -115,7 +115,7 @@ def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeyp
     monkeypatch.setattr("dembrick.simulation.statics.limit_load.LoneSearch", compiling)
     path = tmp_path / "run.h5"
     assert main(["run", str(tmp_path / "set4a.toml"), "--out", str(path)]) == 143
-    assert capsys.readouterr().err == f"interrupted; go on with: dembrick restart {path}\n"
+    assert capsys.readouterr().err == f"interrupted; continue with: dembrick restart {path}\n"
     assert main(["info", str(path)]) == 0
     assert f"go on         dembrick restart {path}\n" in capsys.readouterr().out
     with read(path) as file:

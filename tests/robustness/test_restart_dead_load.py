@@ -67,13 +67,13 @@ def test_a_dead_load_equilibrium_goes_on_where_it_was_stopped(tmp_path, stop_aft
     for chunk in (1, chunks // 2, chunks - 1):
         path = tmp_path / f"{chunk}.h5"
         place = f"step {16 * chunk} of the dead-load equilibrium"
-        with stop_after(chunk, match=f"after {place}; go on with: dembrick restart"):
+        with stop_after(chunk, match=f"after {place}; continue with: dembrick restart"):
             simulate(scene, path)
         with read(path) as found:
             assert found.n_row == 0 and found.status == "interrupted"
         said = []
         result = restart(path, report=said.append)
-        assert said[0] == f"going on from {place}"  # a fast rate is remarked after that
+        assert said[0] == f"continuing from {place}"  # a fast rate is remarked after that
         assert result.run.motion.dead_load_steps == steps
         check_same(tmp_path / "whole.h5", path)
 

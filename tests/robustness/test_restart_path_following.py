@@ -90,7 +90,7 @@ def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, monke
     wheres = set()
     for number, looks in enumerate((1, 3, most, *(rng.randrange(1, most) for _ in range(2)))):
         path = tmp_path / f"{looks}.h5"
-        told = f"^interrupted after .*; go on with: dembrick restart {path}"
+        told = f"^interrupted after .*; continue with: dembrick restart {path}"
         with signal_after(looks, signal.SIGTERM, told) as stopped:
             simulate(given, path)
         wheres.add(str(stopped.value).split()[2])
@@ -126,7 +126,7 @@ def test_the_way_of_blocks_that_are_let_go_is_in_the_checkpoint(tmp_path, signal
     newest, _ = Checkpoints(path).newest(read(path).run)
     assert newest.array("way.drift", np.zeros(3))[2] == 3.0
     restart(path, report=messages.append)
-    assert any(line.startswith("going on from equilibrium ") for line in messages)
+    assert any(line.startswith("continuing from equilibrium ") for line in messages)
     check_same(tmp_path / "whole.h5", path)
 
 
@@ -171,7 +171,7 @@ def test_a_dead_load_equilibrium_goes_on_in_the_middle(tmp_path, signal_after):
         messages = []
         with counted_looks() as again:
             restart(path, report=messages.append)
-        assert f"going on from step {looks} of the dead-load equilibrium" in messages
+        assert f"continuing from step {looks} of the dead-load equilibrium" in messages
         assert len(again) == len(looked) - looks
         check_same(tmp_path / "whole.h5", path)
 

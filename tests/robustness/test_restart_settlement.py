@@ -37,7 +37,7 @@ def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after):
     assert whole.status == "collapse" and whole.collapse["settlement"] > 0.0
     for stop in (len(looks) // 4, len(looks) // 2, len(looks) - 3):
         path = tmp_path / f"{stop}.h5"
-        with stop_after(stop, match="after equilibrium [0-9]+; go on with: dembrick restart"):
+        with stop_after(stop, match="after equilibrium [0-9]+; continue with: dembrick restart"):
             simulate(turned_floor(), path)
         with read(path) as found:
             assert found.status == "interrupted" and found.n_row > 0

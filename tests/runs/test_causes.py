@@ -35,7 +35,7 @@ def test_the_hinges_of_an_arch_that_spreads_lead_back_to_a_spread(tmp_path):
     ways = {(motion.support, *motion.velocity.round(9).tolist()) for motion in best.motions}
     assert ("arch.right", 1.0, 0.0, 0.0, 0.0, 0.0, 0.0) in ways and ("arch.left", -1.0, 0.0, 0.0, 0.0, 0.0, 0.0) in ways
     assert not any(way[:4] == ("arch.right", -1.0, 0.0, 0.0) for way in ways)
-    assert found.ambiguous and "does not tell arch.left from arch.right" in found.text()
+    assert found.ambiguous and "does not distinguish arch.left from arch.right" in found.text()
 
 
 def test_a_springing_that_sinks_is_told_from_one_that_spreads(tmp_path):
@@ -141,8 +141,8 @@ WRONG = {
     f'open = {SPREAD}\nclosed = [["arch.4", "arch.3"]]': "is both open and closed",
     "open = []": "needs open",
     "open = [['arch.3']]": "must be two blocks",
-    f"open = {SPREAD}\nopened = 1": "has no 'opened'; did you mean 'open'",
-    f"open = {SPREAD}\nsupports = ['arch.3']": "is no support",
+    f"open = {SPREAD}\nopened = 1": "has no key 'opened'; did you mean 'open'",
+    f"open = {SPREAD}\nsupports = ['arch.3']": "is not a support",
     f"open = {SPREAD}\ndoubt = 0.7": "a chance above 0 and below 0.5",
     f"open = {SPREAD}\npaths = 1": "must be true or false",
     f"open = {SPREAD}\ndisplacement = {{ block = 'arch.10', value = [0, 0, 0] }}": "is zero",
@@ -164,5 +164,5 @@ def test_a_structure_on_one_support_has_no_cause(tmp_path):
     _, assembly, _ = assembled(scenario, 0.0, None)
     joints, names = assembly.joints, assembly.names
     pair = (names[int(joints.block_a[0])], names[int(joints.block_b[0])])
-    with pytest.raises(ScenarioError, match="stands on one"):
+    with pytest.raises(ScenarioError, match="the structure has only one"):
         causes.find(Target("one", scenario, (pair,)))

@@ -59,7 +59,7 @@ def test_keys_that_trade_off_are_named(curve, start, monkeypatch):
     """Friction times what presses: a search that ends too early says that these curves hardly tell the two apart."""
     monkeypatch.setattr(curve_fit, "MOST", 2)
     with pytest.raises(
-        NotConvergedError, match=r"hardly tell joint.friction and materials.tuff.density apart: vary one"
+        NotConvergedError, match=r"hardly distinguish joint.friction and materials.tuff.density: vary only one"
     ):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1)], ["joint.friction", "materials.tuff.density"])
 
@@ -106,7 +106,7 @@ def test_why_runs_have_no_answer_is_passed_on(curve, start, monkeypatch):
         return run(scenario, told)
 
     monkeypatch.setattr(curve_fit, "_curve", fails)
-    with pytest.raises(NotConvergedError, match="start from other values, or see to the reason: no limit load"):
+    with pytest.raises(NotConvergedError, match="start from other values, or remove the cause: no limit load"):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1)], list(TRUE))
 
 
@@ -159,7 +159,7 @@ def test_the_misfit_of_loops_against_a_curve_that_goes_one_way():
     ([], "names no key"),
     (["joint.friction", "joint.friction"], "twice"),
     (["joint.frictoin"], "friction"),
-    (["joint.formulation"], "no number"),
+    (["joint.formulation"], "not a number"),
     (["joint.cohesion"], "above zero"),
     (["joint.friction", "control.travel"], "control.travel says how the test is run"),
 ])  # fmt: skip
@@ -169,10 +169,10 @@ def test_keys_that_cannot_be_fitted(keys, said, curve, start):
 
 
 def test_data_that_cannot_be_fitted(curve, start):
-    with pytest.raises(ScenarioError, match="2 measured points cannot tell 2 keys"):
+    with pytest.raises(ScenarioError, match="2 measured points cannot determine 2 keys"):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1, count=2)], list(TRUE))
     twice = [measured(curve, 5e-8, 3.4e-6, 1), measured(curve, 5e-8, 3.4e-6, 1)]
-    with pytest.raises(ScenarioError, match="the same curve, which tells nothing twice"):
+    with pytest.raises(ScenarioError, match="are the same curve; give it once"):
         curve_fit.fit_curves([start], twice, ["joint.friction"])
     with pytest.raises(ScenarioError, match="lengthen control.travel"):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3e-5, 1)], ["joint.friction"])

@@ -309,7 +309,7 @@ def test_whether_a_block_stands_where_a_settlement_has_brought_it():
     assert stands.reactions["floor"][2] == pytest.approx(WEIGHT, rel=1e-6)
     falls = simulate(staged(turns(20.0), STATICS, more=load))
     assert falls.status == "falls" and falls.statics["blocks"] == ["block"] and falls.reactions is None
-    assert "block come down by sliding" in falls.plain_answer
+    assert "block fall by sliding" in falls.plain_answer
     with pytest.raises(ScenarioError, match="stage 2 of kind 'statics' fell, and no stage can start"):
         simulate(staged(turns(20.0), STATICS, ALONG_Y, more=load), record=False)
 
@@ -369,7 +369,7 @@ def test_what_the_deformed_geometry_has_no_use_for_is_one_sentence():
         staged(YIELD + "large_displacements = 1\n")
     scenario = staged(turns(10.0), PUSH)
     assert scenario.control.large_displacements and toml.loads(toml.dumps(scenario), "x.toml") == scenario
-    with pytest.raises(ScenarioError, match="steps go through time, and control kind 'settlement' is a search"):
+    with pytest.raises(ScenarioError, match="steps need a run in real time, but control kind 'settlement' is a search"):
         next(steps(staged(turns(10.0)), 0.1))
 
 

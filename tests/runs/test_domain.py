@@ -96,9 +96,12 @@ def test_a_block_on_two_feet_does_not_tip_between_them(capsys, two_feet):
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["--eccentricity", "0.51", "0"], "outside the joint by 10 mm, so that N tips the block over"),
-        (["--formulation", "concave"], "a joint of several feet is known for the convex formulation without cohesion"),
-        (["--cohesion", "1e4"], "a joint of several feet is known for the convex formulation without cohesion"),
+        (["--eccentricity", "0.51", "0"], "lies 10 mm outside the joint, where N overturns the block"),
+        (
+            ["--formulation", "concave"],
+            "a joint of several feet is known only for the convex formulation without cohesion",
+        ),
+        (["--cohesion", "1e4"], "a joint of several feet is known only for the convex formulation without cohesion"),
     ],
 )
 def test_what_the_domain_of_two_feet_does_not_know_is_said(capsys, two_feet, words, said):
@@ -210,7 +213,7 @@ def test_a_joint_is_given_once():
     [
         (["--tolerance", "1e-4"], "add --simulate n"),
         (["--pressure", "linear", "--formulation", "concave"], "add --formulation convex"),
-        (["--eccentricity", "1", "0", "--formulation", "convex"], "lies outside the joint by 850 mm"),
+        (["--eccentricity", "1", "0", "--formulation", "convex"], "lies 850 mm outside the joint"),
     ],
 )
 def test_options_that_do_nothing_are_refused(words, said, capsys):

@@ -189,7 +189,7 @@ def test_blocks_that_tip_over_have_a_friction_too(tmp_path, lines, mu, alone):
 def test_a_deviation_is_given_to_all_tests_or_to_none(tmp_path):
     block(tmp_path, "slides", 0.3, 0.02)
     lines = ("1,slides.toml,30,2", "2,slides.toml,31,")
-    with pytest.raises(ScenarioError, match="line 3: deviation is empty here and not elsewhere"):
+    with pytest.raises(ScenarioError, match="line 3: deviation is empty here but not elsewhere"):
         fit.read(data(tmp_path, *lines, header="test,scenario,V [N],deviation [N]"))
 
 
@@ -209,7 +209,7 @@ def test_a_test_is_fitted_in_the_geometry_that_it_states(tmp_path, monkeypatch, 
 
 def test_what_other_strengths_exclude_is_no_answer(tmp_path):
     block(tmp_path, "slides", 0.3, 0.02, residual_friction=0.4)
-    with pytest.raises(ScenarioError, match=r"outside of what strengths allow, 0.4 \(residual"):
+    with pytest.raises(ScenarioError, match=r"outside the range that strengths allow, 0.4 \(residual"):
         fit.fit(fit.read(data(tmp_path, "1,slides.toml,30")), ("concave",))
 
 

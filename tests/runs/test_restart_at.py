@@ -220,8 +220,8 @@ def test_the_command_prints_what_run_prints(slide, tmp_path, capsys):
     assert main(asked) == 2  # a finished history is there
     assert "finished history" in json.loads(capsys.readouterr().out)["error"]
     assert main(["run", str(new), "--json"]) == 2  # its scenario alone does not lead there
-    assert "went on from" in json.loads(capsys.readouterr().out)["error"]
-    with pytest.raises(HistoryError, match="this run went on from another one"):
+    assert "this run continued" in json.loads(capsys.readouterr().out)["error"]
+    with pytest.raises(HistoryError, match="this run continued another one"):
         dembrick.restart_at(new, 0.15, tmp_path / "third.h5")
 
 
@@ -237,12 +237,12 @@ def test_a_run_that_went_on_and_was_stopped_goes_on(slide, tmp_path, monkeypatch
         assert left.status == "interrupted" and left.time[-1] > 0.1
     dembrick.restart(new, progress=False)
     same_rows(whole, new)
-    with pytest.raises(HistoryError, match="went on from"):
+    with pytest.raises(HistoryError, match="this run continued"):
         dembrick.load(new)
 
 
 REFUSED = [
-    (0.3, [], "its last row is at 0.2, and --at 0.3 is behind it"),
+    (0.3, [], "its last row is at 0.2, before --at 0.3"),
     (-1.0, [], "the time of a row, 0 or more"),
     (math.nan, [], "the time of a row, 0 or more"),
     (0.1, ["materials.stone.density=1000.0"], "materials cannot change on the way"),
@@ -250,9 +250,9 @@ REFUSED = [
     (
         0.1,
         ["joint.normal_stiffness=2e9"],
-        "normal_stiffness of the joint between .* stays as it is on the way of .*slide.h5; what may change is friction",
+        "normal_stiffness of the joint between .* cannot change on the way of .*slide.h5; only friction",
     ),
-    (0.1, ["joint.cohesion=1e3"], "break by what they bear, and do not form on the way"),
+    (0.1, ["joint.cohesion=1e3"], "break only by stress, and cannot form on the way"),
     (0.1, ["control.restitution=0.4"], "control.restitution of kind 'dynamic' cannot change on the way"),
     (0.1, ["solver.step_factor=0.5"], "solver cannot change on the way"),
     (0.1, [WALL_TIE.replace("wall", "floor").replace("-1.4", "-1.0").replace("1e5", "1e12")], "time step of"),

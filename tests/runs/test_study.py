@@ -313,7 +313,7 @@ def test_means_of_what_depends_on_the_path_have_two_digits():
 
 @pytest.mark.parametrize("value", ["nan", "inf", "[1.0, -inf]", "1979-05-27"])
 def test_values_that_no_table_holds_are_refused(write, value):
-    with pytest.raises(ScenarioError, match="holds finite numbers, texts, and lists of them"):
+    with pytest.raises(ScenarioError, match="values of a case must be finite numbers, texts, or lists of them"):
         studies.load(write(f'[grid]\n"joint.friction" = [0.5, {value}]\n'))
 
 

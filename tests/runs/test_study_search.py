@@ -56,7 +56,7 @@ def test_no_bar_leaves_out_what_points_inside_the_edge_do(write, tmp_path, capsy
     concave, convex, distributed = read_csv(tmp_path / "out" / "table.csv")
     assert abs(float(convex["value"]) - float(concave["value"])) <= 2.0 * float(concave["half_width"])
     assert float(distributed["value"]) > 1.03 * float(concave["value"]) and distributed["half_width"] == ""
-    assert "topples 5.6 % early" in distributed["remark"] and "topples 5.6 % early" in capsys.readouterr().out
+    assert "topple 5.6 % early" in distributed["remark"] and "topple 5.6 % early" in capsys.readouterr().out
 
 
 def test_the_pulse_that_overturns_a_block(write, tmp_path):
@@ -88,7 +88,7 @@ def test_the_pulse_that_overturns_a_block(write, tmp_path):
         ("low = 0.1", 'low = "small"', ["search.low"]),
         ("low = 0.1", "low = 0.1\nscan = 0", ["search.scan = 0", "from 1 to 1000"]),
         ("[search]", "histories = true\n[search]", ["keep no history"]),
-        ("[search]", '[grid]\n"joint.friction" = [0.5, 0.6]\n[search]', ["changes from case to case already"]),
+        ("[search]", '[grid]\n"joint.friction" = [0.5, 0.6]\n[search]', ["already varies from case to case"]),
         ("[search]", '[grid]\n"control.kind" = ["yield"]\n[search]', ["neither stands nor falls"]),
     ],
 )

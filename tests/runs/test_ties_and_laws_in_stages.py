@@ -226,11 +226,11 @@ def test_laws_that_part_in_a_deformed_geometry_are_refused_for_joints_with_point
 
 
 CHANGES = [
-    (law([2], shear_stiffness=1e9), "shear_stiffness .* stays as it is in stage 2; what may change is friction"),
-    (law([2], formulation="corrected"), "formulation .* stays as it is"),
-    (law([2], dilation=0.1), "dilation .* stays as it is"),
-    (law([2], cohesion=1e3), "do not form in stage 2: give it a weak one from the start"),
-    (law([1], cohesion=1e3), "do not vanish in stage 2: leave it a weak one"),
+    (law([2], shear_stiffness=1e9), "shear_stiffness .* cannot change in stage 2; only friction"),
+    (law([2], formulation="corrected"), "formulation .* cannot change"),
+    (law([2], dilation=0.1), "dilation .* cannot change"),
+    (law([2], cohesion=1e3), "cannot form in stage 2: give the joint a weak bond from the start"),
+    (law([1], cohesion=1e3), "cannot vanish in stage 2: leave the joint a weak bond"),
 ]
 
 

@@ -47,8 +47,8 @@ def test_a_single_value_takes_the_largest_relative_scatter_of_the_others_and_say
     assert found["lone"].u_D == pytest.approx(22.0 / 11.0)
     assert found["narrow"].u_D == pytest.approx(1.0)
     told = compare.Comparison(found["lone"], 22.0, 0.0, 0.1)
-    assert told.unknown.endswith("u_D relative as of wall, as there is one value only")
-    assert "*" in compare.text_row(told) and "relative as of wall" in compare.summary([told])
+    assert told.unknown.endswith("relative u_D of wall, because there is only one value")
+    assert "*" in compare.text_row(told) and "relative u_D of wall" in compare.summary([told])
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_the_command_prints_rows_and_json_and_findings_exit_with_zero(tmp_path, 
     page = tmp_path / "report.html"
     assert cli.main(["verify", "--validation", "tuff-2a", "--report", str(page)]) == 0
     printed = capsys.readouterr().out
-    assert "within" in printed and "1 of 1 tests are met" in printed and "inferred from the paper's formulas" in printed
+    assert "within" in printed and "1 of 1 tests agree" in printed and "inferred from the paper's formulas" in printed
     assert "Two tuff blocks" in page.read_text()
     (case,) = cases.chosen(["tuff-2a"])
     monkeypatch.setattr(cases, "chosen", lambda *_: [dataclasses.replace(case, measured=(0.2,), u_D=0.001)])

@@ -61,7 +61,7 @@ def test_a_load_that_nothing_limits_says_so(capsys):
     point = result.yield_point
     assert result.unlimited and result.status == "completed" and result.agrees()
     assert point.V is None and point.V_upper is None and point.V_lower > 1e3 * WEIGHT
-    assert "can never move the blocks" in result.plain_answer
+    assert "cannot move the blocks" in result.plain_answer
     assert result.as_dict()["unlimited"] is True
     result = simulate(drawn.scene(PushoverControl((0.0, 0.0, -1.0)), "concave", 0.5, SIZE))
     assert result.unlimited and result.collapse is None and "a load factor of" in result.plain_answer

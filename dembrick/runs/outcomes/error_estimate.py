@@ -81,7 +81,7 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
     """
     control: Any = scenario.control
     if scenario.stages:
-        raise ScenarioError("--refine estimates the error of a run that starts from rest, and this one has [[stages]]")
+        raise ScenarioError("--refine estimates the error of a run without stages, and this one has [[stages]]")
     if control.regime in (DEAD_LOAD, DEFORMED_REST):
         raise ScenarioError('a run of kind "statics" tells whether the blocks stand; --refine has nothing to estimate')
     if control.regime is CONSTANT_RATE or (control.regime is LIMIT_LOAD and not several):
@@ -152,7 +152,7 @@ def inertia_remark(result) -> str | None:
     unit = "deg/s" if control.tilt_axis is not None else "m/s"
     part = f"{100.0 * share:.2g} % of V" if share < 1.0 else f"{known(share, 0.1 * share)} times V"
     return (
-        f"control.rate = {control.rate:g} {unit} is fast: inertia carries about {part} while blocks speed up; lower it"
+        f"control.rate = {control.rate:g} {unit} is fast: inertia carries about {part} as blocks accelerate; lower it"
     )
 
 

@@ -59,7 +59,7 @@ class LoadPathResult(MotionResult):
             return None
         V, actuators = self.run.bracket[0], self.scenario.control.drives == ACTUATORS
         load = f"V = {V:.3g} N" if actuators else f"a load factor of {V:.3g}"
-        return f"unlimited: no blocks came down up to {load}"
+        return f"unlimited: no blocks fell up to {load}"
 
     @property
     def yield_point(self) -> YieldPoint:  # type: ignore[override]
@@ -198,7 +198,7 @@ class DeformedRestResult(RestResult, MotionResult):
         if self.run.stands:
             return "stands under its dead loads in the deformed geometry"
         found = self.statics
-        return f"does not stand under its dead loads: {listed(found['blocks'])} come down by {found['mechanism']}"
+        return f"does not stand under its dead loads: {listed(found['blocks'])} fall by {found['mechanism']}"
 
     def as_dict(self) -> dict:
         return super().as_dict() | {"answer": self.plain_answer, "statics": self.statics, "simulated_time": None}

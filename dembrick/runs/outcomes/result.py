@@ -295,7 +295,7 @@ class Result(SearchResult):
             return f"stands at any tilt up to {STEEPEST:g} deg (followed to a load factor of {V:.3g})"
         load = f"V = {V:.3g} N" if control.drives == ACTUATORS else f"a load factor of {V:.3g}"
         if not self.run.settings.get("gave_way", True):
-            return f"unlimited: this load can never move the blocks; no joint slid or opened up to {load}"
+            return f"unlimited: this load cannot move the blocks; no joint slid or opened up to {load}"
         return f"unlimited: the blocks jam, and no mechanism was found up to {load}"
 
     @property

@@ -105,7 +105,7 @@ def sweep(
                     left = (time.perf_counter() - began) / ran * (len(todo) - ran)
                     progress(ran, len(todo), f"cases, {duration(left)} left")
     except Interrupted as stopped:
-        kept = f"{len(done) + ran} of {len(study)} cases have their row in {folder}; the same command goes on"
+        kept = f"{len(done) + ran} of {len(study)} cases are recorded in {folder}; repeat the command to continue"
         raise Interrupted(stopped.signum, f"interrupted: {kept}") from None
     csv_path, h5_path, total = write_tables(folder, study.digest, study.keys, study.title, study.columns)
     statistics, failed = _statistics(study, folder)

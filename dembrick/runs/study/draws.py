@@ -81,7 +81,7 @@ def distribution(key: str, table: Mapping) -> Distribution:
     place = f"draws.of.{key}"
     kind = table.get("distribution")
     if kind not in _KEYS:
-        raise ScenarioError(f"{place}: distribution = {show(kind)} is not one; {nearest(str(kind), _KEYS)}")
+        raise ScenarioError(f"{place}: distribution = {show(kind)} is unknown; {nearest(str(kind), _KEYS)}")
     known = ("distribution", *_KEYS[kind], *_BOUNDS)
     for name, value in table.items():
         if name not in known:
@@ -104,7 +104,7 @@ def distribution(key: str, table: Mapping) -> Distribution:
         if kind == "lognormal" and not found.deviation < _WIDEST * found.mean:
             raise ScenarioError(f"{place}: deviation = {found.deviation:g} is more than {_WIDEST:g} times the mean")
         if not found._share_below(found.upper) - found._share_below(found.lower) > 1e-12:
-            raise ScenarioError(f"{place}: nothing of the distribution lies between lower and upper")
+            raise ScenarioError(f"{place}: the distribution has no values between lower and upper")
     return found
 
 

@@ -74,8 +74,8 @@ def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments
                     yield future.result()
         except BrokenProcessPool as error:
             raise DembrickError(
-                "a worker process died (killed, or out of memory); finished cases are kept: start the same command "
-                "again, with fewer --jobs if memory was short"
+                "a worker process died (killed, or out of memory); finished cases are kept: repeat the command, "
+                "with fewer --jobs if memory was short"
             ) from error
         except BaseException:
             for worker in set(multiprocessing.active_children()) - others:
@@ -115,7 +115,9 @@ def run_on_cluster(
         try:
             client.wait_for_workers(1, timeout=timeout)
         except TimeoutError as error:
-            raise ClusterError(f"the scheduler {scheduler} has had no worker for {timeout:g} s: start some") from error
+            raise ClusterError(
+                f"the scheduler {scheduler} has had no worker for {timeout:g} s: start workers"
+            ) from error
         chunks = iter(chunks)
 
         def submit():

@@ -152,7 +152,9 @@ def _study(document: dict, path: str) -> Study:
     keys = [*grid, *lines[0], *(draws.of if draws else ())]
     double = next((key for key in keys if keys.count(key) > 1), None)
     if double:
-        raise ScenarioError(f"two columns set the key {show(double)}; leave it in one of grid, list, table and draws")
+        raise ScenarioError(
+            f"two columns set the key {show(double)}; keep it in only one of grid, list, table and draws"
+        )
     search = searches.read(document["search"], keys) if "search" in document else None
     _refuse_aliases(tomllib.loads(base), [*keys, *([search.key] if search else ())])
     if not keys and search is None:
@@ -223,9 +225,7 @@ def _refuse_aliases(base: dict, keys: list[str]) -> None:
         for j in range(i):
             shorter = min(len(path), len(paths[j]))
             if path[:shorter] == paths[j][:shorter]:
-                raise ScenarioError(
-                    f"the columns {show(keys[j])} and {show(keys[i])} set the same: leave one of them out"
-                )
+                raise ScenarioError(f"the columns {show(keys[j])} and {show(keys[i])} set the same key: leave one out")
 
 
 def _check_values(changes: Mapping[str, Any]) -> None:
@@ -235,7 +235,7 @@ def _check_values(changes: Mapping[str, Any]) -> None:
             json.dumps(value, allow_nan=False)
         except (TypeError, ValueError):
             raise ScenarioError(
-                f"{key} = {show(value)}: a case holds finite numbers, texts, and lists of them"
+                f"{key} = {show(value)}: values of a case must be finite numbers, texts, or lists of them"
             ) from None
 
 
@@ -288,7 +288,7 @@ def _grid_values(key: str, value: Any) -> list:
     if not isinstance(value, list):
         raise ScenarioError(f"{place} = {show(value)} must be a list of values, or a range with from, to and count")
     if not value:
-        raise ScenarioError(f"{place} is empty: a grid needs at least one value a key")
+        raise ScenarioError(f"{place} is empty: a grid needs at least one value per key")
     return value
 
 
@@ -350,14 +350,14 @@ def _draws(table: Any) -> Draws:
         if not isinstance(value, int) or isinstance(value, bool) or not least <= value < 2**63:
             raise ScenarioError(f"draws.{name} = {show(value)} must be a whole number of at least {least}")
     if method not in METHODS:
-        raise ScenarioError(f"draws.method = {show(method)} is not one; {nearest(str(method), METHODS)}")
+        raise ScenarioError(f"draws.method = {show(method)} is unknown; {nearest(str(method), METHODS)}")
     of = {}
     for key, entry in _flat(table.get("of", {}), "draws.of").items():
         if not isinstance(entry, dict):
             raise ScenarioError(f"draws.of.{key} = {show(entry)} must state a distribution")
         of[key] = distribution(key, entry)
     if not of:
-        raise ScenarioError("draws: nothing is drawn; state a distribution for a key in [draws.of]")
+        raise ScenarioError("draws: no key has a distribution; state one in [draws.of]")
     return Draws(of, whole["count"], whole["seed"], method)
 
 

@@ -86,7 +86,7 @@ class Search:
         if None in outcome:
             raise UndecidedError(f"at {self.key} = {ends[outcome.index(None)]:g} it is undecided whether it falls")
         if outcome[0] == outcome[1]:
-            what, remedy = ("falls", "whether it stands at all") if outcome[0] else ("stands", "what brings it down")
+            what, remedy = ("falls", "whether it stands at all") if outcome[0] else ("stands", "what makes it fall")
             raise NotConvergedError(
                 f"it {what} at both ends, {self.key} = {self.low:g} and {self.high:g}; widen search.low and "
                 f"search.high, or check {remedy}"
@@ -108,8 +108,8 @@ class Search:
                     break
             if found is None:
                 raise UndecidedError(
-                    f"it stands at {self.key} = {stands:.9g} and falls at {falls:.9g}, and in between it is undecided: "
-                    "take a larger search.tolerance"
+                    f"it stands at {self.key} = {stands:.9g} and falls at {falls:.9g}, and between these it is "
+                    "undecided: use a larger search.tolerance"
                 )
             stands, falls = (stands, value) if found else (value, falls)
         return Bracket(stands, falls, runs)
@@ -139,7 +139,7 @@ def read(table: Any, swept: Sequence[str]) -> Search:
     if not isinstance(key, str):
         raise ScenarioError(f'search.key = {show(key)} must be the path of a key as text, such as "joint.friction"')
     if key in swept:
-        raise ScenarioError(f"search.key = {show(key)} changes from case to case already; leave it in one of the two")
+        raise ScenarioError(f"search.key = {show(key)} already varies from case to case; keep it in one of the two")
     low, high, tolerance = (real(f"search.{name}", table[name]) for name in _KEYS[1:])
     if not low < high:
         raise ScenarioError(f"search.low = {low:g} must be below search.high = {high:g}")
@@ -209,6 +209,6 @@ def _short_of_the_edge(assembly: Assembly, result: Mapping, tolerance: float) ->
     if gap <= tolerance:
         return None
     return (
-        f"no error bar: what rocks topples {100.0 * gap:.2g} % early, about {formulation} points inside the edge; take "
+        f"no error bar: blocks topple {100.0 * gap:.2g} % early, about {formulation} points inside the edge; use "
         "concave or convex joints"
     )

@@ -77,8 +77,8 @@ class Rows:
             file.flush()
         except OSError as error:
             raise WriteError(
-                f"{self.path}: writing failed ({reason(error)}); the rows before are kept, and the same command goes "
-                "on where it stopped"
+                f"{self.path}: writing failed ({reason(error)}); earlier rows are kept, and the same command "
+                "continues from there"
             ) from error
 
     def __exit__(self, *_) -> None:
@@ -102,8 +102,8 @@ def refuse_foreign(folder: Path) -> None:
         path = folder / name
         if not row_files(folder) and path.exists() and path.stat().st_size:
             raise OutputError(
-                f"{path}: this file exists, and there are no rows of a study beside it; choose another --out, or "
-                "--force replaces it"
+                f"{path}: this file exists without the rows of a study beside it; choose another --out, or --force "
+                "replaces it"
             )
 
 
@@ -168,7 +168,7 @@ def _check_head(path: Path, head: dict) -> None:
     if found != head:
         raise OutputError(
             f"{path}: these are rows of another study (or the study, its base scenario or a file that they read has "
-            "changed since); choose another --out, or remove the folder if its rows are not needed any more"
+            "changed since); choose another --out, or remove the folder if you no longer need it"
         )
 
 
@@ -201,8 +201,8 @@ def write_tables(
             _write_columns(table, names, keys, order, check)
     except OSError as error:
         raise WriteError(
-            f"{folder}: the tables could not be written ({reason(error)}); the rows of all cases are kept, and the "
-            "same command writes the tables"
+            f"{folder}: the tables could not be written ({reason(error)}); the rows of all cases are kept; repeat "
+            "the command to write the tables"
         ) from error
     return csv_path, h5_path, len(order)
 

@@ -68,7 +68,7 @@ def _found(path: str | os.PathLike) -> str:
 def _target(document: dict, path: str) -> Target:
     for key in document:
         if key not in _KEYS:
-            raise ScenarioError(f"a study with a [target] has no {show(key)}; {nearest(key, _KEYS)}")
+            raise ScenarioError(f"a study with a [target] has no key {show(key)}; {nearest(key, _KEYS)}")
     base, table = document.get("base"), document[TARGET]
     if not isinstance(base, str):
         raise ScenarioError('a study needs base = "SCENARIO.toml", seen from the folder of the study')
@@ -76,7 +76,7 @@ def _target(document: dict, path: str) -> Target:
         raise ScenarioError(f"target = {show(table)} must be a table with the joints that are open")
     for key in table:
         if key not in _TARGET_KEYS:
-            raise ScenarioError(f"[target] has no {show(key)}; {nearest(key, _TARGET_KEYS)}")
+            raise ScenarioError(f"[target] has no key {show(key)}; {nearest(key, _TARGET_KEYS)}")
     base_path = Path(path).parent / base
     scenario = scenarios.load(base_path if base_path.exists() else (shipped.find(base) or base_path))
     doubt = real("target.doubt", table.get("doubt", DOUBT))
@@ -132,5 +132,5 @@ def _seen(entry: Any) -> tuple[str, np.ndarray] | None:
         raise ScenarioError(f"target.displacement.value = {show(value)} must be three numbers, in m")
     moved = np.array([real("target.displacement.value", x) for x in value])
     if not moved.any():
-        raise ScenarioError("target.displacement.value is zero, which says nothing of how far a support moved")
+        raise ScenarioError("target.displacement.value is zero, which does not tell how far a support moved")
     return entry["block"], moved

@@ -59,7 +59,7 @@ class Comparison:
     def unknown(self) -> str:
         """Text on what was not known of the test, its scatter included."""
         several = self.case.scatter_of
-        return self.case.unknown + (f"; u_D relative as of {several}, as there is one value only" if several else "")
+        return self.case.unknown + (f"; relative u_D of {several}, because there is only one value" if several else "")
 
     def as_dict(self) -> dict:
         """The row of ``verify --validation --json``."""
@@ -123,7 +123,7 @@ def _force_at(case: Case) -> tuple[float, float]:
         assert isinstance(result, DrivenPathResult)
         moved, load = result.run.path[:, :2].T
         if moved[-1] < at * (1.0 - 1e-9):
-            raise NotConvergedError(f"the wall comes down at {moved[-1]:.3g} m, before {at:g} m")
+            raise NotConvergedError(f"the wall collapses at {moved[-1]:.3g} m, before {at:g} m")
         return KILO * float(np.interp(at, moved, load))
 
     return _with_stiffness(V, scenario)
@@ -219,8 +219,8 @@ def text_row(found: Comparison) -> str:
 def text_header() -> str:
     """The heads of the columns of :func:`text_row`."""
     return (
-        f"{'case':17} {'D':>8} {'u_D':>8}  {'S':>8} {'u_num':>9} {'E':>8} {'E / D':>9} {'':3} {'time':>6}    "
-        "|E| and what is open"
+        f"{'case':17} {'D':>8} {'u_D':>8}  {'S':>8} {'u_num':>9} {'E':>8} {'E / D':>9} {'':3} {'time':>6}    |E| and "
+        "what remains unknown"
     )
 
 
@@ -229,12 +229,12 @@ def summary(found: Sequence[Comparison]) -> str:
     met = sum(one.within is True for one in found)
     seconds = sum(one.seconds for one in found)
     lines = [
-        f"{met} of {len(found)} tests are met: |E| = |S - D| within the root of u_D^2 + u_num^2, {seconds:.1f} s",
-        "D measured, u_D half the range of all peaks, S simulated, u_num its error bar without what was not known.",
+        f"{met} of {len(found)} tests agree: |E| = |S - D| is at most the root of u_D^2 + u_num^2, {seconds:.1f} s",
+        "D measured, u_D half the range of all peaks, S simulated, u_num its error bar without unknown inputs.",
     ]
     if any(one.case.scatter_of for one in found):
         names = sorted({one.case.scatter_of for one in found if one.case.scatter_of})
-        lines.append(f"* one value only: u_D relative as of {', '.join(names)}, the largest of the others.")
+        lines.append(f"* one value only: relative u_D of {', '.join(names)}, the largest of the others.")
     return "\n".join(lines)
 
 
@@ -244,7 +244,7 @@ def remarks(found: Sequence[Comparison]) -> str:
     for one in found:
         case = one.case
         if case.source != last:
-            unknown = f"  not known   {case.unknown}"
+            unknown = f"  unknown     {case.unknown}"
             lines += ["", f"{case.title}: {case.source}", f"  inputs      {case.inputs}", unknown]
             last = case.source
         lines += [f"  {case.name}: {said}" for said in (case.finding, one.failure) if said]
@@ -259,7 +259,7 @@ def html(found: Sequence[Comparison], version: str) -> str:
 <title>dembrick {escape(version)}: validation</title><style>{STYLE}</style></head>
 <body><h1>Validation of dembrick {escape(version)}</h1>
 <p>{escape(summary(found))}</p>
-<table><thead><tr><th>test</th><th>source, inputs, not known</th><th>D</th><th>u_D</th><th>S</th><th>u_num</th>
+<table><thead><tr><th>test</th><th>source, inputs, unknown</th><th>D</th><th>u_D</th><th>S</th><th>u_num</th>
 <th>E</th><th></th></tr></thead><tbody>
 {rows}
 </tbody></table></body></html>
@@ -281,7 +281,7 @@ def _html_row(found: Comparison) -> str:
     cells = "".join(f"<td class=n>{escape(text)}</td>" for text in numbers)
     return (
         f"<tr><td>{escape(case.title)}, {escape(case.load)}<br><small><code>{escape(case.name)}: "
-        f"{escape(case.scenario)}{changes}</code></small></td><td>{escape(case.source)}<br><small>{escape(case.inputs)}."
-        f"<br>Not known: {escape(found.unknown)}</small>{said}</td>{cells}"
-        f"<td class='{'' if found.within else 'bad'}'>{verdict(found)}</td></tr>"
+        f"{escape(case.scenario)}{changes}</code></small></td><td>{escape(case.source)}<br><small>{escape(case.inputs)}.<br>"
+        f"Unknown: {escape(found.unknown)}</small>{said}</td>{cells}<td "
+        f"class='{'' if found.within else 'bad'}'>{verdict(found)}</td></tr>"
     )

@@ -187,7 +187,7 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     passed = sum(outcome.passed for outcome in outcomes)
     bars = [outcome.bar_holds for outcome in outcomes if outcome.bar_holds is not None]
     seconds = sum(outcome.seconds for outcome in outcomes)
-    held = f"{sum(bars)} of {len(bars)} error bars hold the reference as far as it is known"
+    held = f"{sum(bars)} of {len(bars)} error bars contain the reference, within its own accuracy"
     return f"{passed} of {len(outcomes)} cases pass, {held}, {seconds:.1f} s"
 
 
