@@ -133,7 +133,7 @@ def answer(simulated: Callable, path: str, console, to: Sequence[str] = (), forc
         alone = result.theory is not None
         remedy = 'Take pressure = "linear" of a convex joint' if alone else "Take concave or convex joints"
         console.error(
-            f"the contact points of a distributed joint miss the continuum by {100 * result.points_miss:+.2g} %, "
+            f"the points of a distributed joint deviate from the continuum by {100 * result.points_miss:+.2g} %, "
             f"more than the tolerance, because it opens. {remedy}, or set joint.points"
         )
         return 3

@@ -94,9 +94,7 @@ def _answer(cell: dict, unit: str) -> str:
         one_path = {"digits_open": cell["digits_open"] == "true"}
         return plain(str(limit_text({"V": cell["mean"], **cell}, one_path, unit)))
     if cell["digits_open"]:
-        return (
-            f"about {known(cell['mean'], None)} {unit}".rstrip() + f" (for these load paths){_on_average(cell, unit)}"
-        )
+        return f"about {known(cell['mean'], None)} {unit}".rstrip() + f" (of these paths){_on_average(cell, unit)}"
     return _mean(cell, unit) + _on_average(cell, unit)
 
 

@@ -74,7 +74,7 @@ def _no_tension(moments_of, normal_force: float) -> np.ndarray:
         plane = trial
     residual = moments_of(plane) @ plane - target
     if np.abs(residual).max() > 1e-9 * normal_force:
-        raise NotConvergedError("no pressure without tension was found: the centre of pressure is at the joint's edge")
+        raise NotConvergedError("no compressive pressure was found: the centre of pressure is at the edge of the joint")
     return plane
 
 
@@ -126,7 +126,7 @@ def effective_polygon(polygon: ArrayLike | Sequence[ArrayLike], centre: ArrayLik
     pieces = [intersect(part, twice - other) for part in parts for other in parts]
     pieces = [piece for piece in pieces if len(piece) > 2 and moment_matrix(piece, piece[0])[0, 0] > 0.0]
     if not pieces:
-        raise ScenarioError(f"the centre of pressure {tuple(map(float, centre))} has no part of the joint around it")
+        raise ScenarioError(f"the centre of pressure {tuple(map(float, centre))} has no joint area around it")
     return tuple(pieces)
 
 
@@ -179,7 +179,7 @@ class Formulation:
             return convex(self.parts, self.friction, normal_force, self.cohesion)
         if not distance_to_exit(self.hull, e, (0.0, 0.0)) >= 0.0:
             raise ScenarioError(
-                f"the normal force acts at {tuple(e.tolist())} m, outside the joint: it tips over there"
+                f"the normal force acts at {tuple(e.tolist())} m, outside the joint: the block overturns"
             )
         if self.parts is None:
             forces = spring_forces(self.normal_arms, self.areas, normal_force, e)

@@ -248,7 +248,7 @@ def limit_loads(
         z, solved = _minimise(problem, start, everything, 0.0)
         value, q = problem.evaluate(z, everything, 0.0)[0], problem.twist(z, everything)
     if not solved.all():
-        raise NotConvergedError(f"the limit load of {np.count_nonzero(~solved)} of {len(loads)} loads was not reached")
+        raise NotConvergedError(f"no limit load was found for {np.count_nonzero(~solved)} of {len(loads)} loads")
     return _loads_of(law, value * law.strength / size, q, loads)
 
 

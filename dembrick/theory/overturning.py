@@ -35,7 +35,7 @@ def overturning_load(
     V = distance_to_exit(formulation.hull, start, shift)
     if V < 0.0:
         raise ScenarioError(
-            f"the normal force acts at {tuple(start.tolist())} m, outside the joint: it tips over without load"
+            f"the normal force acts at {tuple(start.tolist())} m, outside the joint: the block overturns without load"
         )
     return V
 

@@ -35,7 +35,7 @@ def response_spectrum(time, acceleration, period, damping: float = 0.05) -> Spec
     """
     t, a, T = (np.asarray(values, float) for values in (time, acceleration, period))
     if not (len(t) > 1 and t.shape == a.shape and (np.diff(t) > 0.0).all() and np.isfinite(a).all()):
-        raise ScenarioError("a spectrum needs times that grow, and a finite acceleration at each")
+        raise ScenarioError("a spectrum needs increasing times, with a finite acceleration at each")
     if not (len(T) and np.isfinite(T).all() and (T > 0.0).all()):
         raise ScenarioError("the periods of a spectrum must be finite and greater than 0 s")
     if not 0.0 <= damping < 1.0:

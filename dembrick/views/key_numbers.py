@@ -77,7 +77,7 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
     timed = results.get("simulated_time") is not None
     told = _limit(point, unit, results, path, open_ended)
     if open_ended and not timed and "displacement" in point:  # the end of a path in the deformed geometry
-        falls = ", where blocks come down" if results.get("status") == "collapse" else ""
+        falls = ", where blocks fall" if results.get("status") == "collapse" else ""
         at = f"at the end, {length(point['displacement'])}{falls}"
         told = told._replace(remark=told.remark.replace("at the end", at, 1))
     if "path_dependent" not in path and not open_ended and results.get("path_dependent") is True:
@@ -95,14 +95,14 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
         at_limit = "limit_at" in point or point.get("bracket") == "certified" or not (timed or open_ended)
         which = f"{point['joint']}, " if "joint" in point else ""
         when = "at the largest load" if _short_of_the_limit(point) else "at the limit" if at_limit else "at the end"
-        lines.append(KeyNumber("the joint carries", ", ".join(carried), f"{which}{when}"))
+        lines.append(KeyNumber("joint forces", ", ".join(carried), f"{which}{when}"))
     if mechanism({"collapse": path}) != "none":
         lines.append(KeyNumber("mechanism", mechanism({"collapse": path})))
     elif "mechanism" in point:
         centre = point.get("torsion_centre")
         # + 0.0 turns a negative zero into zero
         x, y = (0.0, 0.0) if centre is None else (round(1e3 * x, 4) + 0.0 for x in centre)
-        remark = "" if centre is None else f"turns about ({x:.5g}, {y:.5g}) mm from O"
+        remark = "" if centre is None else f"rotation about ({x:.5g}, {y:.5g}) mm from O"
         lines.append(KeyNumber("mechanism", point["mechanism"], remark))
     return lines
 
@@ -112,8 +112,8 @@ def _limit(point: dict, unit: str, results: Mapping, path: dict, open_ended: boo
     said = limit_text(point, path, unit)
     if on_one_path(path):
         bound = number(part(path, "associative").get("upper"))
-        most = "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any"
-        bounded = ", --bound a bound of it" if bound is None else ""
+        most = "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any path"
+        bounded = ", --bound an upper bound" if bound is None else ""
         advice = "" if refuses_refining(results) else f"; --refine gives the range{bounded}"
         return Told(said.value, f"{said.kind}{most}{advice}")
     if open_ended:
@@ -140,11 +140,11 @@ def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: b
     if not on_the_way:
         if _short_of_the_limit(point):
             share = 100.0 * point["V_peak"] / point["V_lower"]
-            where += f", {share:.3g} % of the limit, which it comes nearer and nearer to"
+            where += f", {share:.3g} % of the limit, which it approaches gradually"
         return Told(peak, where)
     if error is None:
         return Told(peak, f"{where}; {no_bar(results)}")
-    return Told(with_error(point["V_peak"], error, unit).rstrip(), f"{where}, from runs refined")
+    return Told(with_error(point["V_peak"], error, unit).rstrip(), f"{where}, from refined runs")
 
 
 def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
@@ -156,7 +156,7 @@ def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
             continue
         peaks = [with_error(V, max(b - V, V - a), "").rstrip() for V, a, b in zip(*columns, strict=False)]
         work, damping, residual = (number(cycle.get(name)) for name in ("dissipated", "damping", "residual"))
-        remark = "its loop does not close" if work is None else f"dissipated {work:.5g} J"
+        remark = "its loop is not closed" if work is None else f"dissipated {work:.5g} J"
         remark += "" if damping is None else f", damping {100.0 * damping:.3g} %"
         remark += "" if residual is None else f", residual {1e3 * residual:.4g} mm"
         lines.append(KeyNumber(f"cycle {count}", f"peaks {' and '.join(peaks)}{' N' if unit == 'N' else ''}", remark))
@@ -181,7 +181,7 @@ def _of_theory(theory: dict, unit: str) -> list[KeyNumber]:
     remark = "" if error is None else f"simulation {100.0 * error:+.2g} %"
     gap = number(theory.get("discretisation_error"))
     if gap is not None:
-        remark += f"{'; ' if remark else ''}the points miss the continuum by {100.0 * gap:.2g} %"
+        remark += f"{'; ' if remark else ''}the points deviate from the continuum by {100.0 * gap:.2g} %"
     return [KeyNumber("theory", f"{V:.7g} {unit.strip('1')}".rstrip(), remark)]
 
 
@@ -200,10 +200,10 @@ def _of_collapse(collapse: dict, point: dict, results: Mapping) -> list[KeyNumbe
         remarks += [no_bar(results)] if error is None else []
         lines.append(KeyNumber("collapse angle", text, "; ".join(remarks)))
         if onset is not None:
-            lines.append(KeyNumber("onset", f"{onset:.4g} deg", "there the first block leaves its balance"))
+            lines.append(KeyNumber("onset", f"{onset:.4g} deg", "where the first block loses equilibrium"))
     if factor is not None and "V" not in point:
         text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
-        source = "from the run refined" if bar is not None else "" if lines else no_bar(results)
+        source = "from refined runs" if bar is not None else "" if lines else no_bar(results)
         lines.append(KeyNumber("load factor", text, source))
     if isinstance(collapse.get("mechanism"), str) and "V" not in point:
         lines.append(KeyNumber("mechanism", collapse["mechanism"]))

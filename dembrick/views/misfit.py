@@ -56,7 +56,7 @@ def text(misfit: Misfit) -> str:
     """The misfit in words, in per cent."""
     parts = [f"rms {100.0 * misfit.rms:.2f} % of the peak"]
     for name, value in list(misfit.numbers().items())[1:]:
-        parts.append(f"{name} not on the curve" if value is None else f"{name} {100.0 * value:+.2f} %")
+        parts.append(f"{name} not determined" if value is None else f"{name} {100.0 * value:+.2f} %")
     return ", ".join(parts)
 
 
@@ -64,9 +64,9 @@ def extent(misfit: Misfit, simulated: Curve, measured: Curve) -> str:
     """Remark in brackets on how far a measured curve was compared; empty if all of it was."""
     last, most = misfit.compared[1], float(simulated.displacement.max())
     if last >= measured.displacement.max():
-        return " (of the way to the first turning point)" if goes_on(simulated, measured) else ""
+        return " (up to the first turning point)" if goes_on(simulated, measured) else ""
     end = f"the run {'turns' if turns(simulated.displacement) else 'ends'} at {1e3 * most:.4g}"
-    return f" (compared up to {1e3 * last:.4g} mm: {end}{', and keeps its last force' if last > most else ''})"
+    return f" (compared up to {1e3 * last:.4g} mm: {end}{', its last force is kept beyond' if last > most else ''})"
 
 
 def between(simulated: Curve, measured: Curve, name: str = "the measured curve") -> Misfit:
@@ -86,27 +86,27 @@ def require_comparable(simulated: Curve, measured: Curve, name: str) -> None:
         return  # reported elsewhere
     if theirs.max() <= BACK * size and ours.min() >= -BACK * np.abs(ours).max():
         raise ScenarioError(
-            f"the displacements of {name} are negative ({_range(theirs)}), and those of the run are not; turn the "
-            "signs of its columns, or the direction of the actuator"
+            f"the displacements of {name} are negative ({_range(theirs)}), and those of the run are not; change the "
+            "signs of its columns, or reverse the actuator"
         )
     if turns(ours) < turns(theirs) and (np.maximum.accumulate(theirs) - theirs).max() > BACK * np.ptp(theirs):
         raise ScenarioError(
-            f"{name} goes to and fro, and the run turns less often; if it was measured one way, sort its lines by "
+            f"{name} goes to and fro, but the run turns less often; if it was measured one way, sort its lines by "
             "displacement, else give the envelope of its loops, or their turning points as control.protocol"
         )
     first = [_ways(curve)[0][0] for curve in (simulated, measured)]
     if turns(ours) and turns(theirs) and (first[0][-1] - first[0][0]) * (first[1][-1] - first[1][0]) < 0.0:
         raise ScenarioError(
-            f"{name} first goes the other way than the run, so that no way of the one is one of the other; turn the "
-            "signs of its columns, or those of control.protocol"
+            f"{name} first moves opposite to the run, so their half cycles do not match; change the signs of its "
+            "columns, or those of control.protocol"
         )
     slack = (BACK if turns(ours) else 1e-9) * np.ptp(ours)
     inside = int(((theirs >= ours.min() - slack) & (theirs <= ours.max() + slack)).sum())
     if inside < 2:
         raise ScenarioError(
             f"{inside or 'none'} of the {len(theirs)} points of {name} ({_range(theirs)}) "
-            f"{'lies' if inside == 1 else 'lie'} where the run goes ({_range(ours)}), and 2 are needed; is the unit of "
-            "its displacement right?"
+            f"{'lies' if inside == 1 else 'lie'} in the range of the run ({_range(ours)}), and 2 are needed; check "
+            "the unit of its displacement"
         )
 
 
@@ -175,7 +175,7 @@ def _of_loops(simulated: Curve, measured: Curve, name: str) -> Misfit:
     energy that of the loops."""
     u, ours, theirs = compared(simulated, measured)
     if len(u) < 2 or not np.abs(theirs).max() > 0.0:
-        raise ScenarioError(f"{name} and the simulated curve share no displacements, or it has no force")
+        raise ScenarioError(f"{name} and the simulated curve have no common displacements, or its force is zero")
     peak, most, areas = float(np.abs(theirs).max()), 0.0, np.zeros(2)
     for x, y, way_u, way_V in _ways_of_both(simulated, measured):
         if len(way_u):
@@ -202,12 +202,12 @@ def _one_way_each(simulated: Curve, measured: Curve, name: str) -> Misfit:
     inside = (theirs[0] >= low) & (theirs[0] <= high)
     if inside.sum() < 2:
         raise ScenarioError(
-            f"{name} and the simulated curve share no displacements: {theirs[0][0]:.4g} to {theirs[0][-1]:.4g} m, and "
-            f"{ours[0][0]:.4g} to {ours[0][-1]:.4g} m"
+            f"{name} and the simulated curve have no common displacements: {theirs[0][0]:.4g} to {theirs[0][-1]:.4g} "
+            f"m, and {ours[0][0]:.4g} to {ours[0][-1]:.4g} m"
         )
     peak = float(theirs[1][inside].max())
     if not peak > 0.0:
-        raise ScenarioError(f"{name} has no force above 0; turn its sign round if the rig counts the other way")
+        raise ScenarioError(f"{name} has no force above 0; change its sign if the rig uses the opposite one")
     difference = np.interp(theirs[0][inside], *ours) - theirs[1][inside]
     at = _points_of_both(ours[0], theirs[0], low, high)
     own, other = np.interp(at, *ours), np.interp(at, *theirs)

@@ -33,8 +33,8 @@ def _moved(results: Mapping) -> Told | None:
     if way is None:
         return None
     value = f"{moved.get('block')} by {length(way) if turn is None else f'{math.degrees(turn):.3g} deg'}"
-    far = "; large_displacements = false gives the limit before they move" if moved.get("far") is True else ""
-    return Told(value, f"up to there{far}")
+    far = "; large_displacements = false gives the limit of the initial geometry" if moved.get("far") is True else ""
+    return Told(value, f"up to the limit{far}")
 
 
 def _outcome(results: Mapping) -> Told | None:
@@ -43,7 +43,7 @@ def _outcome(results: Mapping) -> Told | None:
     if not isinstance(told, str):
         return None
     open_ended = told == "stood" and speed is not None and speed > 0.0
-    return Told(told, f"so far: it still moves at {speed:.2g} m/s; give a longer duration" if open_ended else "")
+    return Told(told, f"so far: blocks still move at {speed:.2g} m/s; give a longer duration" if open_ended else "")
 
 
 def _moving(results: Mapping) -> Told | None:
@@ -113,7 +113,7 @@ def _settled(results: Mapping) -> Told | None:
     between = ""
     if ends is not None:
         between = "between {} and {} {}; ".format(*outward(factor * ends[0], factor * ends[1]), unit)
-    return Told(text, between + (no_bar(results) if bar is None else "from runs refined"))
+    return Told(text, between + (no_bar(results) if bar is None else "from refined runs"))
 
 
 def _reaction(results: Mapping) -> Told | None:
@@ -165,7 +165,7 @@ def _load_path(results: Mapping) -> Told | None:
     if increments is None or error == 0.0 or found.get("stands") is False:
         return None
     known = (
-        "forces as in one step"
+        "same forces as in one step"
         if error is None
         else f"forces are known to {rounded_up(error, 1)} of the greatest joint force"
     )
@@ -191,7 +191,7 @@ def _energy(results: Mapping) -> Told | None:
         return None
     remark = "residual over the energy put in"
     if stepping is not None:
-        remark += f"; {stepping:.1e} of it went in joints that open or close within a step"
+        remark += f"; {stepping:.1e} of it in joints that open or close within a step"
     return Told(f"{residual:.1e}", remark)
 
 
@@ -221,12 +221,12 @@ OF_SETTLEMENT = (
     Declared("least reaction", partial(_extreme_reaction, "least")),
     Declared("greatest reaction", partial(_extreme_reaction, "greatest")),
     Declared("reaction at rest", _reaction_at_rest),
-    Declared("reaction allowed", _allowed_reaction),
+    Declared("admissible reaction", _allowed_reaction),
 )
 OF_WORK = (
     Declared("equilibria", _equilibria),
     Declared("out of balance", _unbalanced),
-    Declared("way of the loads", _load_path),
+    Declared("load path", _load_path),
     Declared("simulated time", _simulated),
     Declared("time step", _time_step),
     Declared("energy balance", _energy),

@@ -25,18 +25,18 @@ def of_path(beside: Mapping, unit: str) -> Iterator[KeyNumber]:
     after, at = number(beside.get("mechanism_load_factor")), number(beside.get("load_factor"))
     if after is not None and at is not None and after < at:
         told = f"{'' if unit else 'load factor '}{known(after, 0.0, 5)} {unit}".rstrip()
-        yield KeyNumber("after a peak", told, "how high the peak is depends on the way there")
+        yield KeyNumber("after a peak", told, "the height of the peak depends on the load path")
     if (ends := pair(beside.get("wanders"))) is not None:
-        yield KeyNumber("wanders", _range(*ends, unit), "blocks snap on and on, and no limit is narrower")
+        yield KeyNumber("wanders", _range(*ends, unit), "blocks keep snapping, so no narrower limit exists")
     if (ends := pair(beside.get("path_range"))) is not None:
         count = pair(beside.get("paths"))
         by = "" if count is None else f"by {count[0]:.0f} of {count[1]:.0f} paths of the same structure"
         yield KeyNumber("path range", _range(*ends, unit), by)
         upper = number(part(beside, "associative").get("upper"))
         if upper is not None:
-            yield KeyNumber("bound", f"{known(upper, 0.0, 5)} {unit}".rstrip(), "associative: no path ends above")
+            yield KeyNumber("bound", f"{known(upper, 0.0, 5)} {unit}".rstrip(), "associative: no path exceeds it")
         elif beside.get("no_path_above") is True:
-            yield KeyNumber("bound", "no path ends above", "normality allows the mechanism")
+            yield KeyNumber("bound", "no path exceeds the limit", "the mechanism obeys normality")
 
 
 def of_collapse(collapse: Mapping) -> Iterator[KeyNumber]:
@@ -95,7 +95,7 @@ def of_ties(results: Mapping) -> Iterator[KeyNumber]:
         tension, peak, yielded = (number(tie.get(key)) for key in ("tension", "peak", "yielded"))
         if tension is None:
             continue
-        remarks = [] if peak is None else [f"{peak:.6g} N at the most"]
+        remarks = [] if peak is None else [f"{peak:.6g} N at most"]
         remarks += [f"yielded by {length(yielded)}"] if yielded else []
         yield KeyNumber(f"tie {' - '.join(texts(tie.get('between')))}".rstrip(), f"{tension:.6g} N", ", ".join(remarks))
     if len(known_ties) > _SHOWN:

@@ -143,7 +143,7 @@ def start_text(beside: Mapping, unit: str) -> str | None:
         more = f"no path bears more than {known(bound, 0.0, 5)} {unit}".rstrip() + " (associative)"
     if beside.get("no_path_above") is True:
         more = "no path bears more"
-    start = "from what the stages left in the joints" if beside.get("locked_in") else "without forces locked in"
+    start = "with the forces locked in by the stages" if beside.get("locked_in") else "without forces locked in"
     return f"{start}: {more}, another history may bear less"
 
 

@@ -232,7 +232,7 @@ def test_points_whose_continuum_is_not_found_are_told_to_miss_the_edge(monkeypat
     """No theory then, so that the bar of the points does not stand alone."""
 
     def none(*_):
-        raise NotConvergedError("no pressure without tension was found")
+        raise NotConvergedError("no compressive pressure was found")
 
     monkeypatch.setattr(theory_check, "_continuum", none)
     parts = tuple(replace(part, box=(*part.box[:2], 0.6), position=(*part.position[:2], 0.3)) for part in L_PARTS)

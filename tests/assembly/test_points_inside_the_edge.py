@@ -84,7 +84,7 @@ def test_the_command_line_ends_with_three(folder, capsys):
     )
     assert cli.main(["run", "pile.toml"]) == 3
     said = capsys.readouterr().err
-    assert "half width inside the edge" in said and "miss the continuum by -" in said and "joint.points" in said
+    assert "half width inside the edge" in said and "deviate from the continuum by -" in said and "joint.points" in said
 
 
 @pytest.mark.parametrize("points", ["[1, 1]", "[1, 3]", "[2, 1]"])

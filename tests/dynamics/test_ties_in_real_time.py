@@ -74,7 +74,7 @@ def test_a_tie_yields_and_stays_longer(strength):
     (found,) = result.as_dict()["ties"]
     assert found["between"] == ["anchor", "block"] and found["yielded"] == pytest.approx(kept, rel=1e-3)
     assert found["peak"] == strength
-    assert f"tie anchor - block 0 N ({strength:g} N at the most, yielded by" in words(result.text())
+    assert f"tie anchor - block 0 N ({strength:g} N at most, yielded by" in words(result.text())
 
 
 def test_a_prop_pushes_and_yields_both_ways():

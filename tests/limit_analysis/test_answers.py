@@ -289,6 +289,6 @@ def test_the_mechanism_is_drawn_and_written(tmp_path, monkeypatch):
     with history.read(path) as file:
         assert file.status == "limit" and file.n_frames == 2
     picture = found.picture(tmp_path / "mechanism.png")
-    assert told and all("mechanism of limit analysis: velocities, to no scale" in one for one in told)
+    assert told and all("mechanism of limit analysis: velocities, not to scale" in one for one in told)
     assert (tmp_path / "mechanism.png").stat().st_size > 10_000 and picture.endswith("mechanism.png")
     assert not list(tmp_path.glob("*.part"))

@@ -254,7 +254,7 @@ def test_a_list_of_frames_has_a_folder_of_its_own(run, folder):
 def test_a_folder_of_other_things_is_not_taken_for_frames(run, folder, capsys):
     (folder / "q_frames").mkdir()
     (folder / "q_frames" / "thesis.tex").write_text("mine")
-    assert "holds other things" in refused(capsys, "export", run, "--to", "q.pvd", "--force")
+    assert "holds files other than frames" in refused(capsys, "export", run, "--to", "q.pvd", "--force")
     assert (folder / "q_frames" / "thesis.tex").read_text() == "mine"
 
 

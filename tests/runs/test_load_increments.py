@@ -84,7 +84,7 @@ def test_forces_are_known_to_what_is_said(formulation, tie, loads):
     assert error <= rest.path_error
     assert np.abs(held_by_ties(tie, loads, 1)[0] - exact).max() / greatest > 2.0 * error or error < 1e-4
     assert found.as_dict()["statics"]["increments"] == rest.increments
-    assert f"way of the loads {rest.increments} increments (forces are known to" in words(found.text())
+    assert f"load path {rest.increments} increments (forces are known to" in words(found.text())
 
 
 EASED = [(-1010.4, 1266.7, -1467.4), (-717.7, -25.3, 234.3)]  # at once, they would swing the joint open
@@ -100,7 +100,7 @@ def test_forces_are_known_to_what_is_said_in_the_deformed_geometry_too(formulati
     assert run.increments in load_increments.COUNTS[1:] and 2e-4 < run.path_error < 0.02
     assert np.abs(found.rows["tension"][-1] - exact).max() / greatest <= run.path_error + 1e-4
     assert found.as_dict()["statics"]["path_error"] == run.path_error
-    assert f"way of the loads {run.increments} increments (forces are known to" in words(found.text())
+    assert f"load path {run.increments} increments (forces are known to" in words(found.text())
 
 
 @pytest.mark.parametrize("tie", [1e5, 3e6])
@@ -109,7 +109,7 @@ def test_loads_that_grow_together_from_zero_need_no_increments(tie):
     exact, greatest = held_by_ties(tie, ROUND[:1], 1)
     assert found.rows["tension"][-1] == pytest.approx(exact, abs=1e-6 * greatest)
     assert found.run.rest.increments == 1 and found.run.rest.path_error == 0.0
-    assert "way of the loads" not in found.text()
+    assert "load path" not in found.text()
 
 
 def test_soft_ties_are_no_way_of_their_own():
@@ -233,4 +233,4 @@ def test_a_way_that_is_not_known_well_is_said(monkeypatch):
     found = simulate(scene("concave", 1e5, ROUND), report=heard.append)
     assert "but the loads were applied in one step" in heard[-1]
     assert found.as_dict()["statics"]["path_error"] is None
-    assert "way of the loads 1 increment (forces as in one step)" in words(found.text())
+    assert "load path 1 increment (same forces as in one step)" in words(found.text())

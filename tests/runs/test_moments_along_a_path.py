@@ -57,7 +57,7 @@ def test_a_couple_turns_a_block_at_its_torsion_strength(formulation, held):
     assert point.V_upper - point.V_lower < 3e-3 * point.V
     assert point.mechanism == "torsion" and result.collapse is None
     assert result.run.collapse["blocks"] == ["block"]
-    assert "moved block by " in words(result.text()) and " deg (up to there" in result.text()
+    assert "moved block by " in words(result.text()) and " deg (up to the limit" in result.text()
 
 
 @pytest.mark.parametrize("large", [False, True])

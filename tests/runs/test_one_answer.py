@@ -142,7 +142,7 @@ def test_a_sweep_says_of_one_path_what_a_run_says(tmp_path):
     assert bars == [pytest.approx([0.2946, 0.35]), pytest.approx([0.299, 0.301])]
     marked = {text.get_text(): text for text in axes.get_legend().get_texts()}
     assert list(marked)[-2:] == [
-        f"depends on the path; bar: {bar}" for bar in ("to the bound of all", "what was found")
+        f"depends on the load path; bar: {bar}" for bar in ("to the bound of all paths", "what was found")
     ]
     one, several = axes.lines[-2:]
     assert (list(one.get_xdata()), list(several.get_xdata())) == ([0.6], [0.8])

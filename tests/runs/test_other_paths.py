@@ -103,7 +103,7 @@ def test_a_limit_at_the_bound_may_be_missed_from_below():
     assert squeezed["no_path_above"] is True and squeezed["path_dependent"] is True
     assert as_built["no_path_above"] is False and as_built["path_dependent"] is True
     said = lines_of(key_numbers(squeezed))["start"]
-    assert "from what the stages left in the joints: no path bears more, another history may bear less" in said
+    assert "with the forces locked in by the stages: no path bears more, another history may bear less" in said
 
 
 def test_wall_4_of_ferris_and_tin_loi_is_not_called_unique():

@@ -145,7 +145,7 @@ def test_only_loops_that_close_have_an_area(points, count, closed):
     for cycle in found.cycles:
         if not closed:
             assert cycle["dissipated"] is None and cycle["damping"] is None and cycle["peak"][0] < 0.0
-            assert "its loop does not close" in key_lines(found)["cycle 1"]
+            assert "its loop is not closed" in key_lines(found)["cycle 1"]
             continue
         limit = -cycle["peak"][0]
         slip = U - limit / (1e10 * 0.06)

@@ -306,7 +306,7 @@ def test_means_of_what_depends_on_the_path_have_two_digits():
         "mean_error": 1e-7,
         "standard_error": 1e-7,
     }
-    assert sweep._answer(cell, "").startswith("about 0.43 (for these load paths) on average of 3 cases")
+    assert sweep._answer(cell, "").startswith("about 0.43 (of these paths) on average of 3 cases")
     shut = cell | {"digits_open": False, "mean_error": None}
     assert sweep._answer(shut, "").startswith("0.43387 (no error bar) on average")
 

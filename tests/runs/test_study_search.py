@@ -143,7 +143,7 @@ def test_a_study_is_drawn_over_every_key_that_changes(tmp_path, capsys):
     (folder / "table.csv").write_text("\n".join(lines) + "\n")
     figure = plot.study(plot.read_study(folder))
     laws, times = figure.axes
-    assert times.get_ylabel() == "control.scale at which it falls [-]"
+    assert times.get_ylabel() == "control.scale at collapse [-]"
     assert laws.get_xlabel() == "joint.formulation" and times.get_xlabel() == "control.pulse.duration [s]"
     concave, convex = times.containers
     assert concave[0].get_xydata().tolist() == [[0.2, 1.4], [0.5, 0.25]]

@@ -97,7 +97,7 @@ def test_the_picture_of_a_table_tells_its_angle(column, drawing):
 def test_the_picture_of_a_load_without_a_limit_says_so(column, drawing, monkeypatch):
     assert "no limit" not in drawn(column)._text.input
     monkeypatch.setitem(column.__dict__, "results", {"unlimited": True})
-    assert "\nno limit: stones sink into each other" in drawn(column)._text.input
+    assert "\nno limit: blocks overlap by the elastic deformation of their joints" in drawn(column)._text.input
 
 
 def test_the_scale_bar_is_as_long_as_it_says(column, drawing):
@@ -270,7 +270,7 @@ tolerance = 0.05
     with history.read(tmp_path / "turn.h5") as run:
         last = int(run.time[-1])
         found = drawn(run, frames=(last, -1), view="front")
-        assert f"\ncoming down after equilibrium {last}, " in found._text.input
+        assert f"\nfalling after equilibrium {last}, " in found._text.input
         found.show(last)
         assert f"\nequilibrium {last}, reaction along the motion " in found._text.input
         rows, joints = joint_table(run), JointMotion(run)
@@ -280,7 +280,7 @@ tolerance = 0.05
         assert rows[0]["utilisation"] > 0.9 and joint_table(run, -1)[0]["N"] == 0.0
         assert joint_table(run, time=last + 1.0)[0]["N"] == rows[0]["N"]
         assert not drawn(run, frames=(last, -1), view="front", reactions=True)._reactions._arrows["length"][0]
-        for look, shown in (({}, "coming down after"), ({"color": "utilisation"}, "equilibrium")):
+        for look, shown in (({}, "falling after"), ({"color": "utilisation"}, "equilibrium")):
             assert frame_number(run, in_rows=render.Look(**look).needs_forces) == (
-                run.n_frames - 1 if shown[0] == "c" else last
+                run.n_frames - 1 if shown[0] == "f" else last
             )

@@ -104,7 +104,7 @@ def test_loads_with_one_curve_share_a_figure_and_others_are_refused(tmp_path, ca
 def test_a_bond_that_may_break_under_n_beside_the_middle_is_left_to_paths(tmp_path):
     """As it holds its corners may pull: their stress is another than that of the curve."""
     path = pushed(tmp_path / "run.h5", centre=BESIDE, cohesion=1e4)
-    with history.read(path) as found, pytest.raises(ScenarioError, match="--kind path draws it"):
+    with history.read(path) as found, pytest.raises(ScenarioError, match="use --kind path"):
         plot.domains([found])
 
 

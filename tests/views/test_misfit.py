@@ -31,7 +31,7 @@ def test_a_misfit_is_of_what_both_curves_have():
     ours = plot.MeasuredCurve("ours", np.array([0.0, 1e-3, 2e-3]), np.array([0.0, 10.0, 10.0]))
     lab = plot.MeasuredCurve("lab", np.array([1e-3, 2e-3, 3e-3]), np.array([9.0, 9.0, 30.0]))
     found = misfit.between(ours, lab)
-    assert found.stiffness is None and "stiffness not on the curve" in misfit.text(found)
+    assert found.stiffness is None and "stiffness not determined" in misfit.text(found)
     assert found.peak == pytest.approx(1.0 / 9.0) and found.compared == (1e-3, 2e-3)
 
 
@@ -39,7 +39,11 @@ def test_a_misfit_is_of_what_both_curves_have():
     "displacement, load, said",
     [
         ([0.0, 1e-3, -1e-3], [0.0, 9.0, -9.0], "rig goes to and fro"),
-        ([5e-3, 6e-3], [1.0, 1.0], r"none of the 2 points of rig \(5 to 6 mm\) lie where the run goes \(0 to 2 mm\)"),
+        (
+            [5e-3, 6e-3],
+            [1.0, 1.0],
+            r"none of the 2 points of rig \(5 to 6 mm\) lie in the range of the run \(0 to 2 mm\)",
+        ),
         ([0.0, 1e-3], [0.0, -1.0], "rig has no force above 0"),
         ([1e-3, 1e-3], [0.0, 1.0], "rig has no two points"),
     ],
@@ -54,7 +58,7 @@ def test_loops_that_begin_the_other_way_have_no_misfit():
     """Ways are compared one by one: the first out with the first back would be any number."""
     u = 1e-3 * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
     ours, lab = (plot.MeasuredCurve(name, sign * u, sign * 1e4 * u) for name, sign in (("ours", 1.0), ("rig", -1.0)))
-    with pytest.raises(ScenarioError, match="rig first goes the other way than the run"):
+    with pytest.raises(ScenarioError, match="rig first moves opposite to the run"):
         misfit.between(ours, lab, "rig")
     assert misfit.between(ours, plot.MeasuredCurve("rig", -lab.displacement, -lab.load), "rig").rms == 0.0
 
@@ -81,7 +85,7 @@ def test_a_run_that_turns_before_the_measured_curve_keeps_its_last_force():
     further = 1e-3 * np.array([0.0, 5.2, 6.0, -6.0, 6.0])
     lab = plot.MeasuredCurve("lab", further, np.array([0.0, 10.0, 10.0, -10.0, 10.0]))
     said = misfit.extent(misfit.between(ours, lab), ours, lab)
-    assert said == " (compared up to 5.2 mm: the run turns at 5, and keeps its last force)"
+    assert said == " (compared up to 5.2 mm: the run turns at 5, its last force is kept beyond)"
     assert misfit.extent(misfit.between(ours, ours), ours, ours) == ""
 
 

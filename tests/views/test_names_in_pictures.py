@@ -61,7 +61,7 @@ def test_names_of_an_arch_do_not_overlap_at_its_crown(tmp_path, drawing):
             assert overlaps(shown(board)) == 0
             assert len(blocks.drawn) == len(blocks.points)  # blocks come first, and have room
             assert 0 < board.left_out == len(joints.points) - len(joints.drawn) < len(joints.points)
-            assert f"{board.left_out} names left out for want of room" in found._text.input
+            assert f"{board.left_out} names left out for lack of space" in found._text.input
             before = board.left_out
             plotter.camera.parallel_scale *= 0.25  # nearer, in a window: all have room
             found.pixels()

@@ -157,7 +157,7 @@ def test_components_are_chosen(flying):
         line.get_label(): line.get_ydata() for line in plot.control_points(flying, components=["length"]).axes[0].lines
     }
     assert list(lines) == ["top, |u|"] and lines["top, |u|"].min() >= 0.0
-    with pytest.raises(ScenarioError, match="component 'w' is unknown; use some of x, y, z, length"):
+    with pytest.raises(ScenarioError, match="component 'w' is unknown; use any of x, y, z, length"):
         plot.control_points(flying, components=["w"])
 
 

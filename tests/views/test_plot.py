@@ -418,7 +418,7 @@ def test_curves_without_axes_in_common_are_not_overlaid(tilted, run, tmp_path):
     with pytest.raises(ScenarioError, match="driven in different ways"):
         plot.force_displacement([tilted[1], run])
     curve = plot.read_measured(curve_file(tmp_path, "displacement [um],force [N]\n0,0\n0.2,120\n"))
-    with pytest.raises(ScenarioError, match="with actuators only"):
+    with pytest.raises(ScenarioError, match="with runs that have actuators"):
         plot.force_displacement(tilted[1], measured=[curve])
 
 

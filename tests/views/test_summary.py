@@ -70,7 +70,7 @@ def test_brackets_are_named_for_what_they_are():
 
 def test_theory_and_collapse():
     theory = names({"theory": {"V": 216.05, "error": -3.1e-4, "discretisation_error": 4e-4}})["theory"]
-    assert theory[:3] == ("theory", "216.05 N", "simulation -0.031 %; the points miss the continuum by 0.04 %")
+    assert theory[:3] == ("theory", "216.05 N", "simulation -0.031 %; the points deviate from the continuum by 0.04 %")
     collapse = {"angle": 12.01, "load_factor": 0.2127, "mechanism": "rocking", "error_estimate": None}
     lines = names({"collapse": collapse})
     assert lines["collapse angle"][:3] == ("collapse angle", "12.01 deg", "no error bar: --refine gives one")
@@ -87,7 +87,7 @@ def test_a_load_factor_has_no_newtons():
     results = {"yield_point": point, "collapse": {"angle": 20.305, "load_factor": 0.37001, "mechanism": "rocking"}}
     lines = key_numbers(results)
     assert [line.name for line in lines] == [
-        "collapse angle", "load factor", "largest load factor", "the joint carries", "mechanism"
+        "collapse angle", "load factor", "largest load factor", "joint forces", "mechanism"
     ]  # fmt: skip
     assert lines[1].value == "0.370010 ± 0.000010" and lines[1].remark.endswith("0.37000 and 0.37002")
     # 1e-5 cos(20.305 deg)^2 in degrees
@@ -117,12 +117,12 @@ def test_a_structure_tells_what_else_its_run_printed():
     )  # fmt: skip
     told = {name: line[1:3] for name, line in lines.items()}
     assert told["stage 1"] == ("displacement: completed", "V = 216.0 ± 1.0 N, certified")
-    assert told["tie a - b"] == ("200 N", "yielded by 1.8 mm") and told["tie a - c"] == ("5 N", "7 N at the most")
+    assert told["tie a - b"] == ("200 N", "yielded by 1.8 mm") and told["tie a - c"] == ("5 N", "7 N at most")
     assert told["reaction of base"] == ("1, 0, 20 N", "0, 0, 3 N m about its centroid")
     assert told["blocks that move"][0] == "a, b" and told["hinges"][0] == "b / a"
-    assert told["after a peak"] == ("load factor 0.18", "how high the peak is depends on the way there")
+    assert told["after a peak"] == ("load factor 0.18", "the height of the peak depends on the load path")
     assert told["path range"] == ("0.19 to 0.21", "by 9 of 10 paths of the same structure")
-    assert told["bound"] == ("0.22", "associative: no path ends above")
+    assert told["bound"] == ("0.22", "associative: no path exceeds it")
     settled = names({"collapse": {"settlement": 0.2, "settlement_range": [0.19, 0.21], "mechanism": "rocking"}})
     assert settled["settlement at collapse"].remark.startswith("between 190 and 210 mm; ")
 
@@ -204,13 +204,13 @@ def test_what_a_collapse_leaves_out_is_told_once():
 def test_a_path_that_ends_in_a_collapse_says_so():
     point = POINT | {"V": 198.9, "V_lower": 198.9, "V_upper": None, "bracket": "open", "displacement": 0.1576}
     told = names({"yield_point": point, "status": "collapse"})["V"]
-    assert told.remark == "at the end, 157.6 mm, where blocks come down, no upper bound"
+    assert told.remark == "at the end, 157.6 mm, where blocks fall, no upper bound"
 
 
 def test_a_record_that_comes_near_its_limit_says_how_near():
     point = POINT | {"V": 216.0, "V_lower": 215.0, "V_upper": 217.0, "V_peak": 210.7, "displacement_at_peak": 0.04}
     told = names({"yield_point": point | {"bracket": "indicator"}})
-    assert "98 % of the limit" in told["largest V"].remark and "at the largest load" in told["the joint carries"].remark
+    assert "98 % of the limit" in told["largest V"].remark and "at the largest load" in told["joint forces"].remark
 
 
 def test_loads_of_pressures_have_no_unit():

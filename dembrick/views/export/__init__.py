@@ -38,11 +38,11 @@ def export(
     """
     unknown = [layer for layer in only if layer not in LAYERS]
     if unknown or not only:
-        raise ScenarioError(f"layers = {list(only)} are unknown or none; choose from {', '.join(LAYERS)}")
+        raise ScenarioError(f"layers = {list(only)} is empty or has unknown names; choose from {', '.join(LAYERS)}")
     ending = os.path.splitext(os.fspath(path))[1].lower()
     writers = {".vtkhdf": partial(to_vtkhdf, only=only), ".pvd": partial(to_pvd, only=only), ".csv": to_csv}
     if ending not in writers:
-        raise OutputError(f"{path}: no export has the ending {ending!r}; the known endings are {', '.join(writers)}")
+        raise OutputError(f"{path}: no export has the ending {ending!r}; use one of {', '.join(writers)}")
     folder = os.path.dirname(os.fspath(path))
     home = os.path.join(os.path.realpath(folder), "")
     files = [
@@ -50,5 +50,5 @@ def export(
         for file in writers[ending](history, path, report)
     ]
     if not files:
-        raise ScenarioError(f"{path}: nothing to write: the history has no {' or '.join(only)}; leave --layers out")
+        raise ScenarioError(f"{path}: the history has no {' or '.join(only)}; leave --layers out")
     return files

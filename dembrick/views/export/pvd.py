@@ -59,7 +59,7 @@ def _new_folder(folder: str) -> Iterator[str]:
     if os.path.exists(folder) and not (
         os.path.isdir(folder) and all(name.endswith(".vtu") for name in os.listdir(folder))
     ):
-        raise OutputError(f"{folder}: this holds other things than frames of an export; choose another name")
+        raise OutputError(f"{folder}: this folder holds files other than frames of an export; choose another name")
     part, old = part_name(folder), f"{part_name(folder)}.old"
     shutil.rmtree(part, ignore_errors=True)
     os.mkdir(part)

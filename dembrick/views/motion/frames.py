@@ -70,7 +70,7 @@ def peak_time(history) -> float:
     if history.curve.load is None or not history.n_row:
         if at is not None:
             return at
-        raise ScenarioError(f"{history.path}: no load grows in this run, so there is no frame of its peak")
+        raise ScenarioError(f"{history.path}: no load increases in this run, so it has no frame of a peak")
     loads, V = np.asarray(history.load), point.get("V")
     if at is None or V is None:
         return at if at is not None else float(history.time[int(np.argmax(np.abs(loads)))])

@@ -22,7 +22,7 @@ def words(history: History, frame: int) -> list[str]:
         return ["before the run"]
     now = float(history.frame_time[frame])
     if coming_down(history, [frame])[0]:
-        return [f"coming down after equilibrium {history.time[-1]:g}"]
+        return [f"falling after equilibrium {history.time[-1]:g}"]
     if not history.n_row:
         return [_when(history, now)]
     return words_of_row(history, int(nearest(history.time, [now])[0]), now)

@@ -38,7 +38,7 @@ def write(history: History, path: str | os.PathLike) -> str:
     """
     path = os.fspath(path)
     if os.path.splitext(path)[1].lower() not in ENDINGS:
-        raise OutputError(f"{path}: a page is written as HTML; let the name end in .html")
+        raise OutputError(f"{path}: a page is written as HTML; its name must end in .html")
     check_output(path)  # before the work
     if isinstance(history, str | os.PathLike):
         with histories.read(history) as opened:
@@ -125,9 +125,9 @@ def _subtitle(history: History) -> str:
 
 def _legend(data: dict) -> str:
     """Legend of the lines and arrows of the 3D picture."""
-    words = "Grey lines: where the blocks started."
+    words = "Grey lines: initial position."
     if data["actuators"]:
-        words += " Orange arrows: actuators, as long as their load."
+        words += " Orange arrows: actuators, length by load."
     if data["loads"]:
         words += " Violet arrows: dead loads."
     if data["ties"]:

@@ -49,7 +49,7 @@ def collect(history: History) -> dict:
     vertices = np.einsum("nij,nj->ni", rotation_matrix(history.orientation0)[blocks], body)
     world = vertices + history.position0[blocks]
     if not len(world):
-        raise HistoryError(f"{history.path}: its blocks have no corners, so there is nothing to draw")
+        raise HistoryError(f"{history.path}: nothing to draw, because its blocks have no corners")
     middle = 0.5 * (world.min(axis=0) + world.max(axis=0))
     shown = frame_number(history)
     moved = _moved(history, carried, blocks, frames.number.tolist(), shown)
@@ -121,7 +121,7 @@ def chosen_frames(history: History) -> Frames:
         displacement.append(shift)
         rotation.append(turned)
     if not displacement:
-        raise HistoryError(f"{history.path}: its frames hold no finite numbers, so there is nothing to draw")
+        raise HistoryError(f"{history.path}: nothing to draw, because its frames hold no finite numbers")
     numbers = numbers[: len(displacement)]
     return Frames(numbers, history.frame_time[numbers], np.array(displacement), np.array(rotation))
 
@@ -192,7 +192,7 @@ def _colours(history: History, frames: Frames, moved: np.ndarray, at: int) -> li
             ("slip", slip, _up_to(slip, at)),
         ):
             values = joints.greatest_of_blocks(of_joint)
-            text = "1: slides, or a hinge" if name == "utilisation" else _end_of_scale(slip, at)
+            text = "1: slides or is a hinge" if name == "utilisation" else _end_of_scale(slip, at)
             values = _packed(np.minimum(values, 1e30), "<f4")
             found.append({"name": name, "text": text, "values": values, "most": most or 1.0})
     return [*found, none]

@@ -68,7 +68,7 @@ def force_displacement(
     histories, labels = labelled(histories, labels)
     diagram = common_diagram(histories)
     if measured and diagram.unit != "N":
-        raise ScenarioError("measured forces can be laid over runs with actuators only, and these have none")
+        raise ScenarioError("measured forces can be drawn only with runs that have actuators, and these have none")
     with style.settings():
         figure, axes = style.canvas(ax)
         records = [subject.record_of(history) for history in histories]
@@ -167,7 +167,9 @@ def common_diagram(histories) -> subject.Diagram:
     """The diagram of all histories; ScenarioError if they differ."""
     diagrams = {subject.diagram_of(history) for history in histories}
     if len(diagrams) > 1:
-        raise ScenarioError("the runs are driven in different ways, so their curves have no axes in common; draw each")
+        raise ScenarioError(
+            "the runs are driven in different ways, so their curves have no common axes; draw each by itself"
+        )
     return diagrams.pop()
 
 

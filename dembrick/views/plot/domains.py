@@ -66,8 +66,8 @@ def domain_points(histories) -> list[dict]:
             continue
         if pushes_several(history):
             raise ScenarioError(
-                f"{history.path}: its load acts on several blocks, so its yield point is no point of the domain of one "
-                "joint; --kind path draws a joint's own forces"
+                f"{history.path}: its load acts on several blocks, so its yield point does not belong to the domain "
+                "of one joint; use --kind path to draw the forces of a joint"
             )
         number = _yielding_joint(history)
         joint = history.joints[number]
@@ -100,7 +100,7 @@ def _yielding_joint(history: History) -> int:
     joint = history.joints[number]
     if not loaded or loaded & {joint["block_a"], joint["block_b"]}:
         return number
-    raise HistoryError(f"{history.path}: it has no joint at the block that is pushed, so no domain can be drawn for it")
+    raise HistoryError(f"{history.path}: the pushed block has no joint, so no domain can be drawn for it")
 
 
 def interaction(
@@ -291,7 +291,9 @@ def _mark(axes, row: Mapping, x: float, y: float) -> None:
     """Draw a simulated point with its bracket: hollow if the load acts in the joint plane, filled if above it."""
     colour, _, marker = style.FORMULATION[row["formulation"]]
     height = row.get("load_height") or 0.0
-    label = f"DEM {row['formulation']}" + (f", load {1e3 * height:.3g} mm up" if abs(height) > 1e-9 else "")
+    label = f"DEM {row['formulation']}" + (
+        f", load {1e3 * height:.3g} mm above the joint" if abs(height) > 1e-9 else ""
+    )
     V = row.get("V")
     bars = {}
     if V and row.get("V_lower") is not None and row.get("V_upper") is not None:

@@ -71,7 +71,7 @@ def joint_plane(
     number = subject.chosen_joint(history, joint)
     subject.carried_by(history, number)
     if history.n_frames < 2:
-        raise HistoryError(f"{history.path}: it takes two frames to see a joint move; record the channel frames")
+        raise HistoryError(f"{history.path}: the motion of a joint needs two frames; record the channel frames")
     if frames is None:
         if stages < 1:
             raise ScenarioError(f"stages = {stages} is out of range: at least one is drawn")
@@ -264,7 +264,7 @@ def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, lo
     axes.plot(0.0, 0.0, "+", color=style.GREY, ms=6, zorder=2)
     length = _arrow_of(stage) * size
     longest = float(np.linalg.norm(stage.movement, axis=1).max())
-    _arrows(axes, stage.points, stage.movement, length, longest, style.BLUE, "movement since the stage before")
+    _arrows(axes, stage.points, stage.movement, length, longest, style.BLUE, "movement since the previous stage")
     if stage.friction is not None:
         name = "friction (longest: at its limit)"
         _arrows(axes, stage.points, stage.friction, length, stage.limit, style.VERMILLION, name)
@@ -274,7 +274,7 @@ def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, lo
         axes.plot(*np.array([_at_rim(one, size) for one in centres]).T, color="black", lw=0.7, zorder=5)
     for one in centres[:-1]:
         axes.plot(
-            *_at_rim(one, size), "o", mfc="white", mec="black", mew=0.8, ms=4, zorder=6, label="its earlier places"
+            *_at_rim(one, size), "o", mfc="white", mec="black", mew=0.8, ms=4, zorder=6, label="its previous positions"
         )
     if np.isfinite(stage.centre).all():
         place, far = _at_rim(stage.centre, size), float(np.hypot(*stage.centre))
@@ -298,7 +298,7 @@ def _used(utilisation: float, bending: float = 0.0) -> str:
     if math.isnan(utilisation):
         return "utilisation not known: cut at an edge"
     if not math.isfinite(utilisation):
-        return "pushed without friction strength"
+        return "loaded without friction strength"
     if bending > utilisation:
         return f"friction used {utilisation:.3g}\n{'a hinge' if bending > HINGE else f'bending used {bending:.3g}'}"
     return f"utilisation {utilisation:.3g}"

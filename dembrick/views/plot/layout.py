@@ -62,8 +62,8 @@ def _plan(source) -> Plan:
             raise ScenarioError(f"{source.path}: it has no actuator, so there is no loading layout to draw")
         if pushes_several(source):
             raise ScenarioError(
-                f"{source.path}: its load acts on several blocks, and a loading layout is the plan of one; "
-                "dembrick render draws them all"
+                f"{source.path}: its load acts on several blocks, but a loading layout is the plan of one; use "
+                "dembrick render to draw them all"
             )
         block = actuators[0]["block"]
         vertices = source.block_vertices(block) @ rotation_matrix(source.orientation0[block]).T
@@ -83,7 +83,7 @@ def _plan(source) -> Plan:
         if not built.actuators.names:
             raise ScenarioError("a loading layout needs an actuator, and this scenario has none")
         if len(set(built.actuators.at.block.tolist())) > 1:
-            raise ScenarioError("the load acts on several blocks, and a loading layout is the plan of one")
+            raise ScenarioError("the load acts on several blocks, but a loading layout is the plan of one")
         block = int(built.actuators.at.block[0])
         vertices, where = built.shapes[block].vertices @ built.rotation[block].T, built.position[block]
         point = built.actuators.at.start(built.position)

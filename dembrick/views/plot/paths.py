@@ -180,7 +180,7 @@ def load_path(
     paths = [joint_path(history, joint) for history in histories]
     relative = any(path.strength is not None for path in paths)
     if relative and not all(path.strength is not None for path in paths):
-        raise ScenarioError("in some of the runs N of the joint changes, in others it does not; draw each")
+        raise ScenarioError("N of the joint changes in some of the runs and not in others; draw each by itself")
     shear_in, shear = ("-", 1.0) if relative else runs.unit_of_loads([path.V for path in paths], "N")
     torsion_in, torsion = ("-", 1.0) if relative else runs.unit_of_loads([path.M_T for path in paths], "N m")
     told = [set(own) for own in zip(*(path.told for path in paths), strict=True)]

@@ -42,7 +42,7 @@ def control_points(
             raise HistoryError(f"{history.path}: it has no control points; add [[control_points]] and run it again")
     for name in components or ():
         if name not in COMPONENTS:
-            raise ScenarioError(f"component {name!r} is unknown; use some of {', '.join(COMPONENTS)}")
+            raise ScenarioError(f"component {name!r} is unknown; use any of {', '.join(COMPONENTS)}")
     diagram = common_diagram(histories)
     moved = [history.control_point - history.control_point[:1] for history in histories]
     chosen = list(dict.fromkeys(components or _moving(moved)))

@@ -135,7 +135,7 @@ def require_one_curve(rows: Sequence[Mapping], joint: RectangularJoint, formulat
         named = row.get("history") or "a point"
         if not own.centred and (row.get("brittle") or (row["formulation"] == "distributed" and own.cohesion > 0.0)):
             raise ScenarioError(
-                f"{named}: the domain of a bonded joint under N{own.pressed_at} is not drawn here; --kind path draws it"
+                f"{named}: the domain of a bonded joint under N{own.pressed_at} is not drawn here; use --kind path"
             )
         if own[5:] != joint[5:] and not _alike(own, joint, shown(formulations, [row], own)):
             raise ScenarioError(

@@ -68,7 +68,7 @@ def read_study(path: str | os.PathLike) -> StudyTable:
     rows = [dict(zip(titles, cells, strict=True)) for _, cells in table.lines]
     sound = [row for row in rows if row["status"] not in ("failed", "undecided")]
     if not sound:
-        raise ScenarioError(f"{path}: no case of this study has an answer; its column 'error' says why")
+        raise ScenarioError(f"{path}: no case of this study has an answer; its column 'error' gives the reasons")
     place = titles.index("status")
     return StudyTable(str(path), titles[1:place], titles[place:], sound, _title(path))
 
@@ -92,10 +92,10 @@ def study(table: StudyTable, answer: str | None = None, over: Sequence[str] = ()
     answer = _answer(table, answer)
     for key in over:
         if key not in table.keys:
-            raise ScenarioError(f"{table.path}: no key {show(key)} changes in this study; {nearest(key, table.keys)}")
+            raise ScenarioError(f"{table.path}: no key {show(key)} varies in this study; {nearest(key, table.keys)}")
     panels = list(over) or [key for key in table.keys if len({row[key] for row in table.rows}) > 1]
     if not panels:
-        raise ScenarioError(f"{table.path}: no key changes in this study, so there is nothing to draw its answer over")
+        raise ScenarioError(f"{table.path}: no key varies in this study, so there is nothing to draw its answer over")
     with style.settings():
         figure = style.new_figure((max(5.2, 3.4 * len(panels)), 4.0))
         for axes, key in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
@@ -110,14 +110,14 @@ def study(table: StudyTable, answer: str | None = None, over: Sequence[str] = ()
 def _answer(table: StudyTable, answer: str | None) -> str:
     if answer is not None:
         if answer not in table.columns:
-            raise ScenarioError(f"{table.path}: no column {show(answer)} is here; {nearest(answer, table.columns)}")
+            raise ScenarioError(f"{table.path}: there is no column {show(answer)}; {nearest(answer, table.columns)}")
         if not any(value is not None for value in table.numbers(answer)):
             raise ScenarioError(f"{table.path}: the column {show(answer)} holds no numbers; choose another")
         return answer
     for name in ANSWERS:
         if name in table.columns and any(value is not None for value in table.numbers(name)):
             return name
-    raise ScenarioError(f"{table.path}: no column of an answer holds numbers; name one of {', '.join(table.columns)}")
+    raise ScenarioError(f"{table.path}: no column of answers holds numbers; choose one of {', '.join(table.columns)}")
 
 
 def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
@@ -145,12 +145,12 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
         axes.errorbar([x[j] for j in shown], [y[j] for j in shown], error, color=colour, marker=marker, capsize=2.5,
                       ls=dashes if joined else "none", label=style.plain(label) if label else None)  # fmt: skip
     limits = [j for j in range(len(table.rows)) if y[j] is not None and answer in _LIMITS]
-    for mark, found, bar in (("o", _on_one_path, "to the bound of all"), ("s", _on_several, "what was found")):
+    for mark, found, bar in (("o", _on_one_path, "to the bound of all paths"), ("s", _on_several, "what was found")):
         some = [j for j in limits if found(table, j)]
         if some:
             told = f"; bar: {bar}" if bars is not None and any(max(bars[j]) > 0.0 for j in some) else ""
             axes.plot([x[j] for j in some], [y[j] for j in some], ls="none", marker=mark, mfc="white", mec=style.BLACK,
-                      zorder=4, label=f"depends on the path{told}")  # fmt: skip
+                      zorder=4, label=f"depends on the load path{told}")  # fmt: skip
     no_end = [j for j in limits if table.rows[j].get("bracket") == "open"]
     for j in no_end:
         style.upwards(axes, (x[j], y[j]), "data", style.GREY)
@@ -206,7 +206,7 @@ def _axis(table: StudyTable, answer: str) -> _Axis:
     """The axis of an answer, with a suitable unit."""
     searched = table.rows[0].get("searched") if answer == "value" else None
     if searched:
-        return _Axis(style.plain(f"{searched} at which it falls"), unit_of(searched))
+        return _Axis(style.plain(f"{searched} at collapse"), unit_of(searched))
     if answer in _LIMITS and _tilts(table):
         return _Axis(r"table angle $\theta$ at the limit", "deg", tilts=True)
     unit = next((u for u, c in _UNITS.items() if answer in c), "")

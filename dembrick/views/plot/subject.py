@@ -49,7 +49,7 @@ def chosen_joint(history: History, name: str | int | None = None) -> int:
     """
     joints = history.joints
     if not joints:
-        raise HistoryError(f"{history.path}: it has no joint, so there is nothing to draw of one")
+        raise HistoryError(f"{history.path}: it has no joint to draw")
     if isinstance(name, int):
         if not 0 <= name < len(joints):
             raise ScenarioError(f"joint {name} is out of range: {history.path} has the joints 0 to {len(joints) - 1}")
@@ -154,7 +154,7 @@ def linear_stress(arms: np.ndarray, areas: np.ndarray, carried: Mapping[str, flo
 def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]:
     """Forces of joint ``number`` in a row: N, V_1, V_2, M_T, M_1, M_2 (N, N m)."""
     if not (history.n_row and history.has_joints):
-        raise HistoryError(f"{history.path}: what its joints carry was not recorded; record the channel joints")
+        raise HistoryError(f"{history.path}: the forces of its joints were not recorded; record the channel joints")
     row %= history.n_row
     names = ("N", "V_1", "V_2", "M_T", "M_1", "M_2")
     return {name: float(history.series(f"joint/{name}", row, row + 1)[0, number]) for name in names}

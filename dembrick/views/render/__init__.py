@@ -76,7 +76,7 @@ def picture(
     """
     path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() != ".png":
-        raise OutputError(f"{path}: a picture is written as PNG; let the name end in .png")
+        raise OutputError(f"{path}: a picture is written as PNG; its name must end in .png")
     check_output(path)  # before the work
     frames = [[frame_number(own, frame, time, in_rows=chosen.needs_forces)] for own in histories]
     with _scenes(histories, chosen, frames, size or SIZE, smooth=True) as scenes:
@@ -102,11 +102,11 @@ def movie(
     """
     path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() not in MOVIES:
-        raise OutputError(f"{path}: a movie is written as {' or '.join(MOVIES)}; let the name end in one of them")
+        raise OutputError(f"{path}: a movie is written as {' or '.join(MOVIES)}; its name must end in one of these")
     if not (np.isfinite(fps) and 0.1 <= fps <= 100.0):
         raise ScenarioError(f"fps = {fps!r} is out of range: 0.1 to 100 frames a second")
     if count < 2:
-        raise ScenarioError(f"count = {count!r} is out of range: a movie has at least 2 frames")
+        raise ScenarioError(f"count = {count!r} is out of range: a movie needs at least 2 frames")
     target = check_output(path)
     frames = frames_side_by_side(histories, count)
     images.require(path)

@@ -145,7 +145,7 @@ def require_thrust(history: History, joints: JointMotion | None) -> JointMotion:
     touching = np.bincount(np.concatenate([joints.block_a, joints.block_b]), minlength=history.n_block)
     if not any(touching[i] == 2 and not history.block_fixed[i] for i in range(history.n_block)):
         raise HistoryError(
-            f"{history.path}: no block has exactly two joints, as those of an arch or a column have, so there is no "
-            "line of thrust to draw; forces = true (--forces) draws the force of every joint"
+            f"{history.path}: there is no line of thrust, because no block has exactly two joints as in an arch or a "
+            "column; use forces = true (--forces) to draw the force of every joint"
         )
     return joints

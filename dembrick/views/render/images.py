@@ -35,8 +35,8 @@ def require(path: str) -> None:
         return
     if _ffmpeg_program() is None:
         raise MissingDependency(
-            f"{path}: an MP4 needs ffmpeg; install it with: pip install imageio-ffmpeg (or write a .gif, which needs "
-            "nothing more)"
+            f"{path}: an MP4 needs ffmpeg; install it with: pip install imageio-ffmpeg (or write a .gif, which does "
+            "not need it)"
         )
 
 

@@ -155,7 +155,7 @@ class DrawnReactions:
 
     def __init__(self, history: History, wanted: bool, factor: float, extent: float):
         if wanted and not (history.n_support and history.n_row):
-            raise HistoryError(f"{history.path}: it has no reactions of supports to draw: no block is fixed")
+            raise HistoryError(f"{history.path}: there are no reactions to draw, because no block is fixed")
         self._history, self._factor, self._longest = history, factor, LONGEST * extent
         names = history.support_names if wanted else []
         self._blocks = [history.block_names.index(name) for name in names]

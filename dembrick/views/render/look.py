@@ -100,7 +100,9 @@ class Colouring:
                 'with "joints" in output.channels'
             )
         if color == "energy" and (history.block_mass is None or history.n_frames < 2):
-            raise HistoryError(f"{history.path}: energy cannot be shown: the file holds no masses, or a single frame")
+            raise HistoryError(
+                f"{history.path}: energy cannot be shown, because the file has no masses or only one frame"
+            )
 
     @property
     def at_vertices(self) -> bool:

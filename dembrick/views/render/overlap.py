@@ -31,7 +31,7 @@ def overlap_picture(scenario: Scenario, overlapping: Collection[int], path: str 
 
     path = os.fspath(path)
     if os.path.splitext(path)[1].lower() != ".png":
-        raise OutputError(f"{path}: a picture is written as PNG; let the name end in .png")
+        raise OutputError(f"{path}: a picture is written as PNG; its name must end in .png")
     check_output(path)
     require_drawing()
     plotter = pyvista.Plotter(off_screen=True, window_size=list(SIZE))

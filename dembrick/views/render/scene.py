@@ -385,12 +385,12 @@ class Scene:
     def _words(self, marked: bool) -> str:
         history = self._history
         if history.status == MECHANISM:
-            told = "mechanism of limit analysis: velocities, to no scale"
+            told = "mechanism of limit analysis: velocities, not to scale"
         else:
             shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
             told = ", ".join([*words(history, self._frame), shown])
             if history.results.get("unlimited"):
-                told += "\nno limit: stones sink into each other, as much as the stiffness of their joints lets them"
+                told += "\nno limit: blocks overlap by the elastic deformation of their joints"
         n_hinges = len(self.thrust.hinges) if self.thrust else 0
         keys = self._keys(self._frame, marked, n_hinges, self._names.left_out)
         return "\n".join([*self._title(), told, *_lines(keys)]).rstrip()
@@ -422,7 +422,7 @@ class Scene:
                 keys.append("forces of new contacts were not recorded")
         if self._look.thrust:
             keys.append(f"red: line of thrust, {_count(n_hinges, 'hinge')}")
-        return [*keys, f"{_count(n_left_out, 'name')} left out for want of room"] if n_left_out else keys
+        return [*keys, f"{_count(n_left_out, 'name')} left out for lack of space"] if n_left_out else keys
 
 
 def _font_size(width: int) -> int:

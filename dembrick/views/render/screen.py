@@ -43,7 +43,7 @@ def require_drawing() -> None:
         linux = "install EGL and a driver (Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri) and try again"
         elsewhere = "its OpenGL driver is missing or too old; update it"
         remedy = linux if sys.platform.startswith("linux") else elsewhere
-        raise MissingDependency(f"this machine cannot draw off screen: {remedy}")
+        raise MissingDependency(f"this machine cannot draw without a screen: {remedy}")
 
 
 def require_display() -> None:
