@@ -1,1 +1,1 @@
-"""What several test modules share: scenes, random shapes, places in the repository, a browser. No test stands here."""
+"""Helpers shared by several test modules: scenes, random shapes, folders of the repository, a browser. No tests."""

@@ -1,4 +1,4 @@
-"""A headless Chromium for the tests of pages, driven through a pipe by its DevTools protocol: no package, no port."""
+"""A headless Chromium for tests of HTML pages, driven by its DevTools protocol through a pipe: no package, no port."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ FLAGS = (
     "--headless=new",
     "--remote-debugging-pipe",
     "--use-angle=swiftshader",  # WebGL without a graphics card ...
-    "--enable-unsafe-swiftshader",  # ... which Chromium no longer falls back to by itself
-    "--no-sandbox",  # which neither root nor most containers have; only pages of our own are opened
+    "--enable-unsafe-swiftshader",  # ... to which Chromium no longer falls back by itself
+    "--no-sandbox",  # root and most containers have no sandbox; only pages of our own are opened
     "--disable-dev-shm-usage",
     "--no-first-run",
     "--no-default-browser-check",
@@ -32,11 +32,11 @@ FLAGS = (
 
 
 def find() -> str | None:
-    """Path of a Chromium, or of what ``$CHROMIUM`` names; None where there is none."""
+    """Path of Chromium, or of the browser in ``$CHROMIUM``; None if there is none."""
     return next(filter(None, map(shutil.which, (os.environ.get("CHROMIUM") or "", *NAMES))), None)
 
 
-# The protocol reads on 3 and writes on 4. The ends of our pipes may have these very numbers, so they step aside first.
+# The protocol reads from descriptor 3 and writes to 4. Our pipes may have these numbers: duplicate them first.
 _ONTO_3_AND_4 = """
 import fcntl, os, sys
 ends = [fcntl.fcntl(int(end), fcntl.F_DUPFD, 10) for end in sys.argv[1:3]]
@@ -48,7 +48,7 @@ os.execv(sys.argv[3], sys.argv[3:])
 
 
 class Browser:
-    """One page at a time. ``problems`` collects errors of the console, uncaught exceptions, and refused resources."""
+    """One page at a time. ``problems`` collects console errors, uncaught exceptions and refused resources."""
 
     def __init__(self, executable: str, patience: float = 60.0, flags=()):
         self._patience, self._numbers = patience, itertools.count(1)
@@ -116,7 +116,7 @@ class Browser:
             self._events.append(method)
 
     def size(self, width: int, height: int, dark: bool = False) -> None:
-        """Size of the window in pixels, and the colours that the reader's system asks for."""
+        """Set the window size in pixels and the colour scheme (light or dark) that the reader's system prefers."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=scheme)
@@ -136,7 +136,7 @@ class Browser:
         self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
 
     def run(self, expression: str):
-        """The value of a JavaScript expression, a promise waited for."""
+        """The value of a JavaScript expression; a promise is awaited."""
         found = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in found:
             raise RuntimeError(json.dumps(found["exceptionDetails"]))
@@ -159,7 +159,7 @@ class Browser:
         return base64.b64decode(shot["data"])
 
     def pixels(self, selector: str):
-        """The same as an array (height, width, 3) of bytes."""
+        """The same picture as an array (height, width, 3) of bytes."""
         from matplotlib.image import imread
 
         return (255.0 * imread(io.BytesIO(self.picture(selector)))[..., :3]).round().astype(int)

@@ -1,4 +1,4 @@
-"""CAD files of boxes in every format, written by hand: what the readers are tested with."""
+"""CAD files of boxes in every format, written by hand to test the readers."""
 
 import base64
 import json
@@ -9,7 +9,7 @@ from dembrick.geometry import stl_file
 
 QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
 TRIANGLES = [(q[0], q[i], q[i + 1]) for q in QUADS for i in (1, 2)]
-# a gate, in mm: two posts 200 wide and 1000 high, a lintel across; drawn to a tenth of a millimetre or three
+# a gate, in mm: two posts 200 wide and 1000 high and a lintel across them; drawn to a tenth of a millimetre or three
 GATE = {
     "ground": ((-500.0, -500.0, -100.0), (1500.0, 800.0, 0.0)),
     "left": ((0.0, 0.0, 0.2), (200.0, 300.0, 1000.0)),
@@ -54,7 +54,7 @@ def binary_stl(path, boxes=GATE):
 
 
 def gltf(path, boxes=GATE, binary=False):
-    """Metres and y upwards, as the format has it; the second solid stands where its node moves it."""
+    """In metres with y upwards, as the format prescribes; the node of the second solid translates it to its place."""
     blob, views, accessors, meshes, nodes = b"", [], [], [], []
     for i, (name, ends) in enumerate(boxes.items()):
         x, y, z = (1e-3 * corners(*ends)).T

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def forms(function):
-    """The kernel compiled and as plain Python (the same twice where compiling is turned off)."""
+    """The kernel compiled and as plain Python (twice the plain one if compiling is turned off)."""
     return [function, getattr(function, "py_func", function)]
 
 

@@ -6,7 +6,7 @@ import dembrick
 
 
 def coulomb(move, law, memory):
-    """The program's own dry law, without its dashpots."""
+    """The built-in dry law, without its dashpots."""
     normal = law.normal_stiffness * move.penetration
     if normal <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
@@ -22,8 +22,8 @@ def coulomb(move, law, memory):
 
 
 def following(move, law, memory):
-    """Friction as a function of slip: mu (1 + rise s/d exp(1 - s/d)) up to d, whose peak mu (1 + rise) is at s = d,
-    then a straight fall to ``residual`` of mu over the same length."""
+    """Friction as a function of slip: mu (1 + rise s/d exp(1 - s/d)) up to its peak mu (1 + rise) at s = d, then a
+    linear fall to ``residual`` of mu over the same length."""
     normal = law.normal_stiffness * move.penetration
     if normal <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
@@ -45,7 +45,7 @@ def following(move, law, memory):
 
 
 def bilinear(move, law, memory):
-    """`coulomb` on a normal spring of ``part`` of its stiffness beyond the penetration ``knee`` (m)."""
+    """`coulomb` with ``part`` of the normal stiffness beyond the penetration ``knee`` (m)."""
     if move.penetration <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
     soft = max(move.penetration - law.knee, 0.0)
@@ -64,7 +64,7 @@ def bilinear(move, law, memory):
 
 
 def cohesive(move, law, memory):
-    """`coulomb` with a ``cohesion`` (Pa) that stays, of a point that presses."""
+    """`coulomb` with a permanent ``cohesion`` (Pa) at points in compression."""
     normal = law.normal_stiffness * move.penetration
     if normal <= 0.0:
         return 0.0, 0.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Finished histories to be exported, and VTK's own reader of what was."""
+"""Finished histories for tests of the export, and VTK's own reader to read the exported files."""
 
 import os
 
@@ -13,7 +13,7 @@ THREE = ["out.vtkhdf", "out_joints.vtkhdf", "out_contacts.vtkhdf"]
 
 
 def make(folder, assembly=None, n_frame=N_FRAME, n_row=61, channels=EVERYTHING):
-    """A finished history whose frames fall on every tenth row."""
+    """A finished history with a frame at every tenth row."""
     assembly = assembly or cases.mixed_assembly()
     n_block, n_joint, n_jack = len(assembly.names), len(assembly.joints), len(assembly.actuators.names)
     n_point = sum(len(p.area) for p in assembly.contact_points if p is not None)
@@ -26,7 +26,7 @@ def make(folder, assembly=None, n_frame=N_FRAME, n_row=61, channels=EVERYTHING):
 
 
 def vtk_steps(path):
-    """(times, PolyData of every step) through vtkHDFReader; vtk arrays as numpy."""
+    """(times, PolyData of every step) as vtkHDFReader reads them; arrays of VTK as numpy arrays."""
     reader_module = pytest.importorskip("vtkmodules.vtkIOHDF")
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
@@ -59,7 +59,7 @@ def vtk_steps(path):
 
 
 def real_time(folder):
-    """A finished history whose frames have new contacts: none, one, two or three each."""
+    """A finished history of a run in real time whose frames have none, one, two or three new contacts."""
     assembly = cases.assembly()
     arms = np.tile(assembly.joints[0].polygon, (N_FRAME, 1, 1))
     arms[2:, 1] += [-0.02, 0.03]

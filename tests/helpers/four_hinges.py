@@ -1,11 +1,11 @@
 """A circular arch as a mechanism of three rigid links on four hinges: one degree of freedom, its exact finite motion.
 
-The hinges are those of the least horizontal load factor. With the centroids z (complex: along the push, up) and turns
-t of the stones as functions of the turn q of the first link, and ' for d/dq, Lagrange's equation is
+The hinges are those of the lowest horizontal load factor. The centroids z (complex: x in the direction of the push, y
+up) and rotations t of the stones are functions of the rotation q of the first link; ' is d/dq. Lagrange's equation is
 
     sum(m |z'|^2 + J t'^2) q.. + sum(m |z'|^2 + J t'^2)' q.^2 / 2 = sum(m (f . z'))
 
-with the acceleration f that gravity and the accelerated base give every stone (Oppenheim 1992).
+where f is the acceleration that gravity and the accelerated base give every stone (Oppenheim 1992).
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import numpy as np
 
 
 class FourHinges:
-    """An arch of ring pieces: mean ``radius`` and ``thickness`` (m), angle of embrace (deg), pushed along +x."""
+    """An arch of ring segments: mean ``radius`` and ``thickness`` (m), angle of embrace (deg), pushed along +x."""
 
     def __init__(self, radius, thickness, voussoirs, embrace):
         inner, outer = radius - 0.5 * thickness, radius + 0.5 * thickness
         stone = math.radians(embrace) / voussoirs
         self.angle = 0.5 * math.pi + stone * (0.5 * voussoirs - np.arange(voussoirs + 1))
-        self.mass = np.full(voussoirs, 0.5 * stone * (outer**2 - inner**2))  # a unit of density and depth
+        self.mass = np.full(voussoirs, 0.5 * stone * (outer**2 - inner**2))  # for unit density and depth
         lever = 4.0 / 3.0 * math.sin(0.5 * stone) / stone * (outer**3 - inner**3) / (outer**2 - inner**2)
         self.centroid = lever * np.exp(0.5j * (self.angle[1:] + self.angle[:-1]))
         self.second = 0.25 * stone * (outer**4 - inner**4) - self.mass * lever**2
@@ -40,7 +40,7 @@ class FourHinges:
         return (slice(*self.joints[k : k + 2]) for k in range(3))
 
     def _load_factor(self, outside):
-        """By virtual work; infinite where no such mechanism opens its joints away from the hinges."""
+        """By virtual work; infinite if no such mechanism opens its joints away from the hinges."""
         h = self.hinge
         arms = np.array([h[2] - h[1], h[3] - h[2]])
         system = np.array([arms.real, arms.imag])
@@ -56,7 +56,7 @@ class FourHinges:
         return up / along if up / along > 0.0 and ((opening > 0.0) == outside).all() else math.inf
 
     def place(self, q):
-        """Centroids (n,) and turns (n,) of the stones when the first link has turned by q."""
+        """Centroids (n,) and rotations (n,) of the stones when the first link has turned by q."""
         h, (first, second, third) = self.hinge, self._links()
         one = h[0] + (h[1] - h[0]) * np.exp(1j * q)
         rest = h[3] - one
@@ -77,7 +77,7 @@ class FourHinges:
         return (z1 - z0) / (2.0 * step), (t1 - t0) / (2.0 * step)
 
     def acceleration(self, q, rate, f, step=1e-4):
-        """q.. under the acceleration ``f`` (complex, m/s2) of every free stone."""
+        """q.. under the acceleration ``f`` (complex, m/s2) of every moving stone."""
 
         def inertia(q):
             z, t = self.slopes(q)
@@ -88,8 +88,8 @@ class FourHinges:
         return (power - 0.25 * (inertia(q + step) - inertia(q - step)) / step * rate**2) / inertia(q)
 
     def turns(self, f, times, most=0.1):
-        """q at the ``times`` for f(t), at rest until the hinges open; Runge and Kutta. Ends where q passes ``most`` or
-        the hinges close; the rest is NaN."""
+        """q at the ``times`` under f(t), 0 until the hinges open; by Runge-Kutta. Integration ends when q exceeds
+        ``most`` or the hinges close; later values are NaN."""
         found = np.full(len(times), np.nan)
         state = np.zeros(2)
         for k, now in enumerate(times):

@@ -1,4 +1,4 @@
-"""Stand-ins for an assembly, records whose every number is known, and what a reader must find of them."""
+"""Stand-ins for an assembly, records of known numbers, and checks of what a reader finds in them."""
 
 from types import SimpleNamespace
 
@@ -28,7 +28,7 @@ def shape(edges):
 
 
 def wedge():
-    """A prism on a triangle: faces of three and of four corners."""
+    """A triangular prism: faces of three and of four corners."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]], float)
     faces = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
     return SimpleNamespace(vertices=0.1 * (vertices - vertices.mean(axis=0)), faces=faces)
@@ -76,7 +76,7 @@ def assembly():
 
 
 def mixed_assembly():
-    """A box, a turned wedge and no jack; a convex joint, which has no contact points, after a concave one."""
+    """A box, a rotated wedge and no jack; a convex joint, which has no contact points, after a concave one."""
     base = assembly()
     turn = np.array([np.cos(0.2), 0.0, np.sin(0.2), 0.0])
     base.names, base.shapes = ("lower", "upper", "wedge, small"), [*base.shapes, wedge()]
@@ -104,7 +104,7 @@ def many_blocks(n):
 
 
 def record(start, stop, n_joint=1, n_actuator=1, names=ENERGIES):
-    """Rows start to stop; every number follows from its row, so that a reader can tell any that is wrong."""
+    """Rows start to stop; every number follows from its row, so a reader can identify any that is wrong."""
     row = np.arange(start, stop, dtype=float)
     column = row[:, None]
     return {
@@ -124,7 +124,7 @@ def record(start, stop, n_joint=1, n_actuator=1, names=ENERGIES):
 
 
 def frames(start, stop, n_block=2):
-    """Frames start to stop: all blocks but the first move and turn about a skew axis."""
+    """Frames start to stop: all blocks but the first translate, and rotate about a skew axis."""
     frame = np.arange(start, stop, dtype=float)
     moving = np.arange(n_block) > 0
     displacement = frame[:, None, None] * moving[None, :, None] * np.array([1e-9, -2e-3, 3e-6])
@@ -135,7 +135,7 @@ def frames(start, stop, n_block=2):
 
 
 def to_and_fro():
-    """Four frames: at the start, turned by 0.03, back to a tenth of that, and to a thousandth."""
+    """Four frames: undeformed, rotated by 0.03, then by a tenth and by a thousandth of that."""
     parts = [frames(k, k + 1) for k in (0.0, 3.0, 0.3, 0.003)]
     displacement, orientation = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
     return 1e-4 * np.arange(4.0), displacement, orientation
@@ -153,7 +153,7 @@ def motion(start, stop, n_block=2, n_point=4):
 
 
 def new_contacts(start, stop):
-    """New contacts of frames start to stop: none, one, two or three a frame; every number says which it is."""
+    """New contacts of frames start to stop: none, one, two or three per frame; each number identifies its contact."""
     count = np.arange(start, stop) % 4
     number = np.arange(count.sum()) + (np.arange(start) % 4).sum()
     along, value = np.arange(3.0), number[:, None] + 0.25
@@ -163,7 +163,7 @@ def new_contacts(start, stop):
 
 
 def check_new_contacts(found, stop):
-    """The new contacts are exactly those of frames 0 to stop of ``new_contacts``, whichever frames are asked for."""
+    """The new contacts are exactly those of frames 0 to stop of `new_contacts`, whichever frames are read."""
     for start in {0, stop // 2, max(stop - 1, 0)}:
         expected = new_contacts(start, stop)
         starts, values = found.frame_new_contacts(start, stop)
@@ -178,7 +178,7 @@ def open_writer(path, blocks=None, **options):
 
 
 def written(path, rows, poses=None, blocks=None, *, status="completed", results=None, moving=None, **options):
-    """A finished history, open to be read: of these rows, and of frames with these ``poses`` and what is ``moving``."""
+    """A finished history, open to be read, of these rows and of frames with these ``poses`` and ``moving`` channels."""
     with history.HistoryWriter(path, SCENARIO, blocks or assembly(), {}, **options) as writer:
         if rows is not None:
             writer.append(rows)
@@ -189,13 +189,13 @@ def written(path, rows, poses=None, blocks=None, *, status="completed", results=
 
 
 def moving_record(start, stop, n_joint=1, n_actuator=1):
-    """Rows start to stop of a run in real time, which count new contacts and know more energies."""
+    """Rows start to stop of a run in real time: with the number of new contacts and more energies."""
     rows = record(start, stop, n_joint, n_actuator, energies(real_time=True))
     return rows | {"new_contacts": np.arange(start, stop) % 4}
 
 
 def moved(start, stop):
-    """Where O of the joint and its four contact points are, and their areas, by the numbers of the frames."""
+    """Positions of O of the joint and of its four contact points, and their areas, from the frame numbers."""
     number, points = np.arange(start, stop, dtype=float)[:, None, None], np.arange(4.0)
     arms, areas = number + points[:, None] + [0.0, 0.5], number[..., 0] + points
     return {"joint_shift": number + np.zeros((1, 2)), "contact_arm": arms, "contact_area": areas}
@@ -214,7 +214,7 @@ def finished(path, in_real_time=False, **options):
 
 
 def without_new_contacts(path):
-    """A finished history of a run in real time whose frames lack what its new contacts carry."""
+    """A finished history of a run in real time whose frames lack the forces of new contacts."""
     moving = {"joint_shift": np.zeros((4, 1, 2))}
     return written(path, moving_record(0, 5), frames(0, 4), moving=moving, control=MOTION)
 

@@ -1,4 +1,4 @@
-"""Scenes in real time in which blocks part and meet again."""
+"""Scenes in real time in which blocks separate and collide again."""
 
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.scenario.model import Arch, Block, Output, Wall
@@ -20,7 +20,7 @@ def scene(control, *blocks, friction=0.64, gravity=(0.0, 0.0, -G), stiffness=1e1
 
 
 def collapse(**output):
-    """Two columns of blocks that a pulse throws over."""
+    """Two columns of blocks overturned by a pulse."""
     return of_stone(
         law("concave", 0.64, 2e8),
         BaseMotionControl(1.1, (0.0, 1.0, 0.0), pulse=Pulse(0.6 * G, 0.3)),
@@ -31,7 +31,7 @@ def collapse(**output):
 
 
 def falling_arch(formulation):
-    """A semicircle of seven stones, 0.08 of its radius thick, of the 0.0957 that it takes to stand."""
+    """A semicircle of seven stones whose thickness is 0.08 of the radius; it needs 0.0957 to stand."""
     return of_stone(
         law(formulation, 0.7, 1e9),
         DynamicControl(4.0, 0.3),

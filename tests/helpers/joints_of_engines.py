@@ -1,4 +1,4 @@
-"""A lone joint in the kernels of either engine: points, or a convex joint, given the motion of a step."""
+"""A lone joint in the kernels of either engine: contact points or a convex joint, driven by the motion of a step."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from dembrick.simulation.joint_laws import pressed_parts
 W = tiles.W
 K_N, K_S, MU, VISCOUS = 1e8, 5e7, 0.5, 0.3
 OUTLINE = np.array([[-0.15, -0.10], [0.15, -0.10], [0.15, 0.10], [-0.15, 0.10]])
-FIVE_CORNERS = np.insert(OUTLINE, 2, (0.15, 0.03), axis=0)  # the same polygon
+FIVE_CORNERS = np.insert(OUTLINE, 2, (0.15, 0.03), axis=0)  # the same polygon with a redundant corner
 CARRIED = tiles.record(("pressing", 3), ("shearing", 3))  # in double precision
 AREAS = np.array([0.010, 0.015, 0.020, 0.015])  # of the points, at the corners
 
@@ -27,25 +27,25 @@ def one(kind):
 
 
 def motion_of(opening, opened, slip):
-    """The `Motion` of an opening at O and tilts (dn, r1, r2), what they grew by in a step, and its slip twist."""
+    """The `Motion` of an opening at O with tilts (dn, r1, r2), its growth in a step, and a slip twist."""
     depth, growth = ((-float(dn), float(r2), -float(r1)) for dn, r1, r2 in (opening, opened))
     return Motion(depth, growth, tuple(float(s) for s in slip))
 
 
 def strengths_of(law):
-    """`Strengths` of one joint with what a law names, else dry."""
+    """`Strengths` of one joint: those in a law, otherwise a dry joint."""
     dry = {"cohesion": 0.0, "tension": 0.0, "crushing": np.inf, "dilation": 0.0, "residual_cohesion": 0.0}
     values = dry | {"residual": 1.0} | law
     return Strengths(**{name: np.array([value]) for name, value in values.items()}, held=np.zeros(1))
 
 
 def bond_of(law, count):
-    """The bond at the start (count,): where there is a strength that may be lost."""
+    """The initial bond (count,): 1 if the law has a strength that can be lost."""
     return np.full(count, float(any(name in law for name in ("cohesion", "tension", "residual"))))
 
 
 def energy_of(points):
-    """Empty energy terms of one joint of the searches."""
+    """Zeroed energy terms of one joint in the searches."""
     normal = np.zeros((0, 7))
     if points is not None:
         k, x, y = points.k_n, points.x_n, points.y_n
@@ -54,12 +54,12 @@ def energy_of(points):
 
 
 def taken(energy):
-    """By friction, by its law, by dashpots with what springs let go, by crushing, by bonds that broke (J)."""
+    """Dissipation by friction, by the law, in dashpots and released springs, by crushing and by fracture (J)."""
     return np.array([energy.work[name][0] for name in ("sliding", "by_law", "damping", "crushing", "fracture")])
 
 
 class LoneJoint:
-    """What is seen of a ``joint`` and its ``energy``; ``memory`` is that of a convex one, of one elastic force."""
+    """Views of a ``joint`` and its ``energy``; ``memory`` is that of a convex joint, one elastic force."""
 
     @property
     def memory(self):
@@ -71,8 +71,8 @@ class LoneJoint:
 
     @property
     def dissipated(self):
-        """By friction, by the law of friction, by dashpots with what springs let go, by crushing and by bonds that
-        broke (J)."""
+        """By friction, by the law of friction, in dashpots and released springs, by crushing and by fracture of bonds
+        (J)."""
         return taken(self.energy)
 
 
@@ -101,12 +101,12 @@ class StaticPoints(LoneJoint):
 
     @property
     def bonds(self):
-        """Of every point: whether the bond holds, crushed depth, rise."""
+        """For every point: whether its bond is intact, its crushed depth, its rise."""
         return np.stack(self.joint.bonds[1:4], axis=1)
 
 
 class MovingPoints:
-    """The same joint in a tile, host b on the side of b; every lane has it."""
+    """The same joint in every lane of a tile; its host is on the side of b."""
 
     def __init__(self, mu=MU, law=None):
         self.mu = mu
@@ -114,7 +114,7 @@ class MovingPoints:
         self.of_bonds = None if law is None else np.zeros(4, point_laws.BOND)
         if law is not None:
             self.of_bonds["bonded"] = bond_of(law, 4)[:, None]
-        self.custom = None  # `Custom` of a law of the user's own
+        self.custom = None  # `Custom` of a user's law
         self.tile, self.work = one(tiles.FIXED), one(tiles.WORK)
         self.tile.viscous[:] = VISCOUS
         self.own = np.zeros(4, tiles.POINT)
@@ -141,12 +141,12 @@ class MovingPoints:
                 if bonded is None and custom is None:
                     moving_points.add_losses(self.work, points, law, self.ledger)
         moving_points.add_dashpot_work(self.work, self.seen, self.dashpots, self.ledger)
-        # the force on the host at (1, x, y), the host's slip is b's
+        # the force acts on the host at (1, x, y); the slip of the host is that of b
         f, fx, fy = (rows[:, 3] for rows in (self.work.force, self.work.x_force, self.work.y_force))
         return np.array([f[2], -f[0], -f[1], -(fx[1] - fy[0]), -fy[2], fx[2]])
 
     def rows_of(self, point):
-        """`Custom` of two points, from number ``point`` on."""
+        """`Custom` of two points, the first with number ``point``."""
         names = ("move", "record", "memory", "answer", "since", "tried")
         return self.custom._replace(**{name: getattr(self.custom, name)[point * W : (point + 2) * W] for name in names})
 
@@ -168,20 +168,20 @@ class MovingPoints:
 
 
 def seen_flat():
-    """What is seen of hosts whose polygons lie in the plane, their axes along its axes."""
+    """The `SEEN` of hosts whose polygons lie in the plane, with axes along its axes."""
     seen = one(tiles.SEEN)
     seen.first[0] = seen.second[1] = 1.0
     return seen
 
 
 def lost_of(ledger, lane):
-    """What the joint in a lane lost: by friction, by its law, in dashpots and let go, by crushing, by fracture."""
+    """Dissipation of the joint in a lane: friction, law, dashpots with released springs, crushing, fracture (J)."""
     names = ("friction", "by_law", "dashpots", "crushing", "fracture")
     return np.array([ledger[name][lane] for name in names]) + np.array([0.0, 0.0, ledger.released[lane], 0.0, 0.0])
 
 
 def place(work, motion, change, twist):
-    """Write the motion of a step into the rows of a tile's scratch: penetration, its growth, slip at the feet."""
+    """Write the motion of a step into the scratch rows of a tile: penetration, its growth, slip at the feet."""
     now = np.add(motion, change)
     work.depth[:] = np.array([-now[0], now[2], -now[1]])[:, None]
     work.growth[:] = np.array([-change[0], change[2], -change[1]])[:, None]
@@ -192,7 +192,7 @@ def place(work, motion, change, twist):
 
 
 def area_force(work):
-    """Resultants of the convex joint in the first lane of a tile's scratch."""
+    """Resultants of the convex joint in the first lane of a tile, from its scratch."""
     f = work.force[:, 0]
     return np.array([f[2], -f[0], -f[1], -work.twisting[0], -work.y_force[2, 0], work.x_force[2, 0]])
 
@@ -220,7 +220,7 @@ class StaticArea(LoneJoint):
 
     @property
     def bonds(self):
-        """Whether the bond holds, and the rise."""
+        """Whether the bond is intact, and the rise."""
         return np.stack(self.joint.bonds[:2])
 
 

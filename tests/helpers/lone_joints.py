@@ -1,4 +1,4 @@
-"""Joints detected between a few blocks, the laboratory's joint among them."""
+"""Joints detected between a few blocks, among them the joint of the laboratory test."""
 
 import numpy as np
 

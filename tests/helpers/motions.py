@@ -1,4 +1,4 @@
-"""Motions of rigid blocks on Coulomb joints that have a closed form, or an ordinary integral, to compare runs with.
+"""Motions of rigid blocks on Coulomb joints that have a closed form or an ordinary integral, to compare runs with.
 
 SI units, angles in radians. ``gravity`` is its magnitude, ``friction`` the coefficient.
 """
@@ -14,7 +14,7 @@ from dembrick.errors import ScenarioError
 from dembrick.theory.limit_surface import Law
 
 GRAVITY = 9.81
-SMOOTHING = 3e-4  # of the speed of a block: points that are slower count as if they began to stick
+SMOOTHING = 3e-4  # of the speed of a block: the friction of slower points is smoothed, as if they began to stick
 
 
 def _rk4(rate: Callable[[np.ndarray], np.ndarray], state: np.ndarray, step: float) -> np.ndarray:
@@ -39,13 +39,13 @@ def slide_to_rest(
     *,
     tolerance: float = 1e-6,
 ) -> tuple[float, float, float]:
-    """(x, y, theta) where a block comes to rest that starts at 0 sliding and spinning flat, its pressure unchanged.
+    """(x, y, theta) where a block stops that starts at 0 sliding and spinning flat, with its pressure unchanged.
 
-    ``law`` is in the block's axes about its centroid, ``inertia`` about the vertical. Friction depends on the direction
-    of the twist alone, so the motion is integrated over ds = dt / |twist|, in which it fades exponentially; the step of
-    the RK4 pairs follows ``tolerance``, relative to the start and per step. A block on points may for a while turn
-    about one that sticks: there the friction of points slower than `SMOOTHING` |twist| is rounded off, which shifts
-    the rest by about that part of the distance slid meanwhile.
+    ``law`` is in the block's axes about its centroid, ``inertia`` about the vertical. Friction depends only on the
+    direction of the twist, so the motion is integrated over ds = dt / |twist|, in which it decays exponentially; the
+    step of the RK4 pairs follows ``tolerance``, relative to the start and per step. A block on points may turn for a
+    while about one that sticks: there the friction of points slower than `SMOOTHING` |twist| is rounded off, which
+    shifts the final position by about that fraction of the distance slid meanwhile.
     """
     R = law.radius
     rate_scale = law.strength / mass
@@ -68,7 +68,7 @@ def slide_to_rest(
         raise ScenarioError("the block does not come to rest: friction and normal force must be greater than 0")
     weight = np.concatenate([[1.0, 1.0, R] / np.array(R), scale / first])
     step = 0.05
-    # what is left to go is of the order of |twist|^2
+    # the remaining distance is of the order of |twist|^2
     while np.linalg.norm(state[3:] * scale) > 1e-6 * first:
         whole = _rk4(rate, state, step)
         halves = _rk4(rate, _rk4(rate, state, step / 2.0), step / 2.0)
@@ -86,10 +86,10 @@ def rocking_frequency(thickness: float, height: float) -> float:
 
 
 def rocking_period(thickness: float, height: float, ratio: float) -> float:
-    """Lossless nonlinear period of a rocking block: four times from release at ratio * alpha to the first impact.
+    """Undamped nonlinear period of a rocking block: four times from release at ratio * alpha to the first impact.
 
     Energy gives theta'^2 = 2 p^2 (cos(alpha - theta) - cos(alpha - theta_0)); with theta = theta_0 (1 - u^2) the
-    integrand is smooth and a Gauss rule exact to rounding.
+    integrand is smooth and Gauss quadrature exact to rounding.
     """
     alpha = math.atan2(thickness, height)
     theta_0 = ratio * alpha
@@ -109,10 +109,10 @@ def housner_restitution(thickness: float, height: float) -> float:
 
 
 def toppling_tilt(thickness: float, height: float, rate: float, lever: float, displacement: float) -> float:
-    """Tilt angle at which a rigid wall, tilted at ``rate`` (rad/s), has moved a point ``lever`` from its toe.
+    """Tilt at which a rigid wall, tilted at ``rate`` (rad/s), has displaced a point at ``lever`` from its toe.
 
-    On its toe, theta'' = (3 g / 4 R) sin(psi + theta - alpha), at rest at psi = alpha. The displacement is the arc
-    lever * theta.
+    For rotation about the toe, theta'' = (3 g / 4 R) sin(psi + theta - alpha), from rest at psi = alpha. The
+    ``displacement`` is the arc lever * theta.
     """
     alpha, p_2 = math.atan2(thickness, height), rocking_frequency(thickness, height) ** 2
     goal = displacement / lever

@@ -1,4 +1,4 @@
-"""Two equal blocks and the joint between them: the laboratory's scene with everything in it free to choose."""
+"""Two equal blocks and the joint between them: the laboratory scene with all parameters free."""
 
 import numpy as np
 
@@ -35,9 +35,9 @@ def scene(
     turn=(1.0, 0.0, 0.0, 0.0),
     shift=(0.0, 0.0, 0.0),
 ):
-    """Two equal blocks a x b x height, joint plane z = 0; jacks are (point, direction, weight) from O before ``turn``.
+    """Two equal blocks a x b x height, joint plane z = 0; jacks are (point, direction, weight) from O, before ``turn``.
 
-    ``dead`` is a tangential dead force at O. There is no gravity: N is a dead load, so that the density is free.
+    ``dead`` is a tangential dead force at O. There is no gravity: N is a dead load, so the density is arbitrary.
     """
     R, shift = rotation_matrix(np.array(turn, float)), np.array(shift, float)
     block = {"material": "stone", "box": (a, b, height), "orientation": tuple(turn)}
@@ -64,5 +64,5 @@ def scene(
 
 
 def single(e, direction=(0.0, 1.0, 0.0), z=0.0):
-    """One jack at the eccentricity e = (e_x, e_y), z above the joint."""
+    """One jack at the eccentricity e = (e_x, e_y), at z above the joint."""
     return (((*e, z), direction, 1.0),)

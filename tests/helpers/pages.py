@@ -1,4 +1,4 @@
-"""Pages of made-up histories."""
+"""HTML pages of synthetic histories."""
 
 import base64
 import json

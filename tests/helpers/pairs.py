@@ -1,4 +1,4 @@
-"""Two blocks and the contact between them, put and moved by hand."""
+"""Two blocks and the contact between them, positioned by the test."""
 
 import functools
 import math
@@ -66,19 +66,19 @@ class Pair:
         return self.bodies.applied[1].copy()
 
     def wrench(self, position, orientation=(1.0, 0.0, 0.0, 0.0)):
-        """Force and torque on the second block where it is put."""
+        """Force and torque on the second block in a given pose."""
         self.place(1, position, orientation)
         return self.touch()
 
     def potential(self):
-        """Integral of the smaller pressure over the common volume, and the wrench on the second block that is its
-        derivative: of -2 kn n over where that block is the less deep. By points that know of no surface."""
+        """Integral of the smaller pressure over the common volume, and its derivative, the wrench on the second block:
+        the integral of -2 kn n where that block has the smaller depth. Its points are independent of the surfaces."""
         ends = [(self.corners(i).min(axis=0), self.corners(i).max(axis=0)) for i in (0, 1)]
         low, high = np.max([low for low, _ in ends], axis=0), np.min([high for _, high in ends], axis=0)
-        golden = 1.2207440846057596  # the root of x^4 = x + 1 spreads points evenly, on no planes
+        golden = 1.2207440846057596  # the root of x^4 = x + 1 spreads points evenly and off any planes
         for n in (300_000, 300_001, 1_000_000):
             points = low + (high - low) * ((np.arange(n)[:, None] * golden ** -np.arange(1.0, 4.0) + 0.5) % 1.0)
-            if n < 1_000_000:  # a closer box about what is common
+            if n < 1_000_000:  # a tighter box about the common volume
                 inside = points[np.minimum(self.depth(0, points)[0], self.depth(1, points)[0]) > 0.0]
                 low, high = (
                     np.maximum(low, inside.min(axis=0) - 0.3 * np.ptp(inside, axis=0)),
@@ -112,7 +112,7 @@ def turned(*turns):
 
 WEDGE = prism([(-0.1, 0.0), (0.1, 0.0), (0.0, 0.15)], 0.2)
 TETRA = hull([(0.0, 0.0, 0.0), (0.2, 0.0, 0.02), (0.0, 0.25, 0.0), (0.03, 0.02, 0.2)])
-SETTINGS = {  # shape, direction in which it comes, orientation, overlap (m)
+SETTINGS = {  # shape, direction of approach, orientation, overlap (m)
     "edge in face": (BLOCK, (0.1, 0.05, 1.0), turned(((0, 1, 0), 0.7)), 4e-3),
     "corner in face": (BLOCK, (0.1, 0.05, 1.0), turned(((0, 1, 0), 0.7), ((1, 0, 0), 0.5)), 8e-3),
     "edge on edge": (BLOCK, (1.0, 0.02, 0.9), turned(((0, 1, 0), 0.8), ((0, 0, 1), 0.9)), 6e-3),
@@ -126,7 +126,7 @@ SETTINGS = {  # shape, direction in which it comes, orientation, overlap (m)
 
 @functools.cache
 def set_up(name, **more):
-    """The pair of a setting, the second block moved out along the direction until the overlap is the stated one."""
+    """The pair of a setting; the second block is moved along the direction until the overlap is the given one."""
     shape, direction, orientation, overlap = SETTINGS[name]
     pair = Pair(BLOCK, shape, **more)
     near, far = 0.0, 1.0

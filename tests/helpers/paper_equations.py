@@ -81,7 +81,7 @@ def concave_interaction(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(V_x, V_y, M_T) of four vertices with N/4 each, slipping about C, M_T about O (eq. 6).
 
-    Vertices 1 to 4 are top left, bottom left, bottom right, top right; a vertex at C itself carries nothing here.
+    Vertices 1 to 4 are top left, bottom left, bottom right, top right; a vertex at C itself carries no force here.
     The paper prints a (sin alpha_1 + sin alpha_4) in the moment; its own (7) and (8) need alpha_3 there, as used here.
     """
     x_c, y_c, a, b = np.broadcast_arrays(*(np.asarray(value, float) for value in (x_c, y_c, a, b)))
@@ -102,7 +102,7 @@ def concave_interaction(
 
 
 def concave_distances(x_c: ArrayLike, a: ArrayLike, b: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """(d_1, d_4): the left and the right vertices' distance from a C on the x axis (eq. 7)."""
+    """(d_1, d_4): distances of the left and the right vertices from a C on the x axis (eq. 7)."""
     x_c, a, b = (np.asarray(value, float) for value in (x_c, a, b))
     return np.hypot(x_c, b / 2.0), np.hypot(a + x_c, b / 2.0)
 

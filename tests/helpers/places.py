@@ -11,7 +11,7 @@ TOOLS = ROOT / "tools"
 
 
 def tool_module(name):
-    """A module of tools/, imported as it imports its neighbours."""
+    """A module of tools/, imported with its folder on the path so that it finds the other tools."""
     sys.path.insert(0, str(TOOLS))
     try:
         return importlib.import_module(name)

@@ -1,4 +1,4 @@
-"""Kernels in plain Python (`NUMBA_DISABLE_JIT`) take a hundred times as long: tests draw fewer cases there."""
+"""Kernels in plain Python (`NUMBA_DISABLE_JIT`) take a hundred times as long: tests then draw fewer cases."""
 
 from typing import TypeVar
 
@@ -8,5 +8,5 @@ T = TypeVar("T")
 
 
 def cases(compiled: T, plain: T) -> T:
-    """``plain`` where kernels are not compiled."""
+    """``plain`` if kernels are not compiled, otherwise ``compiled``."""
     return plain if numba.config.DISABLE_JIT else compiled

@@ -1,4 +1,4 @@
-"""Assemblies whose limit loads are known to many digits: walls, a corner, an arch, a stack."""
+"""Assemblies whose limit loads are known to many digits: walls, a corner, an arch, a stack, a cube."""
 
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import PushoverControl, YieldControl
@@ -21,7 +21,7 @@ def _wall(blocks: int, courses: int) -> Wall:
 
 
 def wall_with_actuator(joint: JointLaw, block="wall.6.3", x=0.6) -> Scenario:
-    """The wall of 4 x 6 blocks, a whole block of its top course pushed along y at its centroid."""
+    """The wall of 4 x 6 blocks with a whole block of the top course pushed along y at its centroid."""
     actuator = Actuator("push", block, (x, 0.0, 0.55), (0.0, 1.0, 0.0))
     return of_stone(joint, YieldControl(), walls=(_wall(4, 6),), actuators=(actuator,))
 
@@ -36,8 +36,8 @@ def stack(joint: JointLaw, direction, courses=5, block=(0.3, 0.2, 0.1)) -> Scena
 
 
 def pressed_cube(joint: JointLaw, push: float, arm: float) -> Scenario:
-    """A cube of 0.4 m on a slab, pushed by V along x in the joint's plane at y = ``arm``, and pressed down by V over
-    ``push`` at its centroid."""
+    """A cube of 0.4 m on a slab, pushed by V along x in the plane of the joint at y = ``arm``, and pressed down at its
+    centroid by V over ``push``."""
     blocks = (
         Block("slab", "stone", box=(2.0, 2.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
         Block("cube", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2)),
@@ -50,7 +50,7 @@ def pressed_cube(joint: JointLaw, push: float, arm: float) -> Scenario:
 
 
 def corner(joint: JointLaw, direction) -> Scenario:
-    """An L corner of six courses, bonded, on a slab."""
+    """A bonded L-shaped corner of six courses on a slab."""
     even = ((0.0, 0.4, 0.0, 0.2), (0.4, 0.8, 0.0, 0.2), (0.0, 0.2, 0.2, 0.6))
     odd = ((0.2, 0.6, 0.0, 0.2), (0.6, 0.8, 0.0, 0.2), (0.0, 0.2, 0.0, 0.4), (0.0, 0.2, 0.4, 0.6))
     blocks = [Block("slab", "stone", box=(2.0, 2.0, 0.2), position=(0.4, 0.3, -0.1), fixed=True)]

@@ -1,4 +1,4 @@
-"""Scenes of searches without time: one law for all joints, gravity, and what pushes or tilts them."""
+"""Quasi-static scenes: one law for all joints, gravity, and loads that push or tilt the blocks."""
 
 from __future__ import annotations
 

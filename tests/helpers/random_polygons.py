@@ -22,7 +22,7 @@ def random_polygon(rng, n=12, stretch=1.0):
 
 
 def slender_polygon(rng, size=1.0):
-    """A convex polygon of three to nine corners about its centroid, up to some 30 times as long as wide."""
+    """A convex polygon of three to nine corners about its centroid, up to about 30 times as long as wide."""
     n = rng.integers(3, 10)
     angle = np.sort((np.arange(n) + rng.uniform(0.15, 0.85, n)) * 2 * np.pi / n)
     corners = np.column_stack([np.cos(angle), np.sin(angle)]) * [1.0, 10 ** rng.uniform(-1.5, 0)]
@@ -32,6 +32,6 @@ def slender_polygon(rng, size=1.0):
 
 
 def slenderness(polygon):
-    """By how much edge sums over a polygon cancel: 2.8 for a square, length over width for a slender joint."""
+    """Cancellation factor of edge sums over a polygon: 2.8 for a square, length over width for a slender joint."""
     length = np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1).sum()
     return length * np.hypot(*polygon.T).max() / polygons.area(polygon)

@@ -1,4 +1,4 @@
-"""Runs that are stopped: scenarios for them, children to send signals to, and the comparison of two histories."""
+"""Runs that are stopped: their scenarios, child processes that receive signals, and a comparison of two histories."""
 
 import dataclasses
 import itertools
@@ -23,18 +23,18 @@ from dembrick.simulation.interrupts import Interrupted
 
 
 def case(name, formulation, tolerance=1e-3, checkpoint=0.0, **output):
-    """A lab scenario that writes a checkpoint after every chunk, or every so many seconds; a curve is cut short."""
+    """A lab scenario with a checkpoint after every chunk, or every ``checkpoint`` seconds; a curve is cut short."""
     given = lab_scenario(name, formulation, tolerance)
     if given.control.kind == "displacement":
         given = dataclasses.replace(given, control=model.DisplacementControl(1e-3, 1.5e-5))
-    if formulation == "distributed":  # its points given: to place them is a search of its own, and stopped as one
+    if formulation == "distributed":  # points given: placing them is a search of its own, which would be stopped too
         given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, points=(6, 5)))
     return dataclasses.replace(given, output=model.Output(model.CHANNELS, checkpoint=checkpoint, **output))
 
 
 def content(path):
-    """Every dataset of a history, and its results and settings without what names the file and the wall times, those of
-    stages too."""
+    """All datasets of a history, with its results and settings but for the name of the file and wall times, also those
+    of stages."""
     found = {}
     with h5py.File(path) as file:
         file.visititems(lambda name, node: found.update({name: node[()]}) if isinstance(node, h5py.Dataset) else None)
@@ -58,7 +58,7 @@ def check_same(first, second):
 
 @contextmanager
 def signal_at_look(number, signum=signal.SIGINT, match=None):
-    """A signal comes the ``number``-th time that a run looks for one, and interrupts it with a message that matches."""
+    """Signal a run the ``number``-th time that it checks for signals; the interrupt's message must match ``match``."""
     looks = itertools.count(1)
     with pytest.MonkeyPatch.context() as patch, pytest.raises(Interrupted, match=match) as stopped:
         patch.setattr(interrupts, "requested", lambda: signum if next(looks) == number else 0)
@@ -66,14 +66,14 @@ def signal_at_look(number, signum=signal.SIGINT, match=None):
 
 
 def stop_at_look(given, path, number):
-    """Simulate until a signal comes: the ``number``-th time that the run looks for one."""
+    """Simulate until a signal arrives at the ``number``-th time that the run checks for one."""
     with signal_at_look(number):
         simulate(given, path)
 
 
 @contextmanager
 def counted_looks():
-    """A list that grows each time that a run looks for a signal; none comes."""
+    """A list that grows each time the run checks for a signal; none arrives."""
     looks = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(interrupts, "requested", lambda: looks.append(0) or 0)
@@ -81,7 +81,7 @@ def counted_looks():
 
 
 def rewritten(checkpoint, **changes):
-    """The checkpoint with some arrays replaced, or made of what they were (None: left out), all checksums right."""
+    """The checkpoint with some arrays replaced by values or by functions of them (None: removed); checksums fit."""
     with np.load(checkpoint) as found:
         arrays = dict(found)
     arrays |= {name: change(arrays[name]) if callable(change) else change for name, change in changes.items()}
@@ -90,7 +90,7 @@ def rewritten(checkpoint, **changes):
 
 
 def rows_of(path):
-    """How many rows a history has; -1 where none is there yet."""
+    """Number of rows in a history; -1 if there is no file yet."""
     if not path.exists():
         return -1
     with read(path) as file:
@@ -99,7 +99,7 @@ def rows_of(path):
 
 @contextmanager
 def told_of_checkpoints(tell):
-    """Call ``tell`` after every checkpoint of a run with stages: where it is, and whether a stage is over."""
+    """Call ``tell`` after every checkpoint of a staged run: its position, and whether a stage has been completed."""
     original = stages.Stages._keeping
 
     def keeping(self, session, between=False):
@@ -117,7 +117,7 @@ def told_of_checkpoints(tell):
 
 
 def stop_in_stages(given, path, stop):
-    """Simulate until ``stop`` of what `told_of_checkpoints` tells is true."""
+    """Simulate until ``stop`` of the arguments that `told_of_checkpoints` passes is true."""
 
     def tell(where, later):
         if stop(where, later):
@@ -134,7 +134,7 @@ from dembrick.cli import main
 looked = interruption.requested
 interruption.requested = lambda: (time.sleep(0.05), looked())[1]
 sys.exit(main())
-"""  # some seconds, however fast the run is: a signal comes long before the end
+"""  # takes some seconds however fast the machine is, so a signal arrives long before the end
 
 
 def dembrick(*arguments, code="import sys; from dembrick.cli import main; sys.exit(main())", **options):
@@ -148,7 +148,7 @@ def dembrick(*arguments, code="import sys; from dembrick.cli import main; sys.ex
 
 
 def wait_for(condition, child, what):
-    """Wait until ``condition`` holds while the child lives."""
+    """Wait until ``condition`` is true while the child process is alive."""
     deadline = time.monotonic() + 600
     while not condition():
         assert child.poll() is None, f"the child ended before {what}: {child.stderr.read()}"

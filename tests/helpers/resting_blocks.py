@@ -1,4 +1,4 @@
-"""A block at rest on a fixed one in real time, and blocks put elsewhere without a step in time."""
+"""A block in equilibrium on a fixed one in real time, and blocks moved by hand without a time step."""
 
 import math
 
@@ -33,7 +33,7 @@ def block_on_floor(control, loads=(), friction=0.2) -> Scenario:
 def two_blocks(
     formulation="concave", floor=(0.3, 0.2, 0.1), turn=(1.0, 0.0, 0.0, 0.0), friction=0.64, **block
 ) -> Motion:
-    """A block of 0.3 x 0.2 x 0.1 m on a fixed one; everything, gravity too, is turned by a quaternion."""
+    """A block of 0.3 x 0.2 x 0.1 m on a fixed one; the whole scene with gravity is rotated by a quaternion."""
     R = rotation_matrix(np.array(turn))
     points = {"points": (6, 4)} if formulation == "distributed" else {}
     turned = {key: tuple(R @ value) for key, value in block.items()}
@@ -52,7 +52,7 @@ def two_blocks(
 
 
 def resting(*arguments, **keywords) -> tuple[Motion, Driving]:
-    """The same at rest under gravity, and what drives it."""
+    """The same blocks in equilibrium under gravity, and their loads."""
     moving = two_blocks(*arguments, **keywords)
     driving = Driving(moving.assembly.gravity)
     find_equilibrium(moving, driving)
@@ -60,7 +60,7 @@ def resting(*arguments, **keywords) -> tuple[Motion, Driving]:
 
 
 def place(moving: Motion, shift, turn, block: int = 1) -> None:
-    """Move a block by a shift (m) and turn it about its centroid by a quaternion, without a step in time."""
+    """Shift a block by ``shift`` (m) and rotate it about its centroid by a quaternion, without a time step."""
     bodies = moving.state.bodies
     bodies.position[block] += shift
     bodies.orientation[block] = quaternion_product(turn, bodies.orientation[block])
@@ -68,5 +68,5 @@ def place(moving: Motion, shift, turn, block: int = 1) -> None:
 
 
 def about(axis, angle):
-    """Quaternion of a turn."""
+    """Quaternion of a rotation."""
     return np.concatenate([[math.cos(angle / 2)], math.sin(angle / 2) * np.asarray(axis, float)])

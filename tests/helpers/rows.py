@@ -1,4 +1,4 @@
-"""A row of a run in real time, as its state is now."""
+"""A row of a run in real time, computed from its present state."""
 
 from dembrick.kernels.dynamics.record import write_row
 from dembrick.kernels.dynamics.row_energies import BALANCE

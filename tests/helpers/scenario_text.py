@@ -1,4 +1,4 @@
-"""Scenarios as TOML: a whole one to change a line of, the parts of others, and the check that one is refused."""
+"""Scenarios as TOML: a whole one of which tests change a line, parts of others, and a check of refusals."""
 
 import pytest
 
@@ -51,7 +51,7 @@ tolerance = 1.0e-3
 def header(
     formulation="concave", friction=0.6, normal_stiffness=1e9, *, title="test", gravity=GRAVITY, density=2000.0, keys=""
 ):
-    """Title, gravity, one joint law (ks = 0.4 kn, further ``keys``) and one material, ``stone``; Pa/m, kg/m3."""
+    """Title, gravity, one joint law (ks = 0.4 kn, further ``keys``) and one material, ``stone``; units Pa/m, kg/m3."""
     return f"""
 title = "{title}"
 gravity = {list(gravity)}
@@ -67,7 +67,7 @@ density = {density}
 
 
 def block(name, position, box=(0.3, 0.2, 0.1), more=""):
-    """One block of ``stone``; ``more`` are further lines of its table."""
+    """One block of ``stone``; ``more`` holds further lines of its table."""
     return f"""
 [[blocks]]
 name = "{name}"
@@ -79,7 +79,7 @@ position = {list(position)}
 
 
 def jack(block, point, direction=(1.0, 0.0, 0.0), more=""):
-    """An actuator, ``jack``; ``more`` are further lines of its table."""
+    """An actuator named ``jack``; ``more`` holds further lines of its table."""
     return f"""
 [[actuators]]
 name = "jack"

@@ -1,4 +1,4 @@
-"""Scenes off screen."""
+"""Scenes drawn off screen."""
 
 from contextlib import contextmanager
 
@@ -10,7 +10,7 @@ from dembrick.views.render import scene
 
 @contextmanager
 def drawn(run, frames=(3,), **look):
-    """A scene off screen, small."""
+    """A small scene drawn off screen."""
     import pyvista
 
     plotter = pyvista.Plotter(off_screen=True, window_size=[320, 240])
@@ -21,7 +21,7 @@ def drawn(run, frames=(3,), **look):
 
 
 def in_picture(plotter, points):
-    """Where points lie, as parts of the width and of the height of the picture."""
+    """Positions of points in the picture, as fractions of its width and height."""
     plotter.render()
     camera, (width, height) = plotter.camera, plotter.window_size
     across = points - np.array(camera.focal_point)

@@ -1,4 +1,4 @@
-"""What tests have a second process do, and scripts that start one."""
+"""Functions that tests run in a second process, and a way to start scripts."""
 
 import os
 import subprocess
@@ -10,13 +10,13 @@ from dembrick import _kernel_cache
 
 
 def hold(folder, byte):
-    """Claim a byte for as long as this process lives."""
+    """Claim a byte and keep it as long as this process lives."""
     assert _kernel_cache.claims_in(Path(folder)).take(byte)
     time.sleep(600.0)
 
 
 def python(code, cache):
-    """Start a script in a process of its own, with a kernel cache of its own, that may start another on any machine."""
+    """Start a script in its own process with its own kernel cache; it may start a second process on any machine."""
     environment = {**os.environ, "DEMBRICK_CACHE_DIR": str(cache), "DEMBRICK_COMPILE_AHEAD": "1"}
     helpers = str(Path(__file__).parents[1])
     environment["PYTHONPATH"] = os.pathsep.join([environment["PYTHONPATH"], helpers])

@@ -1,10 +1,10 @@
-"""Studies written for a test, and the tables that they give."""
+"""Studies written for a test, and the tables that they produce."""
 
 import csv
 
 
 def write_study(folder, body, base):
-    """The file of a study with that ``body``, beside the scenario ``base``."""
+    """Write the file of a study with that ``body`` beside the scenario ``base``."""
     (folder / "base.toml").write_text(base, encoding="utf-8")
     path = folder / "study.toml"
     path.write_text(f'base = "base.toml"\n{body}', encoding="utf-8")
@@ -12,6 +12,6 @@ def write_study(folder, body, base):
 
 
 def read_csv(path):
-    """The rows of a table by the names of its columns."""
+    """The rows of a table as mappings from column names."""
     with open(path, newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))

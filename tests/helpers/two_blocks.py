@@ -1,4 +1,4 @@
-"""The scenario of a laboratory test: a block on a fixed one, pressed, and pushed by a jack off its centre."""
+"""The scenario of a laboratory test: a block on a fixed one, pressed down and pushed by an eccentric jack."""
 
 from helpers.scenario_text import block, header, jack
 

@@ -1,4 +1,4 @@
-"""The calls of Windows that lock bytes of a file, by locks of Linux that belong to an open file as those do."""
+"""The byte-range locks of Windows, emulated by Linux locks that likewise belong to an open file."""
 
 import errno
 import os
@@ -8,7 +8,7 @@ LK_LOCK, LK_NBLCK, LK_UNLCK = 1, 2, 0
 
 
 def locking(file, mode, count):
-    """As ``msvcrt.locking`` of the bytes that come next: PermissionError if another open file has one of them."""
+    """As ``msvcrt.locking`` for the next ``count`` bytes: PermissionError if another open file holds one of them."""
     import fcntl
 
     kind = fcntl.F_UNLCK if mode == LK_UNLCK else fcntl.F_WRLCK
