@@ -1,4 +1,4 @@
-"""Checkpoints that are damaged, strange or of another run, and disks that are full."""
+"""Checkpoints that are damaged, strange or from another run, and disks that are full."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from helpers.restart_cases import case, check_same, content, rewritten
 
 @pytest.fixture
 def stopped(tmp_path, stop_after):
-    """A run that was stopped after three equilibria, with its two checkpoints, and the whole run beside it."""
+    """A run stopped after three equilibria, with its two checkpoints, and an uninterrupted run beside it."""
     given = case("set4a", "concave")
     simulate(given, tmp_path / "whole.h5")
     with stop_after(4):
@@ -27,12 +27,12 @@ def stopped(tmp_path, stop_after):
 
 
 def by_step(path):
-    """The two checkpoint files, the newest last."""
+    """The two checkpoint files, the newer last."""
     return sorted(Checkpoints(path).existing(), key=lambda one: Checkpoint(one).about["number"])
 
 
 def test_the_newest_checkpoint_is_the_last_that_was_saved(tmp_path):
-    """Whichever of the two files it is in, and none of its steps are made again."""
+    """Whichever of the two files holds it; no step is repeated."""
     kept = Checkpoints(tmp_path / "run.h5")
     known = {"scenario": "", "kernels": "", "rows": 0, "frames": 0}
     for step in range(1, 4):
@@ -52,7 +52,7 @@ def test_the_other_checkpoint_serves_where_the_newest_is_damaged(stopped, capsys
 
 
 def test_a_flipped_bit_is_noticed(stopped):
-    """Anywhere in the numbers: the checksums of the archive see it."""
+    """A flipped bit anywhere in the numbers: the checksums of the archive detect it."""
     _, newest = by_step(stopped)
     whole = Path(newest).read_bytes()
     with zipfile.ZipFile(newest) as archive:
@@ -72,7 +72,7 @@ def test_a_flipped_bit_is_noticed(stopped):
             noticed += 1
             if place == at:
                 first = noticed
-    assert first == 1 and noticed > 45  # the rest falls on dates and names of the archive, which nobody reads
+    assert first == 1 and noticed > 45  # the others hit dates and names in the archive, which are never read
 
 
 def about(path, **changes):
@@ -81,7 +81,7 @@ def about(path, **changes):
 
 
 def searched(path, name, number):
-    """The checkpoint with another number of its search, see `SEARCH`."""
+    """The checkpoint with one number of its search replaced, see `SEARCH`."""
 
     def changed(search):
         search[SEARCH.names.index(name)] = number
@@ -130,7 +130,7 @@ def npy_header(text):
 
 
 def bare(path, raw):
-    """Put raw bytes in the place of one array."""
+    """Replace one array of the archive by raw bytes."""
     with zipfile.ZipFile(path) as found:
         entries = {name: found.read(name) for name in found.namelist()}
     entries["state.blocks.velocity.npy"] = raw
@@ -166,7 +166,7 @@ def test_a_run_that_is_over_is_not_restarted(tmp_path):
 
 
 def test_checkpoints_of_an_earlier_run_are_not_taken(tmp_path, stopped):
-    """A new run of the same file name does not go on from what an earlier one left."""
+    """A new run with the same file name does not continue from the checkpoints of an earlier one."""
     left = [Path(one).read_bytes() for one in Checkpoints(stopped).paths]
     with pytest.raises(KeyboardInterrupt):
         interrupted_at_once(case("set4b", "concave"), stopped)
@@ -186,7 +186,7 @@ def interrupted_at_once(given, path):
 
 
 def test_a_disk_that_fills_up_leaves_something_to_go_on_with(tmp_path, stop_after, monkeypatch):
-    """The history cannot be written any more: exit code 1, and when there is room again the run goes on."""
+    """The history can no longer be written: exit code 1; once there is room again, the run can be continued."""
     given = case("set4a", "concave")
     simulate(given, tmp_path / "whole.h5")
     path = tmp_path / "run.h5"

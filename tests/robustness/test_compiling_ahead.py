@@ -1,4 +1,4 @@
-"""A second process compiles what a first run will want later: it is found, waited for, and never left behind."""
+"""A second process compiles what a first run will need later: its code is used, waited for, and it always ends."""
 
 import math
 import time
@@ -63,14 +63,14 @@ input()
 
 
 def out(process):
-    """What a script printed when it was done, as words."""
+    """Words that a script printed until it ended."""
     found, _ = process.communicate(timeout=120)
     assert process.returncode == 0
     return found.split()
 
 
 def until(condition, what):
-    """Wait for something that other processes do."""
+    """Wait for a condition that other processes bring about."""
     for _ in range(1200):
         if condition():
             return
@@ -80,7 +80,7 @@ def until(condition, what):
 
 @pytest.fixture
 def allowed(monkeypatch):
-    """What the suite turns off, and a second core."""
+    """Turn on compiling ahead, which the suite turns off, and pretend to have a second core."""
     monkeypatch.setenv(_ahead.SWITCH, "1")
     monkeypatch.setattr(_ahead, "cores", lambda: 2)
 
@@ -98,12 +98,12 @@ def test_a_second_process_that_dies_is_no_harm(tmp_path):
 
 
 def test_two_processes_that_want_one_kernel_compile_it_once(tmp_path):
-    """The first stops as it begins to compile; the second then waits, and loads what the first has compiled."""
+    """The first process stops as it begins to compile; the second waits and then loads what the first has compiled."""
     first = python(KERNELS + MEET.format(what="numba:compile", says="compiling"), tmp_path)
     assert first.stdout.readline() == "compiling\n"
     second = python(KERNELS + MEET.format(what=_kernel_cache.WAITING, says="waiting"), tmp_path)
     assert second.stdout.readline() == "waiting\n"
-    first.stdin.write("\n" * 1000)  # it stops at every kernel that this one calls
+    first.stdin.write("\n" * 1000)  # it stops at every kernel that this kernel calls
     first.stdin.flush()
     assert out(first)[-2:] == ["1", "0"]
     second.stdin.write("\n")
@@ -111,7 +111,7 @@ def test_two_processes_that_want_one_kernel_compile_it_once(tmp_path):
 
 
 def test_nobody_waits_for_ever(tmp_path, monkeypatch):
-    """A process that was stopped holds its claim: others compile after `PATIENCE` what it was to compile."""
+    """A stopped process keeps its claim: after `PATIENCE` others compile what it was to compile."""
     monkeypatch.setattr(_kernel_cache, "PATIENCE", 0.1)
     folder = tmp_path / "claims"
     folder.mkdir()
@@ -126,7 +126,7 @@ def test_nobody_waits_for_ever(tmp_path, monkeypatch):
     finally:
         holder.kill()
         holder.wait()
-    assert claims.take(1)  # who dies leaves no claim
+    assert claims.take(1)  # a process that dies leaves no claim
 
 
 @pytest.mark.parametrize("end", [None, KeyboardInterrupt])
@@ -155,7 +155,7 @@ def test_no_second_process_without_a_core_a_shared_cache_or_locks(allowed, monke
     assert _ahead.possible()
     for module, name, value in (
         (_ahead, "cores", lambda: 1),
-        (_kernel_cache, "CACHE_FOLDER", tmp_path),  # of this process alone
+        (_kernel_cache, "CACHE_FOLDER", tmp_path),  # a cache of this process alone
         (_file_locks, "fcntl", None),
     ):
         with monkeypatch.context() as changed:
@@ -167,14 +167,14 @@ def test_no_second_process_without_a_core_a_shared_cache_or_locks(allowed, monke
 
 
 def arguments_of(kernel):
-    """The names of its arguments."""
+    """Names of the arguments of a kernel."""
     code = kernel.__wrapped__.__code__
     return code.co_varnames[: code.co_argcount]
 
 
 @pytest.mark.parametrize("formulation", warmup.FORMULATIONS)
 def test_what_contacts_do_is_compiled_ahead_for_what_the_loop_calls_it_with(monkeypatch, formulation):
-    """The task that a run hands on is that of the forces of contacts, for what the loop has when two blocks meet."""
+    """The task that a run submits compiles the contact forces for the types that the loop has when blocks meet."""
     tasks = []
 
     def heard(wanted):
@@ -196,7 +196,7 @@ def test_what_contacts_do_is_compiled_ahead_for_what_the_loop_calls_it_with(monk
 
 
 def test_the_second_process_starts_with_the_first_kernel_of_a_settlement(monkeypatch, tmp_path):
-    """The loop comes first, within `compile_ahead`: what rows take is compiled while the second process is at work."""
+    """The loop is compiled first, within `compile_ahead`; the kernels of rows while the second process is at work."""
     order = []
 
     def started(wanted):
@@ -217,13 +217,13 @@ def test_the_second_process_starts_with_the_first_kernel_of_a_settlement(monkeyp
 
 
 def test_compiling_ahead_takes_no_room_for_contacts_of_blocks_of_many_faces():
-    """The room for a contact grows with the square of the faces of a block: a run that never meets does without."""
+    """The storage of a contact grows with the square of a block's faces: a run without contacts does without it."""
     outline = tuple((0.5 * math.cos(0.1 * i), 0.5 * math.sin(0.1 * i)) for i in range(60))
     drum = Block("drum", "stone", prism=Prism(outline, 1.0), position=(0.0, 0.0, 0.5))
     scene = warmup._scene("concave", DynamicControl(1e-3))
     moving = run.prepare(assemble(replace(scene, blocks=(*scene.blocks, drum))), scene.control, 0.5)
     blank = moving.contact_detection.blank(moving.polygons)
-    assert len(blank.scratch.depth) == 36  # of two boxes
+    assert len(blank.scratch.depth) == 36  # for two boxes
 
 
 def test_commands_that_simulate_allow_it(allowed, monkeypatch, tmp_path):

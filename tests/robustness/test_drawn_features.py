@@ -1,4 +1,4 @@
-"""Features that meet: 60 drawn scenes, each judged by limit analysis, a second route and another view of it."""
+"""Combined features: 60 random scenes, each judged by limit analysis, a second method and an equivalent scene."""
 
 import pytest
 
@@ -22,7 +22,7 @@ def test_no_answer_is_wrong(part, drawn, monkeypatch):
         try:
             one = features.drawn(number, levels, seed)
         except DembrickError:
-            continue  # such a scene cannot be written down
+            continue  # such a scene cannot be expressed
         verdict, why = features.judged(one, deformed=False)
         assert verdict != "WRONG", (number, levels, why)
         answered += verdict in ("right", "told")

@@ -1,4 +1,4 @@
-"""Locks of files, by the calls of POSIX and of Windows: who compiles what, and who writes an index."""
+"""File locks by the calls of POSIX and of Windows: who compiles a kernel, and who writes an index."""
 
 import os
 import subprocess
@@ -30,7 +30,7 @@ time.sleep(60)
 
 @pytest.fixture(params=["posix", "windows"])
 def other(request, monkeypatch, tmp_path):
-    """A process that has claimed two bytes; this one locks as it does."""
+    """A process that has claimed two bytes, with the kind of locks that this process uses."""
     windows = request.param == "windows"
     if windows and sys.platform != "linux":
         pytest.skip("locks of Windows are played by those of Linux")
@@ -48,7 +48,7 @@ def other(request, monkeypatch, tmp_path):
 def test_a_claim_is_one_process_s_until_it_lets_go_or_dies(other, tmp_path):
     claims = Claims(tmp_path / ".claims")
     assert not claims.take(BYTE) and not claims.take(7)
-    assert claims.take(8) and claims.take(8)  # its own, twice
+    assert claims.take(8) and claims.take(8)  # its own claim, twice
     other.stdin.write("\n")
     other.stdin.flush()
     assert other.stdout.readline() == "let go\n"
@@ -57,7 +57,7 @@ def test_a_claim_is_one_process_s_until_it_lets_go_or_dies(other, tmp_path):
     other.wait()
     assert claims.take(BYTE)
     claims.let_go(BYTE)
-    claims.let_go(BYTE)  # what nobody has
+    claims.let_go(BYTE)  # a byte that nobody has claimed
     assert Claims(tmp_path / ".claims").take(BYTE)
 
 

@@ -1,4 +1,4 @@
-"""Nothing is written over a file that this program did not write as the same kind from the same scenario."""
+"""Only files that this program wrote, as the same kind and from the same scenario, are overwritten."""
 
 import os
 import subprocess
@@ -42,7 +42,7 @@ def refused(capsys, *words):
 
 
 def test_default_names_of_different_runs_do_not_meet(folder, capsys):
-    """Another --set, another scenario of the same file name, and an edit: each keeps what is there."""
+    """Another --set, another scenario with the same file name, and an edit: none overwrites an existing history."""
     run = ["run", "mine.toml", "--json"]
     assert main(run) == 0
     first = (folder / "results" / "mine.h5").read_bytes()
@@ -62,7 +62,7 @@ def test_default_names_of_different_runs_do_not_meet(folder, capsys):
     loads = [history.read(folder / "results" / name).results["yield_point"]["V"] for name in sorted(names)]
     assert len({round(V, 6) for V in loads}) == 3  # B's is that of the first
     (folder / "mine.toml").write_text(SET4A + "\n# a remark changes nothing\n")
-    assert main(run) == 0  # its own earlier output is replaced
+    assert main(run) == 0  # it replaces its own earlier output
     assert names == set(os.listdir(folder / "results"))
 
 
@@ -92,12 +92,12 @@ def test_an_unfinished_run_of_another_scenario_is_kept(run, folder, capsys):
         file.attrs["status"] = "running"
     other = ["run", "mine.toml", "--out", run, "--set", "joint.friction=0.5"]
     assert "an unfinished run (dembrick restart) of another scenario is there" in refused(capsys, *other)
-    assert main(["run", "mine.toml", "--out", run]) == 0  # of the same one: begun again
+    assert main(["run", "mine.toml", "--out", run]) == 0  # of the same scenario: started afresh
 
 
 @pytest.fixture(params=["posix", "windows"])
 def system(request, monkeypatch):
-    """Beginning of a script that locks files as a system does; this process does too."""
+    """Start of a script that locks files as an operating system does; this process does so too."""
     if request.param == "posix":
         return ""
     if sys.platform != "linux":
@@ -120,14 +120,14 @@ def test_the_second_of_two_writers_is_refused(folder, capsys, system):
         with pytest.raises(OutputError, match="another run is writing"), claimed("run.h5"):
             pass
     finally:
-        first.kill()  # a lock of a process that was killed is none
+        first.kill()  # its lock ends with the process
         first.wait()
     simulate("mine.toml", "run.h5")
     assert sorted(os.listdir(folder)) == ["mine.toml", "run.h5"]
 
 
 def test_claims_of_many_processes_never_meet(folder, system):
-    """Whoever gets in is alone there, also while the file that is locked is made and removed."""
+    """A process with the lock is alone, also while the locked file is created and removed by others."""
     code = """
 import os, random, time
 from dembrick.errors import OutputError
@@ -226,7 +226,7 @@ def test_default_figures_of_runs_of_one_name_do_not_meet(run, folder):
 
 
 def test_marked_files_are_what_their_endings_say(run, folder):
-    """The mark at the end harms no format."""
+    """The mark that the program appends harms no format."""
     from xml.etree import ElementTree
 
     from matplotlib import image
@@ -263,7 +263,7 @@ def test_a_folder_of_other_things_is_not_taken_for_frames(run, folder, capsys):
 
 def test_a_template_replaces_only_itself(folder, capsys):
     assert main(["new", "wall", "w.toml"]) == 0
-    assert main(["new", "wall", "w.toml"]) == 0  # says the same
+    assert main(["new", "wall", "w.toml"]) == 0  # the same text
     whole = (folder / "w.toml").read_text()
     (folder / "w.toml").write_text(whole + "# mine")
     assert "was not written by this command" in refused(capsys, "new", "wall", "w.toml")

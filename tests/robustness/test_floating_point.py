@@ -1,4 +1,4 @@
-"""A NaN in a solver is an error: every comparison with it fails, so that an engine might call it balanced, or sure."""
+"""A NaN in a solver is an error: every comparison with it is false, so an engine might report equilibrium or proof."""
 
 import copy
 from dataclasses import replace
@@ -31,7 +31,7 @@ CONTROLS = {
 
 
 def stack(control: str, formulation: str, blocks: int = 1):
-    """Blocks of .3 x .2 x .2 m on a floor; the upper one is pushed where the control drives an actuator."""
+    """Blocks of .3 x .2 x .2 m on a floor; the upper one is pushed if the control drives an actuator."""
     text = f"control = {{{CONTROLS[control]}}}" + header(formulation, 0.6, 1e10)
     text += block("floor", (0, 0, -0.1), (1, 1, 0.2), "fixed = true")
     text += "".join(block(f"stone{i}", (0, 0, 0.1 + 0.2 * i), (0.3, 0.2, 0.2)) for i in range(blocks))
@@ -48,7 +48,7 @@ def formulation(request):
 @pytest.mark.parametrize("control", CONTROLS)
 @pytest.mark.parametrize("what", ["friction", "dead_force", "position"])
 def test_no_engine_starts_from_what_is_no_number(control, what, monkeypatch):
-    """In what `build` makes of a scenario: the friction of a law, a block's weight or place."""
+    """A NaN in the assembly that `build` makes of a scenario: friction of a law, weight or position of a block."""
     spoiled = []
 
     def check(assembly):
@@ -73,7 +73,7 @@ def test_no_engine_starts_from_what_is_no_number(control, what, monkeypatch):
 
 @pytest.mark.parametrize("control", CONTROLS)
 def test_a_state_that_is_no_number_has_no_answer(control, formulation, monkeypatch):
-    """Stiffness in a record of joints, inertia of the bodies: what an engine may spoil on its way."""
+    """A NaN that arises during a run: in the stiffness of a joint record or the inertia of the bodies."""
     at_rest, bodies = joint_families.at_rest, dynamic_state._bodies
 
     def joints(assembly):
@@ -100,7 +100,7 @@ def test_a_fault_is_raised_and_not_warned_of():
     with pytest.raises(DivergedError, match="floating-point error"), faults_raised():
         np.zeros(1) / np.zeros(1)
     with faults_raised(), np.errstate(divide="ignore"):
-        assert np.ones(1) / np.zeros(1) == np.inf  # where it is meant
+        assert np.ones(1) / np.zeros(1) == np.inf  # where infinity is intended
     with pytest.raises(DivergedError, match="the load is not a number"):
         not_nan(np.nan, "the load")
     assert not_nan(2.0, "the load") == 2.0

@@ -1,4 +1,4 @@
-"""A disk that fills up in the middle of HDF5's own writes: an error and no crash, at any size."""
+"""A disk that fills up during HDF5's own writes: an error instead of a crash, whatever the size."""
 
 import os
 import subprocess
@@ -13,7 +13,7 @@ from dembrick.history.layout import create
 from dembrick.simulation.channels import Channel
 from helpers.places import TESTS
 
-# Every writer of HDF5 with a limit on the size of files, as on a disk that is full; one process, many limits.
+# Every writer of HDF5 with a limit on the size of files, as on a full disk; one process tries many limits.
 WRITERS = """
 import faulthandler, resource, signal, sys
 sys.dont_write_bytecode = True  # it would be cut off too, for all who come after

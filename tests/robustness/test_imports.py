@@ -1,4 +1,4 @@
-"""Which module may import which: arrows point down only, wherever in a module the import stands."""
+"""Which module may import which: imports follow one order of layers, wherever in a module they stand."""
 
 import ast
 import os
@@ -12,8 +12,8 @@ import dembrick
 
 PACKAGE = Path(dembrick.__file__).parent
 
-# A package imports from those named before it. Beside that, kernels see only _jit; inside them statics and dynamics
-# take from math and joint, never from each other; theory sees only errors, and only views, runs and cli see theory.
+# A package imports only from those named before it. In addition, kernels import only _jit; within them statics and
+# dynamics use math and joint, never each other; theory imports only errors; only views, runs and cli import theory.
 PACKAGES = ["geometry", "scenario", "assembly", "kernels", "theory", "simulation", "history", "views", "runs", "cli"]
 COMPILER = {
     "_jit",
@@ -27,12 +27,12 @@ COMPILER = {
     "_ahead",
 }
 GROUND = {"", "errors"} | COMPILER
-OUTSIDE = {  # third-party modules a package may import; the others: any but scipy
+OUTSIDE = {  # third-party modules that a package may import; packages not named here: any but scipy
     "geometry": {
         "numpy",
         "meshio",
         "pyvista",
-    },  # in mesh_file and cad_file, imported when a scene has a mesh or a model
+    },  # in mesh_file and cad_file, imported only if a scene has a mesh or a model
     "scenario": {"numpy"},
     "assembly": {"numpy"},
     "kernels": {"numpy"},
@@ -40,7 +40,7 @@ OUTSIDE = {  # third-party modules a package may import; the others: any but sci
     "simulation": {"numpy"},
     "history": {"numpy", "h5py"},
 }
-OPTIONAL = {  # imported in functions, when they are called, or for type checkers alone
+OPTIONAL = {  # imported only inside functions or for type checkers
     "simulation.limit_analysis.solver": {"clarabel", "scipy"},
     "scenario.model": {"typing_extensions"},
     "history.reader": {"pandas", "xarray"},
@@ -49,7 +49,7 @@ OPTIONAL = {  # imported in functions, when they are called, or for type checker
 
 
 def modules():
-    """Dotted names of all modules, without the package's own, and their trees."""
+    """(dotted name without that of the package, path, syntax tree) of every module."""
     for path in sorted(PACKAGE.rglob("*.py")):
         parts = path.relative_to(PACKAGE).with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
@@ -57,7 +57,7 @@ def modules():
 
 
 def imported(tree, name, path):
-    """Absolute dotted names that a module imports anywhere in it; names out of a package count as its modules."""
+    """Absolute dotted names of all imports in a module; names imported from a package count as its modules."""
     package = ["dembrick", *name.split(".")] if path.name == "__init__.py" else ["dembrick", *name.split(".")[:-1]]
     package = [part for part in package if part]
     for node in ast.walk(tree):
@@ -84,7 +84,7 @@ def head(module):
 
 
 def arrows(found):
-    """(module, module it imports) inside the package, and (module, third-party module)."""
+    """(module, imported module) inside the package, and (module, third-party module)."""
     inside, outside = set(), set()
     for name, path, tree in found:
         for target in imported(tree, name, path):
@@ -96,7 +96,7 @@ def arrows(found):
 
 
 def wrong(inside, outside):
-    """Arrows that break a rule, as text."""
+    """Imports that break a rule, as text."""
     faults = []
     for name, target in sorted(inside):
         here, there = head(name), head(target)
@@ -131,7 +131,7 @@ def test_every_arrow_points_down():
 
 
 def test_packages_import_nothing_by_themselves():
-    """So that ``--help`` stays light, and so that no circle hides in an ``__init__``."""
+    """This keeps ``--help`` fast and prevents hidden import cycles in an ``__init__``."""
     for package in ("geometry", "scenario", "assembly", "kernels", "simulation", "runs"):
         path = PACKAGE / package / "__init__.py"
         if path.exists():
@@ -140,7 +140,7 @@ def test_packages_import_nothing_by_themselves():
 
 
 class WithoutTypes(ast.NodeTransformer):
-    """A tree without what stands under ``if TYPE_CHECKING``: names in annotations, never imported in a run."""
+    """A tree without the bodies of ``if TYPE_CHECKING``: imports for annotations, never executed in a run."""
 
     def visit_If(self, node):
         return None if getattr(node.test, "id", "") == "TYPE_CHECKING" else self.generic_visit(node)
@@ -196,7 +196,7 @@ def test_a_wrong_arrow_is_found(name, source):
 
 
 def loaded_after(code, *arguments):
-    """Top-level modules in memory after running ``code`` in a fresh interpreter."""
+    """Top-level modules loaded after running ``code`` in a fresh interpreter."""
     environment = {**os.environ, "PYTHONPATH": str(PACKAGE.parent)}
     report = "\nimport sys; print('LOADED', *sorted({m.split('.')[0] for m in sys.modules}))"
     done = subprocess.run(
@@ -228,7 +228,7 @@ def test_a_plain_run_loads_no_screens():
 
 
 def test_a_warm_run_does_not_prepare_to_compile():
-    """Machine code that is there already is loaded without what numba needs to make some, to the same answer."""
+    """Existing machine code is loaded without numba's compiler, and the answer is the same."""
     code = """
 import sys
 from dembrick.runs.lab import lab_scenario
@@ -240,7 +240,7 @@ print(simulate(lab_scenario('set4a', 'concave')).yield_point.V, 'numba.np.linalg
 
 
 def test_the_package_asks_for_no_scipy():
-    """numba takes scipy up where it is installed; the package itself runs where it cannot be found."""
+    """numba uses scipy if it is installed; the package itself runs without it."""
     code = """
 import sys
 class Refuse:

@@ -1,4 +1,4 @@
-"""Signals and kills: nothing is lost, the exit code says which, and restart finishes the run."""
+"""Signals and kills: no result is lost, the exit code names the signal, and restart finishes the run."""
 
 import ctypes
 import json
@@ -34,7 +34,7 @@ checkpoint = {checkpoint}
 
 @pytest.fixture(scope="module")
 def long_run(tmp_path_factory):
-    """A scenario that takes some seconds, and the history of it uninterrupted."""
+    """A scenario that takes some seconds, and the history of its uninterrupted run."""
     folder = tmp_path_factory.mktemp("long")
     text = (SCENARIOS / "set4a_curve.toml").read_text().replace('"convex"', '"concave"')
     text = text.replace("rate   = 1.0e-5", "rate   = 1.0e-6").replace("travel = 2.5e-5", "travel = 2.0e-4")
@@ -66,7 +66,7 @@ def test_a_signal_ends_the_run_and_restart_finishes_it(tmp_path, long_run, signu
 
 
 def test_a_second_signal_kills_at_once(tmp_path, long_run, monkeypatch):
-    """Whatever the first one is waiting for: here a checkpoint that never comes to its end."""
+    """Whatever the run is waiting for after the first one; here a checkpoint that never finishes."""
     code = f"""
 import signal, sys, time
 from dembrick.runs import record_store
@@ -85,7 +85,7 @@ sys.exit(main(["run", {str(long_run / "long.toml")!r}, "--out", {str(tmp_path / 
 
 @pytest.mark.parametrize("late", ["dembrick.runs.theory_check.theory_of", "dembrick.history.HistoryWriter.finish"])
 def test_a_signal_that_finds_the_answer_there_leaves_it_whole(tmp_path, capsys, monkeypatch, late):
-    """While it is compared with theory, and while it is written."""
+    """A signal during the comparison with theory, and one while the result is written."""
     (tmp_path / "set4a.toml").write_text(toml.dumps(case("set4a", "concave")))
     path, original = tmp_path / "run.h5", pkgutil.resolve_name(late)
 
@@ -103,7 +103,7 @@ def test_a_signal_that_finds_the_answer_there_leaves_it_whole(tmp_path, capsys, 
 
 
 def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeypatch):
-    """A compiler that is called back raises an error of its own then; what comes out is the interrupt, and no more."""
+    """A compiler's callback then raises an error of its own; the user sees only the interrupt."""
     given = case("set4a", "concave")
     (tmp_path / "set4a.toml").write_text(toml.dumps(given))
 
@@ -140,7 +140,7 @@ def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monk
 
 
 def test_killed_and_restarted_again_and_again(tmp_path, long_run):
-    """Killed before the first row, then at random moments of the time loop, and in the end let finish."""
+    """Killed before the first row, then at random moments of the time loop, and finally run to its end."""
     path, rng, numbers = tmp_path / "run.h5", random.Random(4), []
     for kill, rows in enumerate((0, 1, rng.randrange(300, 900), rng.randrange(900, 1800))):
         command = ["restart", str(path)] if kill else ["run", str(long_run / "long.toml"), "--out", str(path)]

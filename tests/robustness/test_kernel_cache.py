@@ -1,4 +1,4 @@
-"""Machine code is named by the sources it was made of, so that none is ever served for new physics."""
+"""Machine code is keyed by the sources it was compiled from, so outdated code is never used for new physics."""
 
 import ast
 import gc
@@ -26,7 +26,7 @@ PACKAGE = Path(dembrick.__file__).parent
 
 
 def compiled_sources(package):
-    """What machine code can depend on: the kernels, and every module of the package that importing them loads."""
+    """Sources that machine code can depend on: the kernels, and every module of the package that they import."""
     kernels = sorted((package / "kernels").rglob("*.py"))
     names = [".".join(path.relative_to(package.parent).with_suffix("").parts) for path in kernels]
     code = "import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name.removesuffix('.__init__'))\n"
@@ -69,7 +69,7 @@ print(*(m.__file__ for n, m in sys.modules.items() if n not in before and n.star
 
 @pytest.mark.parametrize("module", ["statics.loop", "dynamics.loop", "statics.newton", "joint.area_law", "state"])
 def test_a_kernel_depends_on_every_module_that_importing_it_loads(module):
-    """Packages hold no code of their own, so their ``__init__`` counts only if something is imported from it."""
+    """Packages hold no code of their own, so their ``__init__`` counts only if a name is imported from it."""
     name = f"dembrick.kernels.{module}"
     done = subprocess.run([sys.executable, "-c", LOADED, name], capture_output=True, text=True, check=True)
     loaded = {Path(line) for line in done.stdout.split()}
@@ -84,7 +84,7 @@ def test_packages_of_kernels_hold_no_code():
 
 
 def test_an_edit_leaves_the_machine_code_of_modules_that_do_not_import_it(copy):
-    """One of a law changes both engines, one of a loop nobody else."""
+    """An edit of a law changes both engines, one of a loop only that loop."""
     modules = ["dembrick.kernels.statics.loop", "dembrick.kernels.dynamics.loop", "dembrick.kernels.math.vectors"]
 
     def hashes():
@@ -135,7 +135,7 @@ def test_a_moved_kernel_file_changes_it(copy):
 
 
 def test_a_copy_elsewhere_finds_what_another_compiled(tmp_path, copy):
-    """An installation of the same sources at another path, or the same one installed again, compiles nothing."""
+    """The same sources installed at another path, or installed again, compile nothing."""
     code = "from dembrick.kernels.math.vectors import product as kernel\nkernel(*8 * [1.0])\n"
     code += "print(sum(kernel.called.stats.cache_hits.values()))"
     hits = []
@@ -166,7 +166,7 @@ print([{called}(3.0)], [sum(found.values()) for one in stats for found in (one.c
 
 
 def test_kept_code_is_called_and_taken_in_by_other_kernels(tmp_path):
-    """What is found in the cache is called as it is; where a kernel is compiled that calls it, it is taken in."""
+    """A kernel found in the cache is called as it is; when a kernel that calls it is compiled, it is inlined."""
     found = []
     for called in ("leaf", "leaf", "outer", "outer"):
         environment = {**os.environ, "DEMBRICK_CACHE_DIR": str(tmp_path)}
@@ -179,7 +179,7 @@ def test_kept_code_is_called_and_taken_in_by_other_kernels(tmp_path):
 
 
 def test_nobody_looks_for_garbage_while_kernels_are_compiled():
-    """Not in kernels that another one calls either; afterwards as before, also where a kernel cannot be compiled."""
+    """Garbage collection is off, also for kernels called by another one, and on again even if compiling fails."""
     wanted = []
 
     @entry
@@ -238,8 +238,8 @@ def weighed(pair, factor):
 
 
 def test_machine_code_for_known_types_is_found_once_and_is_that_of_the_arguments():
-    """`ready` finds what the kernel itself would call: one piece of code for all arguments of the same types, another
-    for arrays of another data type."""
+    """`ready` finds the code that the kernel itself would call: one for all arguments of the same types, another for
+    arrays of another data type."""
     kernel = entry(weighed)
     code = ready(kernel, Pair(np.zeros(2), None), 1.0)
     other = Pair(np.array([2.0, 3.0, 4.0]), None)
@@ -271,7 +271,7 @@ print("numpy.ma" in sys.modules, parsed)
 
 
 def test_processes_that_compile_one_kernel_side_by_side_lose_nothing(tmp_path, monkeypatch):
-    """Sixteen threads add an entry each to the cache of one kernel: all are found, each its own."""
+    """Sixteen threads add entries to the cache of one kernel: every entry is found with its own value."""
     monkeypatch.setattr(_kernel_cache, "CACHE_FOLDER", tmp_path)
 
     def save(i):

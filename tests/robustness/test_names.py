@@ -1,4 +1,4 @@
-"""Names of code that docstrings, comments and docs give in backticks are there: a reader who looks for one finds it."""
+"""Names in backticks in docstrings, comments and docs exist in the code, so that a reader can find them."""
 
 import ast
 import io
@@ -15,13 +15,13 @@ from helpers.places import ROOT
 PACKAGE = Path(dembrick.__file__).parent
 ROOMS = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"} - {"__init__", "__pycache__"}
 QUOTED = re.compile(r"(?<![`\w])`([A-Za-z_][\w./]*)(?:\(\))?`(?!`)")
-LIBRARIES = {"numpy", "h5py", "numba"}  # whose names are theirs
-GROUPS = {"history"}  # of a file: `history/time` is a dataset
+LIBRARIES = {"numpy", "h5py", "numba"}  # names that begin with these are not checked
+GROUPS = {"history"}  # groups of a file: `history/time` is a dataset
 SCOPES = ast.Module | ast.ClassDef | ast.FunctionDef
 
 
 def names_of(body):
-    """Names that a body of a module or a class gives, with the bodies of classes among them."""
+    """Names defined in the body of a module or a class; a class maps to the names in its own body."""
     found = {}
     for node in body:
         if isinstance(node, ast.ClassDef):
@@ -44,7 +44,7 @@ def names_of(body):
 
 @cache
 def modules():
-    """Dotted names of the package's modules and packages, and what each gives."""
+    """Dotted names of the package's modules and packages, and the names that each defines."""
     found = {}
     for path in sorted(PACKAGE.rglob("*.py")):
         parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
@@ -54,7 +54,7 @@ def modules():
 
 @cache
 def everywhere():
-    """Names that some module gives, modules' own, and those of members of classes."""
+    """Names of all modules, names that they define, and members of classes."""
     found = set()
     for module, names in modules().items():
         found |= {*module.split("."), *names, *(name for inner in names.values() for name in inner)}
@@ -62,7 +62,7 @@ def everywhere():
 
 
 def is_there(name, around=frozenset()):
-    """Whether a name is that of a module, of what one gives, or of a member; ``around``: names beside it."""
+    """Whether a name is a module, a name defined in one, or a member; ``around`` adds local names."""
     parts = name.replace("/", ".").removesuffix(".py").split(".")
     if len(parts) == 1:
         return name in everywhere() | around
@@ -76,12 +76,12 @@ def is_there(name, around=frozenset()):
 
 
 def within(parts, names):
-    """Whether names lead from one to the next."""
+    """Whether each name is a member of the one before it."""
     return not parts or (parts[0] in names and within(parts[1:], names[parts[0]]))
 
 
 def missing_in(path):
-    """Names in backticks in docstrings of a module that are nowhere."""
+    """Names in backticks in a module's docstrings that do not exist."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, SCOPES):
             for name in QUOTED.findall(ast.get_docstring(node) or ""):
@@ -91,7 +91,7 @@ def missing_in(path):
 
 
 def missing_in_comments(path):
-    """Names in backticks in comments of a module that are nowhere, not even in it."""
+    """Names in backticks in a module's comments that exist neither in the package nor in that module."""
     text = path.read_text(encoding="utf-8")
     around = local_names(ast.parse(text))
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
@@ -114,7 +114,7 @@ def test_names_in_docstrings_and_comments_are_there():
 
 
 def test_names_in_docs_are_there():
-    """Those that begin with the package or one of its rooms; other names are keys, files and commands."""
+    """Only names that begin with the package or one of its subpackages; others are keys, files and commands."""
     missing = []
     pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     for page in sorted(pages):
@@ -143,12 +143,12 @@ KINDS_FIRST = (
     "history",
     "views",
     "runs",
-)  # rooms whose docstrings name the kind of thing first; others follow
+)  # packages whose docstrings already follow the rule; more will be added
 
 
 @pytest.mark.parametrize("room", KINDS_FIRST)
 def test_docstrings_begin_with_the_kind_of_thing(room):
-    """A reader of a list of names learns from "What joints carry" neither that it is an array nor of what."""
+    """A docstring such as "What joints carry" tells a reader neither that it is an array nor of which quantity."""
     found = []
     for path in sorted((PACKAGE / room).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -1,4 +1,4 @@
-"""Private parts of numba stand in one module; where one moved kernels run by public means, to the same answers."""
+"""One module uses private parts of numba; if one is missing, kernels compiled by public means answer the same."""
 
 import ast
 import json
@@ -17,7 +17,7 @@ PACKAGE = Path(dembrick.__file__).parent
 
 
 def test_this_numba_has_every_private_part():
-    """If this fails, numba moved what it names: mend `_numba`, or leave it to `_numba_public`."""
+    """If this fails, numba has moved a private part: adapt `_numba`, or rely on `_numba_public`."""
     assert _numba_check.moved() == []
     assert _jit.WHY_PUBLIC == ""
     codegen = _numba.cpu_target.target_context.codegen()
@@ -42,7 +42,7 @@ def test_a_version_that_nobody_tried_is_used_by_public_means_unless_asked(monkey
 
 
 def private_names(path):
-    """Modules of numba that a source imports from, beside those that numba documents."""
+    """Undocumented modules of numba that a source file imports from."""
     text = path.read_text(encoding="utf-8")
     for node in ast.walk(ast.parse(text)) if "numba." in text else ():
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
@@ -87,21 +87,21 @@ GONE = "import numba.core.codegen\ndel numba.core.codegen.CPUCodeLibrary._unseri
 
 
 def python(code, cache):
-    """A script in a process of its own, with a kernel cache of its own."""
+    """Start a script in its own process with its own kernel cache."""
     environment = {**os.environ, "DEMBRICK_CACHE_DIR": str(cache)}
     pipe = subprocess.PIPE
     return subprocess.Popen([sys.executable, "-c", code], env=environment, stdin=pipe, stdout=pipe, text=True)
 
 
 def printed(process):
-    """Words that a script printed until it was done."""
+    """Words that a script printed until it ended."""
     found, _ = process.communicate(timeout=300)
     assert process.returncode == 0
     return found.split("|")
 
 
 def kernels(cache, before="", end=""):
-    """Answers of kernels in another process, and why that one compiles by public means."""
+    """Answers of kernels in another process, and its reason for compiling by public means."""
     return printed(python(KERNELS.format(before=before) + end, cache))
 
 
@@ -117,7 +117,7 @@ KEPT = "\nprint(sum(solve_symmetric.stats.cache_hits.values()), flush=True)\nsys
 
 
 def test_one_process_at_a_time_keeps_what_it_compiles_by_public_means(tmp_path, monkeypatch):
-    """numba's own cache gives entries of processes that write at once each other's numbers; afterwards it is found."""
+    """Processes that write numba's own cache at once would mix up entries; so one writes, and others use it later."""
     monkeypatch.setenv(_numba_check.SWITCH, "public")
     first = python(KERNELS.format(before="") + KEPT, tmp_path)
     first.stdout.readline()
@@ -125,7 +125,7 @@ def test_one_process_at_a_time_keeps_what_it_compiles_by_public_means(tmp_path, 
     (folder,) = tmp_path.glob("*/public-*")
     kept = sorted(folder.rglob("*.nbc"))
     assert kept
-    for hits in ("0", "1"):  # beside the first, and after it
+    for hits in ("0", "1"):  # while the first process runs, and after it
         assert kernels(tmp_path, end=KEPT)[-1].split()[-1] == hits
         assert sorted(folder.rglob("*.nbc")) == kept
         if first.poll() is None:
@@ -137,7 +137,7 @@ KEY_NUMBERS = ("yield_point", "steps", "displacement", "unbalanced", "reactions"
 
 @pytest.mark.slow
 def test_scenes_answer_the_same_by_public_means(tmp_path):
-    """One of each engine; the first time in a minute and more."""
+    """One scene of each engine; the first run takes more than a minute."""
     answers = {}
     for mode in ("private", "public"):
         environment = {**os.environ, _numba_check.SWITCH: mode}

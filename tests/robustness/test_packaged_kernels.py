@@ -1,4 +1,4 @@
-"""Kernels that a wheel brings along: they are loaded if they fit, and compiled here in all other cases."""
+"""Kernels shipped in a wheel: loaded if they fit this machine, otherwise compiled here."""
 
 import json
 import os
@@ -27,7 +27,7 @@ print(sum(product.called.stats.cache_hits.values()), value, why_compiled(), vers
 
 
 def call(copy, cache, **environment):
-    """Hits in a cache, the product, why kernels are compiled, and where they come from, of a process of its own."""
+    """Cache hits, the product, the reason for compiling and the origin of the kernels, from a process of its own."""
     settings = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CPU_")}
     settings |= {"PYTHONPATH": str(copy.parent), "DEMBRICK_CACHE_DIR": str(cache), **environment}
     command = [sys.executable, "-c", CALL]
@@ -39,7 +39,7 @@ def call(copy, cache, **environment):
 
 @pytest.fixture(scope="module")
 def packaged(tmp_path_factory):
-    """A copy of the package with the machine code of one kernel in it, and what that kernel answers compiled here."""
+    """A copy of the package with the machine code of one kernel, and the answer of that kernel compiled here."""
     folder = tmp_path_factory.mktemp("packaged")
     copy = folder / "dembrick"
     shutil.copytree(PACKAGE, copy, ignore=LEFT_OUT)
@@ -55,7 +55,7 @@ def test_kernels_of_the_package_are_loaded_and_answer_as_compiled_ones(packaged,
     copy, value = packaged
     hits, found, _, origin = call(copy, tmp_path)
     assert (hits, found) == (1, value) and origin == "kernels: package, compiled for x86-64-v3"
-    assert not list(tmp_path.rglob("*.nbc"))  # nothing was compiled, so nothing is kept
+    assert not list(tmp_path.rglob("*.nbc"))  # nothing was compiled, so nothing is cached
 
 
 def test_what_a_wheel_takes_from_another_cache_is_what_its_runs_load(packaged, tmp_path):

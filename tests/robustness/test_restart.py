@@ -1,4 +1,4 @@
-"""Stop and restart: to the last bit the run that was never stopped."""
+"""Stop and restart: bit for bit the same result as an uninterrupted run."""
 
 import dataclasses
 import json
@@ -22,7 +22,7 @@ from helpers.scenario_text import block, header
 @pytest.mark.parametrize("formulation", model.FORMULATIONS)
 @pytest.mark.parametrize("name", ["set4a", "set4b_mid", "set4a_curve"])
 def test_stop_and_restart_is_one_run(tmp_path, stop_after, name, formulation):
-    """Stopped twice, once by each signal; rows, frames, results and settings are bit by bit those of one run."""
+    """Stopped twice, once by each signal: rows, frames, results and settings equal those of one run bit for bit."""
     given = case(name, formulation, checkpoint=1e9, rows=60, frames=30)
     whole = simulate(given, tmp_path / "whole.h5")
     path = tmp_path / "parts.h5"
@@ -41,7 +41,7 @@ def test_stop_and_restart_is_one_run(tmp_path, stop_after, name, formulation):
     result = restart(path)
     assert result.yield_point == whole.yield_point and result.energy == whole.energy
     check_same(tmp_path / "whole.h5", path)
-    assert sorted(os.listdir(tmp_path)) == ["parts.h5", "whole.h5"]  # no checkpoint stays behind
+    assert sorted(os.listdir(tmp_path)) == ["parts.h5", "whole.h5"]  # no checkpoint is left behind
 
 
 TILT = """
@@ -54,7 +54,7 @@ displacement = 0.002
 
 @pytest.mark.parametrize("pressure", ["effective", "linear"])
 def test_pressures_that_follow_the_bending_go_on_too(tmp_path, stop_after, pressure):
-    """Their state has a part in a part: the pressed polygons of the convex joints."""
+    """Their state contains a nested part: the compressed polygons of the convex joints."""
     given = case("set4a_mid", "convex", checkpoint=1e9, rows=60, frames=30)
     given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, pressure=pressure))
     whole = simulate(given, tmp_path / "whole.h5")
@@ -85,7 +85,7 @@ displacement = 0.002
 )
 @pytest.mark.parametrize("control", [TILT, PUSH], ids=["tilt", "push"])
 def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formulation, pressure, control):
-    """A block that hangs over the edge of the other, so that polygons are cut; stopped at rest and in motion."""
+    """A block overhangs the other, so polygons are clipped; stopped in the dead-load equilibrium and in motion."""
     law = f'"{formulation}"' + (f'\npressure = "{pressure}"' if pressure != "full" else "")
     text = (SCENARIOS / "set4a.toml").read_text().replace('"convex"', law)
     text = text[: text.index("[[loads]]")] + "[control]" + control
@@ -103,7 +103,7 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
 
 
 def test_a_settlement_that_waits_for_a_fall_goes_on_too(tmp_path, stop_after):
-    """Its end is that of the whole run, wherever blocks were when it was stopped; to the last bit."""
+    """It ends as the whole run does, wherever the blocks were at the stop, bit for bit."""
     shelf = block("shelf", (0.0, 0.0, -0.1), (0.2, 1.0, 0.2), "fixed = true")
     floor, stone = block("floor", (0.0, 0.0, -3.1), (1.0, 1.0, 0.2), "fixed = true"), (0.15, 0.2, 0.2)
     turn = "rotation = { axis = [0.0, 1.0, 0.0], angle = 40.0 }\nquasi_static = false\nrate = 0.5"
@@ -122,7 +122,7 @@ def test_a_settlement_that_waits_for_a_fall_goes_on_too(tmp_path, stop_after):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeypatch, formulation):
-    """Where a row is many steps of a large scene, nobody waits for it."""
+    """If a row takes many steps of a large scene, an interrupt does not wait for the end of the row."""
     monkeypatch.setattr(run, "AT_ONCE", 60)  # 20 steps of two blocks and a joint
     given = toml.load(SCENARIOS / "rocking_block.toml", ["control.duration=0.4", f"joint.formulation={formulation}"])
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
@@ -133,7 +133,7 @@ def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeyp
         path = tmp_path / f"{looks}.h5"
         with stop_after(looks) as stopped:
             simulate(given, path)
-        assert int(str(stopped.value).split()[3]) % every  # not at a row
+        assert int(str(stopped.value).split()[3]) % every  # between two rows
         restart(path)
         check_same(tmp_path / "whole.h5", path)
 
@@ -143,13 +143,13 @@ SLIDING += '[control]\nkind = "dynamic"\nduration = 0.004\n'
 
 
 def plate(i, speed):
-    """A plate on a floor of its own, ``i`` m along x, that slides off at an angle."""
+    """A plate on its own floor, ``i`` m along x, that slides off it obliquely."""
     floor = block(f"floor {i}", (i, 0.0, -0.05), more="fixed = true")
     return floor + block(f"plate {i}", (i, 0.0, 0.05), more=f"velocity = [{speed}, 0.2, 0.0]")
 
 
 def test_polygons_that_were_cut_go_on(tmp_path, stop_after):
-    """Ten plates share a polygon until each has one of its own; stopped before that and after."""
+    """Ten plates share a polygon until each has its own; stopped before and after that."""
     given = toml.loads(SLIDING + "".join(plate(i, 0.1 * i + 0.01) for i in range(10)))
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
     whole = simulate(given, tmp_path / "whole.h5")

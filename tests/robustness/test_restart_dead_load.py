@@ -1,4 +1,4 @@
-"""Runs in real time that are stopped or killed in their dead-load equilibrium: to the last bit the whole run."""
+"""Runs in real time stopped or killed in their dead-load equilibrium: after a restart, bit for bit the whole run."""
 
 import dataclasses
 import json
@@ -31,10 +31,10 @@ frames = 10
 CONTROL = {
     "shaken": '[control]\nkind = "base-motion"\nduration = 0.02\ndirection = [1.0, 0.0, 0.0]\n'
     "sine = { amplitude = 2.0, frequency = 5.0 }\n",
-    # pulled over by more than its weight holds: what overturns while nothing slips is held, to fall when time starts
+    # overloaded sideways: a block that overturns without slip is fixed until time starts, and then falls
     "overturned": '[control]\nkind = "dynamic"\nduration = 0.02\n'
     '[[loads]]\nblock = "pile.3"\nforce = [600.0, 0.0, 0.0]\n',
-    # drawn aside by a little, and then still
+    # displaced a little, and then at rest
     "settled": '[control]\nkind = "settlement"\nquasi_static = false\nrate = 0.05\nsupports = ["pile.base"]\n'
     "displacement = [0.001, 0.0, 0.0]\n",
     "pushed": '[control]\nkind = "pushover"\nquasi_static = false\nrate = 0.02\ndirection = [1.0, 0.0, 0.0]\n'
@@ -55,7 +55,7 @@ def given(formulation, control, checkpoint=1e9):
     [("concave", "shaken"), ("convex", "overturned"), ("convex", "pushed"), ("concave", "settled")],
 )
 def test_a_dead_load_equilibrium_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch, formulation, control):
-    """Stopped after its first chunk, in its middle and before its last."""
+    """Stopped after the first chunk, halfway and before the last."""
     monkeypatch.setattr(dead_load, "CHUNK", 16)
     scene = given(formulation, control)
     whole = simulate(scene, tmp_path / "whole.h5")
@@ -73,13 +73,13 @@ def test_a_dead_load_equilibrium_goes_on_where_it_was_stopped(tmp_path, stop_aft
             assert found.n_row == 0 and found.status == "interrupted"
         said = []
         result = restart(path, report=said.append)
-        assert said[0] == f"continuing from {place}"  # a fast rate is remarked after that
+        assert said[0] == f"continuing from {place}"  # the remark about a fast rate comes after this
         assert result.run.motion.dead_load_steps == steps
         check_same(tmp_path / "whole.h5", path)
 
 
 def test_a_run_that_is_killed_in_its_dead_load_equilibrium(tmp_path):
-    """By a signal that no one can wait for; it had written checkpoints."""
+    """Killed by SIGKILL, which no process can catch, after it had written checkpoints."""
     scene, path = given("concave", "shaken", 0.0), tmp_path / "run.h5"
     (tmp_path / "scene.toml").write_text(toml.dumps(scene))
     seen = "import dembrick.simulation.dynamics.dead_load as d\nd.CHUNK = 16\n"

@@ -1,4 +1,4 @@
-"""Stop and restart of searches that follow equilibria, and of the dead load before: to the last bit one run."""
+"""Stop and restart of path-following searches and of their dead-load equilibrium: bit for bit one run."""
 
 import dataclasses
 import os
@@ -25,7 +25,7 @@ from helpers.stone_scenes import law, of_stone
 
 
 def scene(control, formulation="concave", friction=0.6, pressure="full", **parts):
-    """A checkpoint is written where the run is stopped; that of the arch at every look."""
+    """A scene that writes a checkpoint only when it is stopped; the arch writes one at every check for signals."""
     output = model.Output(("joints", "energy", "frames", "velocity"), checkpoint=1e9)
     return of_stone(law(formulation, friction, pressure=pressure), control, output=output, **parts)
 
@@ -35,7 +35,7 @@ def wall(courses=4, block=(0.3, 0.2, 0.1)):
 
 
 def tower():
-    """Two blocks on a fixed one; a jack pushes the upper one off its centre."""
+    """Two blocks on a fixed one; a jack pushes the upper one eccentrically."""
     boxes = {"base": -0.05, "lower": 0.05, "upper": 0.15}
     blocks = [Block(name, "stone", (0.3, 0.2, 0.1), (0.0, 0.0, z), fixed=name == "base") for name, z in boxes.items()]
     jack = Actuator("jack", "upper", (0.05, -0.1, 0.15), (0.0, 1.0, 0.0))
@@ -65,7 +65,7 @@ SCENES = {
 
 @pytest.fixture
 def signal_after(stop_after, monkeypatch):
-    """The same, also between the steps of a dead-load equilibrium."""
+    """``stop_after``, with checks for signals also between the steps of a dead-load equilibrium."""
     monkeypatch.setattr(relaxation, "FEW", 1)
     monkeypatch.setattr(relaxation, "CHUNK_SECONDS", 0.0)
     return stop_after
@@ -78,7 +78,7 @@ LONG = "arch", "blocks that are pushed on"
     "name", [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in SCENES]
 )
 def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, monkeypatch, name):
-    """At the first look, at the last one, and at random ones; then stopped once more."""
+    """At the first check for signals, the last and random ones; some runs are stopped a second time."""
     if "pushed on" in name:
         monkeypatch.setattr(path_following, "WASTED", -1e12)
         monkeypatch.setattr(path_following, "LEAST_WASTED", -1)
@@ -109,7 +109,7 @@ def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, monke
 
 
 def test_the_way_of_blocks_that_are_let_go_is_in_the_checkpoint(tmp_path, signal_after, monkeypatch):
-    """Stopped while they drift: nothing of the drift is done twice."""
+    """Stopped during their drift: no step of the drift is repeated."""
     given, drifted, drifting = SCENES["blocks that are let go"](), path_following.PathFollower._drifted, []
 
     def spied(follower):
@@ -131,7 +131,7 @@ def test_the_way_of_blocks_that_are_let_go_is_in_the_checkpoint(tmp_path, signal
 
 
 def test_a_way_comes_back_whole():
-    """Every number, vector and list of it."""
+    """A path state survives its snapshot: every number, vector and list of it."""
 
     class Kept(dict):
         path = "kept"
@@ -157,7 +157,7 @@ def test_a_way_comes_back_whole():
 
 
 def test_a_dead_load_equilibrium_goes_on_in_the_middle(tmp_path, signal_after):
-    """A joint that opens under its dead load takes many steps, and is stopped there."""
+    """Stopped in the many steps that a joint opening under its dead load takes."""
     load = model.Load("upper", (0.0, 0.0, -200.0), (0.0, 0.09, 0.2))
     given = scene(TILT, "convex", loads=(load,), **{**tower(), "actuators": ()})
     with counted_looks() as looked:
@@ -191,8 +191,8 @@ def test_a_signal_while_it_comes_to_rest_again_leaves_the_later_checkpoint(tmp_p
 
 
 def test_blocks_that_fall_fall_after_a_restart_too(tmp_path, signal_after):
-    """Stopped in viscous motion, which begins anew where they were drawn: nothing had moved, and they were said to
-    stand on no force at all."""
+    """Stopped in viscous motion, which restarts from the positions as drawn. Since nothing had moved yet, the blocks
+    were once reported to stand without any force."""
     blocks = (
         Block("floor", "stone", (2.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
         Block("below", "stone", (0.4, 0.4, 0.4), (0.0, 0.0, 0.2)),
@@ -207,11 +207,11 @@ def test_blocks_that_fall_fall_after_a_restart_too(tmp_path, signal_after):
         with signal_after(looks):
             simulate(given, path)
         assert restart(path).statics == whole.statics
-        check_same(tmp_path / "whole.h5", path)  # its count of steps left out those before viscous motion
+        check_same(tmp_path / "whole.h5", path)  # its step count once omitted the steps before viscous motion
 
 
 def test_loads_that_change_in_increments_go_on_from_their_start(tmp_path, signal_after):
-    """A block that is pressed against a curb slides on the floor: that load comes again, in ten steps."""
+    """A block pressed against a curb slides on the floor; the restart applies that load again in ten increments."""
     size, curb = (0.4, 0.4, 1.0), Block("curb", "stone", (0.2, 0.4, 0.1), (-0.3, 0.0, 0.05), fixed=True)
     floor = Block("floor", "stone", (2.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     press = model.Load("block", (-6000.0, 0.0, 0.0), (0.2, 0.0, 0.05), stages=(2,))
@@ -257,7 +257,7 @@ def test_a_checkpoint_that_does_not_fit_is_refused(tmp_path, signal_after, name)
 
 @pytest.fixture(scope="module")
 def long_search(tmp_path_factory):
-    """A wall that is pushed over in many steps, and its history."""
+    """A wall pushed over in many steps, and its history."""
     folder = tmp_path_factory.mktemp("search")
     given = scene(PushoverControl((0.0, 1.0, 0.0), 1e-5), "convex", **wall(9))
     given = dataclasses.replace(given, output=model.Output(checkpoint=0.05))
@@ -286,7 +286,7 @@ def test_a_search_that_is_stopped_or_killed_goes_on(tmp_path, long_search, signu
     assert os.listdir(tmp_path) == ["run.h5"]
 
 
-# --- the points of a distributed joint, placed before its limit load is searched
+# --- points of a distributed joint, placed before the search of its limit load
 
 
 def test_stopped_while_points_are_placed_leaves_a_history_to_restart(tmp_path, monkeypatch, capsys):
@@ -304,7 +304,7 @@ def test_stopped_while_points_are_placed_leaves_a_history_to_restart(tmp_path, m
     assert stopped.value.exit_code == 130
     with read(path) as file:
         assert (file.status, file.n_row, file.title) == ("interrupted", 0, given.title)
-    with pytest.raises(OutputError, match="a finished history"):  # before anything is placed
+    with pytest.raises(OutputError, match="a finished history"):  # before any points are placed
         simulate(given, path)
     monkeypatch.setattr(limit_load, "place_points", place)
     restart(path, report=print)

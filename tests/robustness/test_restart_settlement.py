@@ -1,4 +1,4 @@
-"""Settlements that are stopped on their way and go on: to the last bit the whole run."""
+"""Settlements stopped on their way and restarted: bit for bit the whole run."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from helpers.stone_scenes import of_stone
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    """Fewer equilibria on the way."""
+    """Fewer equilibria on the path of a settlement."""
     monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
     monkeypatch.setattr(load_path, "WITHIN", 1.0)
 
@@ -31,7 +31,7 @@ def turned_floor() -> Scenario:
 
 
 def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after):
-    """Stopped while the supports move and while blocks come down: it goes on from the last equilibrium."""
+    """Stopped while the supports move and during the collapse: it continues from the last equilibrium."""
     with counted_looks() as looks:
         whole = simulate(turned_floor(), tmp_path / "whole.h5")
     assert whole.status == "collapse" and whole.collapse["settlement"] > 0.0

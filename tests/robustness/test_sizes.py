@@ -1,4 +1,4 @@
-"""How long a module and a function may be, and how many parameters a function may have."""
+"""Limits on the length of modules and functions, and on the number of parameters of a function."""
 
 import ast
 from collections import Counter
@@ -8,11 +8,11 @@ import dembrick
 
 PACKAGE, TESTS = Path(dembrick.__file__).parent, Path(__file__).parents[1]
 MODULE, FUNCTION, PARAMETERS, MOST = 450, 100, 10, 12
-ROOM = 26  # modules
+ROOM = 26  # modules in a folder
 
 
 def functions(kernels=True):
-    """Functions of the package, with the name of their module."""
+    """Functions of the package, with the names of their modules."""
     for path in sorted(PACKAGE.rglob("*.py")):
         if kernels or path.relative_to(PACKAGE).parts[0] != "kernels":
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -1,4 +1,4 @@
-"""Files and folders that a stranger made: nothing hangs, nothing runs, nothing reaches the terminal as a command."""
+"""Untrusted files and folders: nothing hangs, no code runs, no control sequence reaches the terminal."""
 
 import io
 import json
@@ -30,11 +30,11 @@ def test_a_cache_folder_is_made_for_its_owner_alone(tmp_path):
     folder = tmp_path / "a" / "b"
     assert _kernel_cache.is_own(folder)
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert _kernel_cache.is_own(folder)  # and taken again
+    assert _kernel_cache.is_own(folder)  # and accepted again
 
 
 def test_a_cache_folder_that_others_can_write_or_own_is_not_taken(tmp_path, monkeypatch):
-    """numba unpickles what lies there: code of whoever wrote it would run."""
+    """numba unpickles files in that folder: code of whoever wrote them would run."""
     planted = tmp_path / "planted"
     planted.mkdir()
     planted.chmod(0o777)
@@ -52,7 +52,7 @@ def test_a_cache_folder_that_others_can_write_or_own_is_not_taken(tmp_path, monk
 
 
 def test_the_next_folder_is_taken_where_one_is_not_safe(tmp_path, monkeypatch):
-    """A base in which others may rename folders, unless it is sticky as /tmp is, and a planted folder in it."""
+    """A base whose folders others may rename, unless it is sticky as /tmp is, and a planted folder in it."""
     base, home = tmp_path / "base", tmp_path / "home"
     for folder in (base, home):
         folder.mkdir()

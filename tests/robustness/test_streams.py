@@ -1,4 +1,4 @@
-"""Streams that are full, closed or silent, letters that a locale does not know: a sentence, and never a traceback."""
+"""Streams that are full, closed or silent, and letters unknown to a locale: one sentence, never a traceback."""
 
 import json
 import os
@@ -21,7 +21,7 @@ RUN = [sys.executable, "-m", "dembrick"]
 
 
 def shell(command, folder, **environment):
-    """Run a command line of a shell, in which $DEMBRICK is the program."""
+    """Run a shell command line in which $DEMBRICK is the program."""
     given = os.environ | {"DEMBRICK": " ".join(RUN), "PYTHONPATH": str(TESTS.parent)} | environment
     return subprocess.run(["bash", "-c", command], cwd=folder, env=given, capture_output=True, timeout=200, check=False)
 
@@ -49,7 +49,7 @@ def test_remarks_that_cannot_be_written_cost_no_answer(history):
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-", "<&-"])
 def test_closed_streams(history, closed, tmp_path):
-    """The answer goes where it can; no file takes the number of a stream, and what is written there."""
+    """The answer goes to the streams that are open; no file reuses a closed stream's number and receives its output."""
     done = shell(f"$DEMBRICK run set4a --out {tmp_path / 'a.h5'} --json {closed}", history.parent)
     assert done.returncode == 0 and b"Traceback" not in done.stderr
     if ">&- " not in f"{closed} " or closed == "2>&-":
@@ -69,14 +69,14 @@ def test_a_locale_without_letters(history, tmp_path):
 
 @pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
 def test_an_escape_sequence_in_a_figure_does_not_reach_the_terminal(tmp_path, ending):
-    """Of a history of a stranger, in a name or a title; matplotlib would warn of the glyph with the very byte."""
+    """In a name or title of an untrusted history; matplotlib would print it in a warning about a missing glyph."""
     figure = Figure()
     figure.add_subplot(title="red \x1b[31m alert\x07", xlabel="fine\nlines").plot([0, 1], label="\x1b]0;a\x07")
     figure.axes[0].legend()
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         style.save(figure, tmp_path / f"a{ending}")
-    told = [str(one.message) for one in found if issubclass(one.category, UserWarning)]  # not a file that is collected
+    told = [str(one.message) for one in found if issubclass(one.category, UserWarning)]  # not of unclosed files
     assert not told
     assert figure.axes[0].get_title() == r"red \x1b[31m alert\x07" and figure.axes[0].get_xlabel() == "fine\nlines"
 
@@ -150,7 +150,7 @@ duration = 0.2
 
 
 def test_an_input_error_leaves_no_history_in_the_way(tmp_path, capsys):
-    """A record that begins too late, then mended: nothing was there that --force would have to replace."""
+    """A record that begins too late, then corrected: the failed run left no file that only --force would replace."""
     scene, record, out = tmp_path / "quake.toml", tmp_path / "quake.csv", tmp_path / "quake.h5"
     scene.write_text(SHAKEN)
     record.write_text("time [s], acceleration [m/s2]\n" + "".join(f"{0.01 * i + 0.1}, 0.1\n" for i in range(31)))
@@ -162,7 +162,7 @@ def test_an_input_error_leaves_no_history_in_the_way(tmp_path, capsys):
 
 
 def test_a_failed_run_is_replaced_without_force(tmp_path):
-    """A block that cannot stand before a settlement; then another scenario, under the same name."""
+    """A block that falls before a settlement begins; then another scenario under the same name."""
     tall = SHAKEN.replace("position = [0.0, 0.0, 0.15]", "position = [0.6, 0.0, 0.15]")
     falls = tall[: tall.index("[control]")].replace("[1.0, 1.0, 0.1]", "[1.0, 1.0, 0.1]")
     settle = '[control]\nkind = "settlement"\nsupports = ["base"]\ndisplacement = [0.0, 0.0, -0.001]\n'
@@ -172,4 +172,4 @@ def test_a_failed_run_is_replaced_without_force(tmp_path):
     scene.write_text(SHAKEN[: SHAKEN.index("[control]")] + '[control]\nkind = "statics"\n')
     assert main(["run", str(scene), "--out", str(out)]) == 0
     scene.write_text(falls.replace('"shaken"', '"another"') + '[control]\nkind = "statics"\n')
-    assert main(["run", str(scene), "--out", str(out)]) == 2  # a finished one stays
+    assert main(["run", str(scene), "--out", str(out)]) == 2  # a finished history stays

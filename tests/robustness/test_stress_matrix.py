@@ -1,4 +1,4 @@
-"""The short form of the stress matrix: the ends of every axis, and not one wrong answer without an error."""
+"""The short form of the stress matrix: at the ends of every axis, no wrong answer goes without an error."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from helpers.places import tool_module
 
 @cache
 def stress(name: str = "stress"):
-    """The tool as a module, or a part of it."""
+    """The tool, or a module of it."""
     return tool_module(name)
 
 
 @cache
 def results(axis: str):
-    """The cells of an axis that take no search to its last step, run."""
+    """The cells of an axis and their outcomes, but for cells that use up all steps of a search."""
     tool = stress()
     chosen = [c for c in tool.cells([axis], short=True, rest_steps=20_000, random=60, seed=1) if kept(c)]
     return tool.run_all(chosen)
 
 
 def kept(cell) -> bool:
-    """The end of some axes only runs into the longest search there is, which takes a second each: two of those do."""
+    """Whether to run a cell. At the end of some axes every cell is the longest search, of a second; two are enough."""
     if cell.axis == "step":
         return "distributed" not in cell.variant and ("3 blocks" not in cell.variant or "concave" in cell.variant)
     if cell.axis in ("stiffness", "mass", "tower", "friction"):
@@ -49,7 +49,7 @@ def test_the_matrix_has_these_axes():
 
 @pytest.mark.parametrize("axis", AXES)
 def test_no_wrong_answer(axis):
-    """An answer is right, or an indicator near it, or there is none and an error says why."""
+    """Every answer is right or is an indicator near the truth; otherwise an error says why there is none."""
     wrong = [(c, o) for c, o in results(axis) if o.status == "WRONG"]
     assert not wrong, listed(wrong)
     for _, outcome in results(axis):
@@ -58,20 +58,20 @@ def test_no_wrong_answer(axis):
 
 @pytest.mark.parametrize("axis", ["slenderness", "tolerance", "rate", "size", "rest"])
 def test_all_right(axis):
-    """What a single joint may be asked for, it answers."""
+    """All cells of a single joint on these axes have an answer, and it is right."""
     assert len(results(axis)) >= 10
     rest = [(c, o) for c, o in results(axis) if o.status != "right"]
     assert not rest, listed(rest)
 
 
 def test_random_joints_are_right():
-    """Nearly all: a load above the joint to 1e-5 may end without an answer."""
+    """At least 54 of 60: a load above the joint to 1e-5 may end without an answer."""
     good, valid = stress().share_right(results("random"))
     assert valid == 60 and good >= 54, listed([(c, o) for c, o in results("random") if o.status != "right"])
 
 
 def test_above_the_critical_step_a_test_is_stopped():
-    """At 2.5 times the critical step nothing can be right by the plateau; an error says so."""
+    """At 2.5 times the critical step no run is right by the plateau; an error says so."""
     far = [(c, o) for c, o in results("step") if c.value == 2.5 and c.variant.startswith("rate")]
     assert far and all(o.status == "stopped" for _, o in far), listed(far)
 
@@ -84,7 +84,7 @@ def test_overshoot_falls_with_the_rate():
         assert overshoot[0.01] < 0.2 * overshoot[1.0], (variant, overshoot)
 
 
-# --- the judge itself
+# --- the functions that judge outcomes
 
 
 def point(V, lower, upper, bracket="certified"):
@@ -92,7 +92,7 @@ def point(V, lower, upper, bracket="certified"):
 
 
 class Answer:
-    """A replay that found ``point``."""
+    """A replay whose result is ``point``."""
 
     def __init__(self, *values):
         self.yield_point, self.energy = point(*values), None
@@ -103,7 +103,7 @@ class Answer:
     [
         ((100.0, 99.95, 100.05), 100.04, "right"),
         ((100.0, 99.95, 100.05), 100.06, "WRONG"),  # outside its certified bracket
-        ((100.0, 99.0, 101.0), 100.2, "WRONG"),  # inside, and further off than the tolerance
+        ((100.0, 99.0, 101.0), 100.2, "WRONG"),  # inside, but farther off than the tolerance
         ((100.0, 99.95, 100.05, "indicator"), 100.06, "right"),
         ((100.0, 99.95, 100.05, "indicator"), 100.2, "near"),
         ((100.0, 99.95, 100.05, "indicator"), 101.0, "WRONG"),
@@ -123,7 +123,7 @@ def test_judge(values, expected, status, monkeypatch):
     [
         ((100.0, 99.95, 100.05), 100.0, "right"),
         ((100.0, 101.0, 102.0), 100.0, "WRONG"),  # theory outside a certified bracket
-        ((100.0, 90.0, 110.0), 96.0, "WRONG"),  # and a slow test that slides at another load
+        ((100.0, 90.0, 110.0), 96.0, "WRONG"),  # and a slow test that slides at a different load
         ((100.5, 99.0, 300.0, "open"), 100.0, "right"),
         ((102.0, 99.0, None, "open"), 100.0, "near"),
         ((104.0, 99.0, None, "open"), 104.0, "WRONG"),
@@ -155,7 +155,7 @@ def test_errors_are_reasons():
 
 
 def test_exit_code_table_and_map(tmp_path, monkeypatch, capsys):
-    """A wrong cell makes the exit code 1; the table lists it, the CSV and the map are written."""
+    """A wrong cell gives exit code 1; the table lists it, and the CSV file and the map are written."""
     tool = stress()
     assert tool.main(["--axes", "size", "--short"]) == 0
     assert "WRONG: 0" in capsys.readouterr().out
