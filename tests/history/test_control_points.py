@@ -1,4 +1,4 @@
-"""Control points: displacements of material points, in every kind of run and in the history; and kinds of actuators."""
+"""Control points: displacements of material points in every kind of run and in the history; and kinds of actuators."""
 
 import csv
 import json
@@ -37,9 +37,9 @@ def test_a_point_at_the_jack_moves_as_the_jack_says(stem):
     way = result.rows["control_point"][:, 0]
     driven = result.rows["actuator_displacement"][:, 0]
     assert driven[-1] > 1e-6
-    # the kernel of a search keeps to small rotations: what the point adds is of second order
+    # the kernel of a search assumes small rotations: the rotation term of the point is of second order
     np.testing.assert_allclose(way @ jack.direction, driven, rtol=1e-4, atol=1e-14)
-    assert result.control_points["rod"] == pytest.approx(way[-1].tolist(), rel=0.01, abs=1e-15)  # a row may be older
+    assert result.control_points["rod"] == pytest.approx(way[-1].tolist(), rel=0.01, abs=1e-15)  # perhaps an older row
     assert result.as_dict()["control_points"]["rod"] == result.control_points["rod"]
 
 
@@ -51,13 +51,13 @@ def test_a_corner_of_a_block_that_turns_on_its_toe():
     way = result.rows["control_point"][rows]
     np.testing.assert_allclose(way[:, 1], result.frames["displacement"][:, 1], atol=1e-15)
     assert theta[-1] > 0.1
-    # turned by theta about the toe, from where it stood 0.2 m in front of it and 1 m above
+    # rotated by theta about the toe, from its place 0.2 m in front of the toe and 1 m above it
     expected = [
         -0.2 * (np.cos(theta) - 1.0) + 1.0 * np.sin(theta),
         0.0 * theta,
         0.2 * np.sin(theta) + 1.0 * (np.cos(theta) - 1.0),
     ]
-    np.testing.assert_allclose(way[:, 0], np.transpose(expected), atol=5e-6)  # the joint gives way elastically
+    np.testing.assert_allclose(way[:, 0], np.transpose(expected), atol=5e-6)  # the joint is elastic
 
 
 def test_a_centroid_of_an_arch_that_is_pushed(tmp_path):
@@ -92,7 +92,7 @@ def test_on_the_command_line(tmp_path, capsys):
         (axes,) = plot.control_points([found]).axes
     names = [f"{point}, $u_{axis}$" for point in "ab" for axis in "xz"]  # nothing moves along y
     assert [line.get_label() for line in axes.lines] == names
-    for line, axis in zip(axes.lines[2:], "xz", strict=True):  # with its sign, from where the dead loads left it
+    for line, axis in zip(axes.lines[2:], "xz", strict=True):  # signed, relative to the dead-load equilibrium
         moved = float(table[-1][f"u_{axis} of b [m]"]) - float(table[0][f"u_{axis} of b [m]"])
         assert line.get_xdata()[-1] == pytest.approx(1e3 * moved)
     assert axes.get_xlabel() == "displacement of control points [mm]"
@@ -102,7 +102,7 @@ def test_on_the_command_line(tmp_path, capsys):
 
 
 def test_a_point_that_a_file_rounds_to_the_outside_is_on_the_face():
-    """By less than a part of the block in a million, as coordinates in files are rounded."""
+    """Points outside by less than a millionth of the block, as coordinates in files are rounded, are accepted."""
     assemble(with_points("set4a", ("a", "upper", (0.0, 0.0, TOP + 2e-7))))
     with pytest.raises(ScenarioError, match="outside block 'upper'"):
         assemble(with_points("set4a", ("a", "upper", (0.0, 0.0, TOP + 2e-6))))

@@ -1,4 +1,4 @@
-"""History files on disks that fill up or go away, and of runs that are killed: what was flushed stays readable."""
+"""History files on disks that fill up or disappear, and of killed runs: flushed data stay readable."""
 
 import os
 import random
@@ -47,7 +47,7 @@ for attempt in range(2):
 
 
 def test_a_disk_that_fills_up(tmp_path):
-    """A limit on the size of files stands for the full disk: growing fails in the middle of HDF5's own writes."""
+    """A limit on the file size stands for a full disk: growing the file fails during HDF5's own writes."""
     path = str(tmp_path / "run.h5")
     code = FULL.format(paths=[str(TESTS), *sys.path], path=path)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
@@ -63,7 +63,7 @@ def test_a_disk_that_fills_up(tmp_path):
 
 
 def test_a_write_that_fails_in_the_reserved_space(tmp_path, monkeypatch):
-    """No space left in the middle of a row: what was flushed stays, and the next attempt goes on from there."""
+    """No space left in the middle of a row: flushed rows stay, and the next attempt continues after them."""
     out = cases.open_writer(tmp_path / "run.h5", hold=0.0)
     out.append(cases.record(0, 6))
     put, calls = layout.put, []
@@ -96,7 +96,7 @@ def test_a_folder_that_goes_away(tmp_path):
 
 
 def test_a_failed_rename_never_costs_rows(tmp_path, monkeypatch):
-    """finish closes the running file before the rename; if that fails, nothing may replace the file any more."""
+    """finish closes the running file before the rename; if the rename fails, nothing may replace the file any more."""
     out = cases.open_writer(tmp_path / "run.h5", hold=0.0)
     out.append(cases.record(0, 6))
     monkeypatch.setattr(files.os, "replace", lambda *_: (_ for _ in ()).throw(OSError(5, "Input/output error")))
@@ -145,7 +145,7 @@ for round in range(10**6):
 
 
 def kill_and_read(folder, rng):
-    """Kill a writing child at a random moment; everything it had reported as flushed must be there, and right."""
+    """Kill a writing child at a random moment; all that it reported as flushed must be there, and right."""
     n_block, path = 20, folder / "run.h5"
     code = CHILD.format(paths=[str(TESTS), *sys.path], path=str(path), n_block=n_block)
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, bufsize=0) as child:
@@ -164,9 +164,9 @@ def kill_and_read(folder, rng):
     done, rows, frames = reports[-1][0] == "finished", int(reports[-1][-2]), int(reports[-1][-1])
     assembly = cases.many_blocks(n_block)
     with history.read(path) as found:
-        if done and found.status == "running":  # the next history had taken its place already
+        if done and found.status == "running":  # the next history had already taken its place
             rows = frames = 0
-        elif not done and found.status == "completed":  # killed between finishing and saying so
+        elif not done and found.status == "completed":  # killed between finishing and reporting it
             assert found.n_row == rows
         assert rows <= found.n_row <= rows + 7 and frames <= found.n_frames <= frames + 1
         cases.check_rows(found, found.n_row)

@@ -1,4 +1,4 @@
-"""A history in the hands of other libraries: h5py beside ours, pandas and xarray."""
+"""Histories in other libraries: h5py beside our reader, pandas and xarray."""
 
 import sys
 
@@ -45,11 +45,11 @@ def test_a_table_without_its_library_says_what_to_install(run, monkeypatch, pack
 
 
 def test_a_closed_history_says_so(run):
-    """It raised a ValueError of the library below, or called its attributes damaged."""
+    """The error names the closed file; it once was a ValueError of h5py, or a report of damaged attributes."""
     found = dembrick.read_history(run[1])
     assert len(found.load) == found.n_row
     found.close()
-    assert len(found.load) == found.n_row  # what was read stays
+    assert len(found.load) == found.n_row  # data already read stay
     asked = (lambda: found.displacement, lambda: found.results, lambda: found.block_names, found.to_pandas,
              lambda: found.series("load"), lambda: found.frame_values("position", 0, 1))  # fmt: skip
     for ask in asked:

@@ -1,4 +1,4 @@
-"""History files: what goes in comes out, while the run goes on and after it, and in little memory."""
+"""History files: data read equal data written, during the run and after it, and in little memory."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from dembrick.scenario import controls, model
 from helpers import history_cases as cases
 from helpers.places import TOOLS
 
-# --- what goes in comes out ---
+# --- data read equal data written ---
 
 
 @pytest.mark.parametrize("hold", [0.0, 1e9])
@@ -92,7 +92,7 @@ def test_the_channels_that_were_asked_for_come_back(tmp_path):
 
 @pytest.mark.parametrize("hold", [0.0, 10.0])
 def test_new_contacts_come_back_however_many_a_frame_has(tmp_path, monkeypatch, hold):
-    """Written a few frames at a time, through growths of the file, and gone on with after a kill at any of them."""
+    """Written a few frames at a time while the file grows, and continued after a kill at any of them."""
     monkeypatch.setattr(writer, "_RESERVE", 3000)
     channels = model.CHANNELS
 
@@ -142,7 +142,7 @@ def test_jacks_come_back(tmp_path):
 
 
 def test_the_file_is_what_other_scripts_expect(tmp_path):
-    """Plain h5py: names and shapes of the contract, units and a description on every dataset, exact lengths."""
+    """By plain h5py: documented names and shapes, units and a description on every dataset, exact lengths."""
     with h5py.File(cases.finished(tmp_path / "run.h5")) as file:
         for name in ("time", "load", "displacement"):
             assert file[f"history/{name}"].shape == (20,)
@@ -165,7 +165,7 @@ def test_the_file_is_what_other_scripts_expect(tmp_path):
 
 
 def test_the_record_of_a_run_in_real_time_counts_new_contacts(tmp_path):
-    """The control says so; a record without them does not fit."""
+    """The control decides; a record without them is refused."""
     with cases.open_writer(tmp_path / "run.h5", control=cases.MOTION) as out:
         for start in (0, 4):
             out.append(cases.moving_record(start, start + 4))
@@ -180,7 +180,7 @@ def test_the_record_of_a_run_in_real_time_counts_new_contacts(tmp_path):
 
 
 def everything_in(path):
-    """What h5py finds in a file: of every object its attributes and, of a dataset, its type, shape and values."""
+    """All objects in a file by h5py: their attributes and, for datasets, type, shape and values."""
     found = {}
 
     def visit(name, node):
@@ -235,7 +235,7 @@ def test_records_of_the_wrong_shape_are_refused_and_leave_no_trace(tmp_path, hol
 
 
 def test_long_series_are_packed_where_that_pays_and_survive_growing(tmp_path, monkeypatch):
-    """Zeros are packed, noise is not; the reserved space is outgrown several times; slabs are smaller than the file."""
+    """Zeros are compressed, noise is not; the reserved space is outgrown several times; slabs are small."""
     monkeypatch.setattr(writer, "_RESERVE", 4096)
     monkeypatch.setattr(writer, "_SLAB", 40_000)
     monkeypatch.setattr(writer, "_PACK_FROM", 40_000)
@@ -261,7 +261,7 @@ def test_long_series_are_packed_where_that_pays_and_survive_growing(tmp_path, mo
         assert file["history/time"].shape == (9000,)
 
 
-# --- running, finished, in the way ---
+# --- running files, finished files, files in the way ---
 
 
 def test_a_running_history_is_readable_at_every_moment(tmp_path):
@@ -274,7 +274,7 @@ def test_a_running_history_is_readable_at_every_moment(tmp_path):
             assert found.status == "running" and found.results == {}
             cases.check_rows(found, 10 * k + 10)
             cases.check_frames(found, k + 1, assembly)
-        with h5py.File(tmp_path / "run.h5") as plain:  # locks as any other program does; the writer goes on
+        with h5py.File(tmp_path / "run.h5") as plain:  # locks the file as any other program does; the writer continues
             assert plain["written"][:].tolist() == [10 * k + 10, k + 1]
             out.flush()
     out.finish("completed", {})
@@ -296,7 +296,7 @@ def test_a_running_history_is_readable_at_every_moment(tmp_path):
     ],
 )
 def test_times_of_a_killed_path_are_numbers_of_equilibria(tmp_path, control, counts):
-    """Also before the run has said how many there were."""
+    """Also if the run was killed before it could record their number."""
     out = cases.open_writer(tmp_path / "run.h5", cases.mixed_assembly(), hold=1e9, control=control)
     out.close()
     with history.read(tmp_path / "run.h5") as found:
@@ -306,7 +306,7 @@ def test_times_of_a_killed_path_are_numbers_of_equilibria(tmp_path, control, cou
 def test_a_short_run_stays_in_memory_and_close_writes_it(tmp_path):
     out = cases.open_writer(tmp_path / "run.h5", hold=1e9)
     out.append(cases.record(0, 4))
-    with history.read(tmp_path / "run.h5") as found:  # what a kill would leave
+    with history.read(tmp_path / "run.h5") as found:  # the file that a kill would leave
         assert (found.status, found.n_row, found.n_frames, found.begun) == ("running", 0, 0, False)
     out.close()
     with history.read(tmp_path / "run.h5") as found:
@@ -333,7 +333,7 @@ def test_a_finished_history_needs_force(tmp_path):
         cases.open_writer(path)
     assert path.read_bytes() == before
     with cases.open_writer(path, force=True) as out:
-        assert path.read_bytes() == before  # nothing is lost before there is something to put in its place
+        assert path.read_bytes() == before  # the old file stays until there is data to replace it
         out.append(cases.record(0, 2))
         out.finish("completed", {})
     with history.read(path) as found:
@@ -355,7 +355,7 @@ def test_a_crashed_or_empty_file_gives_way_but_not_a_stranger(tmp_path):
 
 
 def test_what_killed_processes_left_is_cleared_away(tmp_path):
-    """A half-written neighbour goes once its process is gone; that of a living one, and other files, stay."""
+    """A half-written temporary file goes once its process has ended; those of living ones, and other files, stay."""
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     left, stay = f".run.h5.{gone.pid}.part", {f".run.h5.{os.getppid()}.part", ".other.h5.1.part", ".run.h5.x.part"}
@@ -374,7 +374,7 @@ def test_a_link_is_followed_to_its_file(tmp_path):
 
 
 def test_a_folder_that_is_missing_is_made(tmp_path, monkeypatch):
-    """One, as a sweep makes its own and a run without --out makes results; of two, the path is wrong."""
+    """One missing folder is created, as for a sweep or a run without --out; if two are missing, the path is refused."""
     monkeypatch.chdir(tmp_path)
     assert history.check_output("results/run.h5") == str(tmp_path / "results" / "run.h5")
     with pytest.raises(OutputError, match="folder .*/no does not exist"):
@@ -398,7 +398,7 @@ def test_paths_that_cannot_be_used(tmp_path, monkeypatch):
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(files.os, "open", refuse)  # root, who may run this test, is refused nothing
+    monkeypatch.setattr(files.os, "open", refuse)  # root, who may run this test, has all permissions
     with pytest.raises(WriteError, match="cannot be written .Permission denied"):
         cases.open_writer(tmp_path / "run.h5")
 
@@ -407,9 +407,9 @@ def test_paths_that_cannot_be_used(tmp_path, monkeypatch):
 
 
 def test_reading_takes_no_more_than_asked(tmp_path):
-    """One frame out of 40 MB of frames, in a process that may not have 20 MB more than it needs to open the file."""
+    """One frame of 40 MB of frames, in a process allowed less than 20 MB beyond the memory for opening the file."""
     assembly, n_block, n_frame = cases.many_blocks(500), 500, 1000
-    noise = np.random.default_rng(2).normal(size=(n_frame, n_block, 7))  # so that nothing can be packed
+    noise = np.random.default_rng(2).normal(size=(n_frame, n_block, 7))  # cannot be compressed
     with cases.open_writer(tmp_path / "run.h5", assembly, hold=0.0) as out:
         out.append(cases.record(0, 5))
         for k in range(0, n_frame, 50):
@@ -432,7 +432,7 @@ print(found.status, found.n_frames, found.frame("position", 777)[3].tolist())
 
 
 def test_a_long_run_holds_a_few_frames_only(tmp_path):
-    """A run of 1,000 blocks writes 1,000 frames, 128 MB of numbers, within 40 MB of what it needs for one frame."""
+    """A run of 1,000 blocks writes 1,000 frames, 128 MB of numbers, within 40 MB beyond the memory for one frame."""
     code = f"""
 import resource, sys
 sys.path[:0] = {[str(TOOLS), *sys.path]!r}

@@ -1,4 +1,4 @@
-"""What a run records: every channel against what it must be equal to, and nothing that was not asked for."""
+"""Recorded channels: each against the value it must equal, and no channel that was not requested."""
 
 import dataclasses
 
@@ -50,7 +50,7 @@ def test_contact_forces_add_up_to_the_joint_resultants(formulation):
 
 @pytest.mark.parametrize("name", ["set4a", "set4a_curve"])
 def test_velocity_and_spin_are_the_motion_between_steps(name):
-    """Frames one step apart: the velocity of a frame is the move since the frame before, over the step."""
+    """For frames one step apart, the velocity of a frame is the displacement since the frame before over the step."""
     result = recorded(name, "concave", rows=10_000, frames=10_000)
     frames, dt = result.frames, result.run.time_step
     np.testing.assert_allclose(np.diff(frames["time"]), dt, rtol=1e-6)
@@ -58,7 +58,7 @@ def test_velocity_and_spin_are_the_motion_between_steps(name):
     speed = np.abs(frames["velocity"]).max()
     assert speed > 0.0 and not frames["velocity"][:, 0].any()
     np.testing.assert_allclose(moved / dt, frames["velocity"][1:, 1], rtol=0, atol=1e-9 * speed)
-    # small turns: twice the vector part of q is the rotation vector
+    # small rotations: twice the vector part of q is the rotation vector
     turned = 2.0 * np.diff(frames["orientation"][:, 1, 1:], axis=0)
     spin = np.abs(frames["spin"]).max()
     assert spin > 0.0
@@ -87,7 +87,7 @@ def test_the_number_of_rows_and_frames_is_followed():
 
 
 def test_frames_are_every_so_many_rows_and_at_least_as_many_as_asked_for():
-    """150 of 1000 rows are every sixth of them: 167, as the manual says."""
+    """150 frames of 1000 rows mean every sixth row, 167 frames, as the manual says."""
     result = simulate(toml.load("set4a_curve", ["output.rows=1000", "output.frames=150"]))
     rows, frames = result.rows["time"], result.frames["time"]
     assert 1000 <= len(rows) <= 1010 and 167 <= len(frames) <= 168
@@ -97,7 +97,7 @@ def test_frames_are_every_so_many_rows_and_at_least_as_many_as_asked_for():
 
 
 def test_a_short_buffer_loses_nothing(monkeypatch):
-    """The chunk gives way, not the record: the same rows and frames whatever the buffer holds."""
+    """Chunks get shorter, not the record: rows and frames are the same whatever the buffer holds."""
     cases = (("set4a_curve", "concave"), ("set4b_mid", "convex"))
     whole = [recorded(*case, rows=50, frames=25) for case in cases]
     monkeypatch.setattr(recorder, "BUFFER_BYTES", 100)

@@ -1,4 +1,4 @@
-"""A history holds what its scenario reads: it runs again where nothing else is, to the last bit."""
+"""A history holds the input files of its scenario: it runs again without them, bit for bit the same."""
 
 import dataclasses
 import json
@@ -53,7 +53,7 @@ checkpoint = 0.0
 
 
 def folder_of(place):
-    """A scenario with a CAD scene and its buffer, a mesh in a folder below, a record in one beside, a load history."""
+    """A scenario with a CAD scene and its buffer, a mesh in a subfolder, a record in a sibling folder, a load."""
     here = place / "work"
     (here / "meshes").mkdir(parents=True)
     (place / "records").mkdir()
@@ -69,7 +69,7 @@ def folder_of(place):
 
 
 def beside_buffer(path):
-    """Move the buffer of a scene into a file of its own, with a blank in its name."""
+    """Move the buffer of a scene into its own file, with a space in its name."""
     import base64
 
     scene = json.loads(path.read_text())
@@ -85,7 +85,7 @@ def table(title, time, values):
 
 
 def fixed(path):
-    """The scenario with the solid of the scene that is the ground as a support."""
+    """The scenario with the ground solid of the CAD scene as a support."""
     text = path.read_text()
     path.write_text('supports = ["cad.ground"]\n' + text)
     return path
@@ -105,7 +105,7 @@ def same_numbers(first, second):
 
 @pytest.fixture(scope="module")
 def moved(tmp_path_factory):
-    """A history in a folder of its own; whatever its scenario read is gone."""
+    """A history in its own folder; the input files of its scenario are gone."""
     place = tmp_path_factory.mktemp("origin")
     path = fixed(folder_of(place))
     alone = tmp_path_factory.mktemp("alone") / "run.h5"
@@ -118,7 +118,7 @@ def test_a_history_runs_again_where_nothing_else_is(moved, folder, capsys):
     assert main(["run", str(moved), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)["history"]
     same_numbers(moved, again)
-    assert main(["run", again, "--json", "--out", "third.h5"]) == 0  # and that one holds them too
+    assert main(["run", again, "--json", "--out", "third.h5"]) == 0  # the second history holds the files too
     same_numbers(moved, "third.h5")
 
 

@@ -1,4 +1,4 @@
-"""Files that no run of ours wrote, or that were cut or changed: one sentence each, and nothing is believed."""
+"""Files that no run of ours wrote, or that were cut or changed: one sentence each, and no content is trusted."""
 
 import os
 import random
@@ -26,7 +26,7 @@ def test_a_cut_file_is_refused_at_every_length(tmp_path):
 
 
 def test_a_file_that_is_replaced_while_it_is_read(tmp_path):
-    """A run puts a new file in the place of the old one; who has the old one open reads on."""
+    """A run replaces the file; a reader that has the old one open continues to read it."""
     path = cases.finished(tmp_path / "run.h5")
     with history.read(path) as found:
         (tmp_path / "other").write_bytes(b"short")
@@ -36,7 +36,7 @@ def test_a_file_that_is_replaced_while_it_is_read(tmp_path):
 
 
 def read_all(path):
-    """Touch everything that a history offers."""
+    """Read everything that a history offers."""
     with history.read(path) as found:
         for name in dir(type(found)):
             if not name.startswith("_"):
@@ -52,7 +52,7 @@ def read_all(path):
 
 
 def replaced(name, make):
-    """An edit of the file that puts something else in the place of a dataset."""
+    """An edit of the file that replaces a dataset."""
 
     def edit(file, folder):
         del file[name]
@@ -62,7 +62,7 @@ def replaced(name, make):
 
 
 def outside(folder):
-    """A file that must not be read: another history's worth of numbers."""
+    """A file that must not be read: numbers enough for another history."""
     with h5py.File(folder / "outside.h5", "w") as other:
         other["secret"] = np.arange(20.0)
     np.arange(20.0).tofile(folder / "outside.raw")
@@ -184,7 +184,7 @@ def test_a_strange_file_gives_one_sentence(tmp_path, edit):
 
 
 def test_flipped_bytes_never_give_another_error(tmp_path):
-    """Random damage is either noticed with our own error, or falls on numbers and reads as other numbers."""
+    """Random damage either raises our own error or changes only numbers, which then read as other numbers."""
     whole = cases.finished(tmp_path / "run.h5", in_real_time=True).read_bytes()
     rng = random.Random(3)
     bad, noticed = tmp_path / "bad.h5", 0
@@ -202,7 +202,7 @@ def test_flipped_bytes_never_give_another_error(tmp_path):
 
 
 def test_a_damaged_heap_of_texts_is_not_walked_for_ever(tmp_path):
-    """HDF5 itself may never come back from one."""
+    """HDF5 itself may never return from one."""
     whole = cases.finished(tmp_path / "run.h5").read_bytes()
     length = b"\5" + 7 * b"\0"
     name = whole.index(length + b"lower\0") + len(length)  # of a block
