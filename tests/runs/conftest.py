@@ -1,4 +1,4 @@
-"""What tests of runs ask for by name."""
+"""Fixtures that tests of runs request by name."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from dembrick.simulation.dynamics.paths import driven_path, load_path
 
 @pytest.fixture
 def few(monkeypatch):
-    """Fewer equilibria of settlements and of driven paths on the way."""
+    """Fewer equilibria on the path of settlements and of driven displacements."""
     monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
     monkeypatch.setattr(load_path, "HALVINGS", 3)
     monkeypatch.setattr(load_path, "WITHIN", 1.0)

@@ -1,5 +1,5 @@
-"""What a search says of its limit is what there is at the limit: mechanism, blocks, pictures and joints, however the
-path goes on. Truth: limit analysis, and equilibrium of one block."""
+"""Results at the limit describe the limit itself: mechanism, blocks, pictures and joints, whatever the path does later.
+Compared with limit analysis and with the equilibrium of one block."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ axis = [1.0, 0.0, 0.0]
 
 @pytest.fixture(scope="module")
 def corner(tmp_path_factory):
-    """The facade leans out; long after that, one stone of the jamb flies off alone."""
+    """The facade leans out; long after that, a single stone of the jamb flies off."""
     path = tmp_path_factory.mktemp("corner") / "corner.h5"
     return dembrick.simulate(dembrick.loads(CORNER), path), path
 
@@ -92,7 +92,7 @@ def test_joints_and_page_show_the_limit_and_leave_out_what_comes_off_later(corne
     assert main(["joints", str(path), "--frame", "last"]) == 0
     assert f"past the limit, which is at {at}" in capsys.readouterr().out
     with history.read(path) as found:
-        between = max(set(range(at)) - {int(time) for time in found.frame_time})  # its row, between two frames
+        between = max(set(range(at)) - {int(time) for time in found.frame_time})  # an equilibrium without a frame
         row = joint_table(found, time=float(between))
         assert row[0]["N"] == found.joint("N")[between, 0]
     assert main(["joints", str(path), "--time", str(between)]) == 0
@@ -103,7 +103,7 @@ def test_joints_and_page_show_the_limit_and_leave_out_what_comes_off_later(corne
 @pytest.mark.parametrize("swapped", [False, True])
 def test_a_lone_joint_carries_what_balances_the_limit(formulation, swapped):
     text = BLOCKS.replace("convex", formulation)
-    if swapped:  # the first block of the joint is free, pressed upwards against the second
+    if swapped:  # the first block of the joint moves, pressed upwards against the second
         text = text.replace("fixed = true\n", "")
         text = text.replace("position = [0.0, 0.0, 0.075]\n", "position = [0.0, 0.0, 0.075]\nfixed = true\n")
         text = text.replace('"upper"\nforce = [0.0, 0.0, -1500.0]', '"lower"\nforce = [0.0, 0.0, 2112.144]')
@@ -122,4 +122,4 @@ def test_a_lone_joint_carries_what_balances_the_limit(formulation, swapped):
 def test_no_force_of_a_certified_test_lies_above_its_bound():
     point = dembrick.simulate(dembrick.loads(RATE)).yield_point
     assert point.bracket == "certified"
-    assert point.V_lower <= point.V_2 <= point.V_upper < point.V_peak  # that of the record has its rate effect
+    assert point.V_lower <= point.V_2 <= point.V_upper < point.V_peak  # V_peak of the record has a rate effect

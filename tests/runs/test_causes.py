@@ -1,5 +1,5 @@
-"""Causes of cracks: known motions of supports are found from the joints that they open, and what is not told apart is
-said to be so."""
+"""Causes of cracks: known support motions are recovered from the joints that they open, and motions that the cracks
+cannot distinguish are reported as ambiguous."""
 
 import json
 
@@ -28,7 +28,7 @@ def asked(tmp_path, text):
 
 
 def test_the_hinges_of_an_arch_that_spreads_lead_back_to_a_spread(tmp_path):
-    """Three hinges, at the crown and in the haunches (Heyman): either springing may have gone outwards."""
+    """Three hinges, at the crown and in the haunches (Heyman): either springing may have moved outwards."""
     found = dembrick.find_causes(asked(tmp_path, f"open = {SPREAD}"))
     best = found.causes[0]
     assert best.hits == 3 and not best.misses and not best.false_alarms and best.share > 0.99
@@ -48,7 +48,7 @@ def test_a_springing_that_sinks_is_told_from_one_that_spreads(tmp_path):
 
 
 def test_a_lintel_that_slides_is_said_to(tmp_path, monkeypatch):
-    """Drawn off one support it slides, and by limit analysis rises there, which opens the joint on the other."""
+    """A lintel drawn off one support slides; limit analysis lifts it there and opens the joint at the other support."""
     blocks = block("left", [-0.5, 0.0, 0.5], [0.3, 0.3, 1.0], "fixed = true")
     blocks += block("right", [0.5, 0.0, 0.5], [0.3, 0.3, 1.0], "fixed = true")
     blocks += block("lintel", [0.0, 0.0, 1.1], [1.3, 0.3, 0.2])
@@ -59,7 +59,7 @@ def test_a_lintel_that_slides_is_said_to(tmp_path, monkeypatch):
     assert found.causes[0].slides and "target.paths = true" in found.text()
     (tmp_path / "cracks.toml").write_text(text + 'paths = true\nsupports = ["left"]\n')
     every = causes._motions
-    monkeypatch.setattr(causes, "_motions", lambda *known: every(*known)[:2])  # a path takes its time
+    monkeypatch.setattr(causes, "_motions", lambda *known: every(*known)[:2])  # paths are slow
     assert not any(cause.slides for cause in causes.find(tmp_path / "cracks.toml").causes)
     monkeypatch.undo()
     arch = causes.find(asked(tmp_path, f"open = {SPREAD}"))
@@ -67,7 +67,7 @@ def test_a_lintel_that_slides_is_said_to(tmp_path, monkeypatch):
 
 
 def test_a_displacement_that_was_seen_says_how_far(tmp_path):
-    """The crown of an arch that spreads by 10 mm sinks by what the mechanism says; one that rises was not spread."""
+    """The crown of an arch spread by 10 mm sinks as the mechanism predicts; if the crown rises, it was not spread."""
     spread = next(m for m in causes.find(asked(tmp_path, f"open = {SPREAD}")).causes)
     crown = list(causes.find(asked(tmp_path, f"open = {SPREAD}")).assembly.names).index("arch.10")
     down = 0.01 * spread.velocity[crown, :3]
@@ -81,7 +81,7 @@ def test_a_displacement_that_was_seen_says_how_far(tmp_path):
 
 
 def test_first_motions_are_dual_to_the_least_reaction():
-    """Of a springing that spreads: the velocities do the work of the least thrust, W . v + R_least = 0."""
+    """First velocities for a spreading springing do the work of the least thrust: W . v + R_least = 0."""
     from dembrick.runs.limit import assembled
     from dembrick.simulation.limit_analysis.analysis import prepared, standing
     from dembrick.simulation.limit_analysis.reactions import first_motion
@@ -107,7 +107,7 @@ def test_first_motions_are_dual_to_the_least_reaction():
     ],
 )
 def test_drawn_motions_are_found(number, wall):
-    """Cracks by the path of equilibria in the deformed geometry, which the study knows nothing of."""
+    """Motions are found from the cracks of a path in the deformed geometry, of which the study knows nothing."""
     drawn = tool_module("drawn_causes")
     scenario, support, way = drawn.drawn(np.random.default_rng([1, number]), wall)
     opened = tuple(drawn.open_joints(simulate(scenario, progress=False)))

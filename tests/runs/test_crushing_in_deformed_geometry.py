@@ -1,6 +1,6 @@
-"""Paths in the deformed geometry of joints that crush: up to the limit, and through the fall, as the joint's law says.
+"""Paths of crushing joints in the deformed geometry: up to the limit and through the fall, by the joint's law.
 
-Points at the corners bear f_c A / 4 each: if N > f_c A / 2, the two at the toe are crushed at the limit, where N is
+Each corner point bears f_c A / 4: if N > f_c A / 2, the two points at the toe are crushed at the limit, where N acts at
 b / 2 (f_c A / N - 1) from the middle.
 """
 
@@ -20,12 +20,12 @@ LOADED = 3.0  # N over the weight of the blocks
 
 
 def weight(height):
-    """Of the blocks (N)."""
+    """Weight of the blocks (N)."""
     return 2000.0 * 9.81 * B * D * height
 
 
 def column(control, share, floor, heights, e=0.0, formulation="concave", more="", kn=2e9):
-    """Blocks on a floor of their width, with a load on top that has N at ``e`` (m); N is that share of f_c A."""
+    """Blocks on a floor as wide as they are, with a load on top that puts N at ``e`` (m); N is ``share`` of f_c A."""
     height = sum(heights)
     N = LOADED * weight(height)
     keys = f"compressive_strength = {N / (B * D) / share}\n"
@@ -45,8 +45,8 @@ def column(control, share, floor, heights, e=0.0, formulation="concave", more=""
 @pytest.mark.parametrize("floor", [0.06, 0.2, 1.0])
 @pytest.mark.parametrize("heights", [(0.15,), (0.5,), (0.3, 0.2), (0.2, 0.2, 0.2)])
 def test_a_toe_that_crushes_ends_in_an_answer(share, floor, heights):
-    """However thin the floor: the toe sinks in until the block has come down. It was a refusal as soon as it had turned
-    by .2, where a new contact took over, which took what is crushed for an overlap."""
+    """The block stands below the limit b / 2 (f_c A / N - 1) of the eccentricity and falls above it, on any floor. The
+    run was once refused at a rotation of .2, where a new contact took the crushed depth for an overlap."""
     limit = 0.5 * B * (1.0 / share - 1.0)
     for part, says in ((0.97, "stands"), (1.03, "falls")):
         found = simulate(column('kind = "statics"\n', share, floor, heights, part * limit), record=False)
@@ -55,7 +55,7 @@ def test_a_toe_that_crushes_ends_in_an_answer(share, floor, heights):
 
 @pytest.mark.parametrize("formulation", ["corrected", "distributed"])
 def test_points_inside_the_edge_that_crush(formulation):
-    """A load near the edge is beyond what rows of points bear whose toe is crushed."""
+    """An eccentric load beyond what rows of points with a crushed toe can bear falls; a nearly central one stands."""
     for e, says in ((0.02, "stands"), (0.09, "falls")):
         scene = column('kind = "statics"\n', 0.8, 0.1, (0.3,), e, formulation)
         assert simulate(scene, record=False).status == says
@@ -64,8 +64,8 @@ def test_points_inside_the_edge_that_crush(formulation):
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])
 @pytest.mark.parametrize("kn", [3e7, 1e8, 2e9])
 def test_a_fall_that_is_over_before_one_looks(formulation, kn):
-    """A load at .3 b on a bed that .88 of f_c crushes is far beyond any limit, as is that at .02 b below it. 256 steps
-    of a soft bed last longer than the block takes to fall through the thin floor, which was a motion that diverged."""
+    """With .88 of f_c used, a load at .3 b is far beyond the limit of any formulation and one at .02 b below it. On a
+    soft bed 256 steps last longer than the fall through the thin floor, which was once reported as divergence."""
     for e, says in ((0.02, "stands"), (0.3, "falls")):
         scene = column('kind = "statics"\n', 0.88, 0.06, (0.1,), e * B, formulation, kn=kn)
         assert simulate(scene, record=False).status == says
@@ -73,8 +73,8 @@ def test_a_fall_that_is_over_before_one_looks(formulation, kn):
 
 @pytest.mark.parametrize("gravity", [9.81 / 6.0, 4.0 * 9.81, 0.0])
 def test_looks_at_a_fall_are_as_far_apart_as_it_is_slow(gravity):
-    """A quarter of the time sqrt(2 h / g) in which a block falls by its size h, whatever planet it falls on; without
-    gravity as on earth."""
+    """The first check comes after a quarter of the time sqrt(2 h / g) in which a block falls by its size h, for any g;
+    without gravity g is that of the earth."""
     looks: list[int] = []
     moving = SimpleNamespace(smallest=0.2, assembly=SimpleNamespace(gravity=(0.0, 0.0, -gravity)))
     path = SimpleNamespace(
@@ -85,7 +85,7 @@ def test_looks_at_a_fall_are_as_far_apart_as_it_is_slow(gravity):
     assert sum(looks) == 100_000
 
 
-PUSHES = {  # each with the height of what acts (m)
+PUSHES = {  # control, and height of the push (m)
     "pushover": ('kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n', 0.2),
     "yield": ('kind = "yield"\n', 0.3),
     "displacement": ('kind = "displacement"\nrate = 1e-3\ntravel = 5e-3\n', 0.3),
@@ -95,7 +95,7 @@ PUSHES = {  # each with the height of what acts (m)
 @pytest.mark.parametrize("kind", PUSHES)
 @pytest.mark.parametrize("share, heights", [(0.57, (0.2, 0.2)), (0.8, (0.4,))])
 def test_a_push_over_a_toe_that_crushes(kind, share, heights):
-    """V h = N b / 2 (f_c A / N - 1), less what leaning takes, on a floor so thin that the fall goes deep into it."""
+    """V h = N b / 2 (f_c A / N - 1), less the effect of leaning; the floor is so thin that the block falls into it."""
     control, arm = PUSHES[kind]
     jacks = "" if kind == "pushover" else jack(f"block {len(heights) - 1}", (0.0, 0.0, arm))
     found = simulate(column(control, share, 0.05, heights, 0.0, more=jacks, kn=1e9), record=False)
@@ -112,8 +112,8 @@ LENGTH, HEIGHT, AREA = 0.3, 0.1, 0.06  # m and m2, of the clamped block
 
 
 def clamped(formulation, travel, lift, more=""):
-    """V of a block that is driven between two plates, ``lift`` (m) off its middle, as the slip lifts and crushes all
-    points of both beds; and by how much it turned."""
+    """V, and the rotation, of a block driven between two plates at ``lift`` (m) above its middle; its slip dilates and
+    crushes all points of both beds."""
     keys = f"dilation = {DILATION}\ncompressive_strength = {STRENGTH}\n"
     keys += "points = [2, 2]\n" if formulation == "distributed" else ""
     text = header(formulation, FRICTION, STIFFNESS, gravity=(0.0, 0.0, 0.0), keys=keys)
@@ -129,11 +129,11 @@ def clamped(formulation, travel, lift, more=""):
 @pytest.mark.parametrize("lift", [-1e-6, 1e-6, 1e-4])
 @pytest.mark.parametrize("travel", [4e-3, 6e-3])
 def test_a_clamped_block_whose_beds_crush_turns_between_them(travel, lift):
-    """Nothing resists a turn while all points crush, and forces at its faces, h apart, turn it on. So it turns, either
-    way, as fast as leaves one row of each bed at its strength: that row sinks by what dilation lifts, l th = psi (s -
-    s_0) for rows at l, while f_c is reached at the slip s_0 = f_c / (k_n psi). Of its force the row lacks D, by an
-    elastic way 2 D / (k_n A), so that 2 l D = N h th (1 - mu psi), and V is 2 mu N, N = f_c A - D: the shift of the
-    middle, psi h th / 2, gives friction its arm."""
+    """While all points crush, nothing resists a rotation, and friction at the faces, h apart, drives it. The block
+    rotates, in either sense, until one row of each bed is just at its strength: the row at l sinks by as much as
+    dilation lifts it, l th = psi (s - s_0); f_c is reached at the slip s_0 = f_c / (k_n psi). The force of that row is
+    less by D, an elastic displacement of 2 D / (k_n A). Moments balance if 2 l D = N h th (1 - mu psi), as the shift
+    psi h th / 2 of the middle is the arm of friction; V = 2 mu N with N = f_c A - D."""
     V, turn, D = clamped("concave", travel, lift), 0.0, 0.0
     rows, whole = 0.5 * LENGTH, STRENGTH * AREA
     for _ in range(50):
@@ -149,7 +149,7 @@ def test_a_clamped_block_whose_beds_crush_turns_between_them(travel, lift):
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])
 def test_a_clamped_block_that_may_not_turn_keeps_its_strength(formulation):
-    """2 mu f_c A, however far it is off its middle."""
+    """V = 2 mu f_c A, however eccentric the drive."""
     more = 'held = ["ry"]\n'
     assert clamped(formulation, 4e-3, 1e-4, more)[0] == pytest.approx(2.0 * FRICTION * STRENGTH * AREA, rel=1e-9)
 
@@ -158,12 +158,12 @@ RELEASED = [('kind = "statics"\nlarge_displacements = true\n', 1e-8), ('kind = "
 
 
 def off_the_middle(push, share):
-    """Where a load ``push`` (over the weight) stands on top (m): N is at .7 of the limit of a bed that it fills."""
+    """Eccentricity (m) of a load of ``push`` weights on top, with N at .7 of the limit of a bed used to ``share``."""
     return 0.7 * 0.5 * B * (1.0 - share) * (1.0 + push) / push
 
 
 def released(control, push, share):
-    """Tilt of a block whose toe such a load has crushed, once that is gone, and how far it has come back (m)."""
+    """Remaining tilt of a block after the load that crushed its toe is removed, and its displacement (m)."""
     W = weight(0.4)
     keys = f"points = [8, 2]\ncompressive_strength = {(1.0 + push) * W / (B * D) / share}\n"
     text = header("distributed", 0.9, 2e9, keys=keys) + block("floor", (0.0, 0.0, -0.1), (B, D, 0.2), "fixed = true")
@@ -175,8 +175,8 @@ def released(control, push, share):
 
 
 def leans(push, share):
-    """The same for eight rows of points at Gauss's places, in equilibrium as they lean: those that press more than f_c
-    are crushed by the rest, and all are elastic on the way back."""
+    """The same for eight rows of points at Gauss positions, in equilibrium as they lean: pressures above f_c become
+    crushed depth on loading, and unloading is elastic."""
     W, A, h, kn = weight(0.4), B * D / 8.0, 0.4, 2e9
     x = np.array([B * ((2 * i + 1 + side / math.sqrt(3.0)) / 8.0 - 0.5) for i in range(4) for side in (-1.0, 1.0)])
     at, crushed, tilts = off_the_middle(push, share), np.zeros(8), []
@@ -196,8 +196,8 @@ def leans(push, share):
 @pytest.mark.parametrize("control, close", RELEASED, ids=["at rest", "in time"])
 @pytest.mark.parametrize("push, share", [(0.5, 0.8), (0.5, 0.9), (3.0, 0.6), (3.0, 0.8)])
 def test_a_block_is_let_go_of_a_toe_that_is_crushed(control, close, push, share):
-    """It comes back by what is elastic, and keeps a tilt of sum(x crushed) / sum(x2), at rest and in time. Where three
-    weights are gone at once it leaps, and lands some .01 mm off; where half a weight is, it does not."""
+    """The tilt recovers elastically to sum(x crushed) / sum(x2), in a search and in real time. If three weights are
+    removed at once, the block jumps and lands some .01 mm off; if half a weight is, it does not."""
     tilt, way = released(control, push, share)
     by_hand = leans(push, share)
     assert tilt == pytest.approx(by_hand[0], rel=close)

@@ -1,4 +1,4 @@
-"""Keys that come back from curves, what curves do not determine, and the misfit by hand."""
+"""Fits of keys to curves: known values are recovered, undetermined keys reported, and the misfit checked by hand."""
 
 import json
 
@@ -56,7 +56,7 @@ def test_what_the_curve_does_not_change_with_is_not_determined(curve, start):
 
 
 def test_keys_that_trade_off_are_named(curve, start, monkeypatch):
-    """Friction times what presses: a search that ends too early says that these curves hardly tell the two apart."""
+    """Friction and density enter as a product: a search that ends early says that the curves hardly separate them."""
     monkeypatch.setattr(curve_fit, "MOST", 2)
     with pytest.raises(
         NotConvergedError, match=r"hardly distinguish joint.friction and materials.tuff.density: vary only one"
@@ -71,14 +71,14 @@ def test_a_plateau_does_not_determine_the_stiffness(curve, start):
 
 
 def test_a_plateau_tells_the_least_stiffness(curve, start):
-    """What is on the plateau at 2.5 um has risen by then: V / 2.5 um is all that the curve says, from below."""
+    """Points on the plateau at 2.5 um show only that the rise is over by then: V / 2.5 um is a lower bound."""
     stiffness = curve_fit.fit_curves([start], [measured(curve, 2.5e-6, 3.4e-6, 2)], list(TRUE)).keys
     stiffness = stiffness["joint.shear_stiffness"]
     assert stiffness.upper is None and 1.5e9 < stiffness.lower < 4e9
 
 
 def test_a_far_start_leads_to_the_same_values(curve, start):
-    """A stiffness 250 times too high puts all measured points on the plateau, where no slope leads away."""
+    """A stiffness 250 times too high puts all measured points on the plateau, where the misfit has no slope."""
     lab = [measured(curve, 5e-8, 3.4e-6, 1)]
     near = curve_fit.fit_curves([start], lab, list(TRUE)).keys
     far = [*SHORT, "joint.friction=0.3", "joint.shear_stiffness=1e12"]
@@ -88,7 +88,7 @@ def test_a_far_start_leads_to_the_same_values(curve, start):
 
 
 def test_a_start_that_is_too_strong_goes_as_far_as_the_measured_curve(curve):
-    """With more friction the jack takes up more of the travel, and the run ends before the measured curve."""
+    """With more friction the jack deforms over more of the travel, and the run ends before the measured curve."""
     strong = toml.load("set4a_curve", [*SHORT, "joint.friction=0.9"])
     lab = MeasuredCurve("lab", curve[0][::10], curve[1][::10])
     assert dembrick.simulate(strong).rows["displacement"][-1] < 0.95 * lab.displacement[-1]
@@ -97,7 +97,7 @@ def test_a_start_that_is_too_strong_goes_as_far_as_the_measured_curve(curve):
 
 
 def test_why_runs_have_no_answer_is_passed_on(curve, start, monkeypatch):
-    """Most often it is the travel, and no other values would help."""
+    """The usual reason is the travel, and no other values of the keys would help."""
     run, friction = curve_fit._curve, start.joint.friction
 
     def fails(scenario, told=False):
@@ -111,7 +111,7 @@ def test_why_runs_have_no_answer_is_passed_on(curve, start, monkeypatch):
 
 
 def test_a_misfit_that_runs_on_widens_the_intervals(curve):
-    """A wave of 1 % along the curve says less than independent scatter of the same size."""
+    """A wave of 1 % along the curve is less information than independent scatter of the same size."""
     scattered = measured(curve, 5e-8, 3.4e-6, 1)
     V = np.interp(scattered.displacement, *curve)
     wave = MeasuredCurve("wave", scattered.displacement, V + 0.0141 * V.max() * np.sin(np.linspace(0.0, 12.0, len(V))))
@@ -141,12 +141,12 @@ def test_a_loop_that_turns_a_little_before_the_measured_one_is_compared_to_its_e
     ways = (np.linspace(0, 1, 11), np.linspace(1, -1, 21)[1:], np.linspace(-1, 0, 11)[1:])
     lab = MeasuredCurve("lab", np.concatenate(ways), np.concatenate(ways))
     short = MeasuredCurve("", 0.98 * lab.displacement, lab.load)
-    assert len(curve_fit.compared(short, lab)[0]) == len(lab.load) + 2  # turning points belong to both ways
+    assert len(curve_fit.compared(short, lab)[0]) == len(lab.load) + 2  # turning points belong to both branches
     assert between(short, lab).peak == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_misfit_of_loops_against_a_curve_that_goes_one_way():
-    """What the simulated loops do after their first turning point does not count."""
+    """Simulated loops after their first turning point are ignored."""
     u = np.linspace(0.0, 1.0, 50)
     loops = MeasuredCurve(
         "", np.concatenate([u, u[-2::-1], -u[1:]]), np.concatenate([1.02 * u, 7.0 * u[1:], -9.0 * u[1:]])
@@ -176,7 +176,7 @@ def test_data_that_cannot_be_fitted(curve, start):
         curve_fit.fit_curves([start], twice, ["joint.friction"])
     with pytest.raises(ScenarioError, match="lengthen control.travel"):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3e-5, 1)], ["joint.friction"])
-    for kind in ("wall_tilt", "set4a"):  # a table, and a search, whose record is no test
+    for kind in ("wall_tilt", "set4a"):  # a tilting table, and a search, whose record is no test
         with pytest.raises(ScenarioError, match="no curve"):
             curve_fit.fit_curves([toml.load(kind)], [measured(curve, 5e-8, 3.4e-6, 1)], ["joint.friction"])
 
@@ -205,7 +205,7 @@ def test_the_commands(curve, folder, capsys):
 
 
 def test_keys_are_named_as_for_set():
-    """By name, by number, in quotes; and those that the text leaves out."""
+    """By name, by number, in quotes; also keys that the text omits."""
     text = toml.text_of(toml.load("set4a_curve")) + '[[joints]]\nbetween = ["lower", "upper"]\nfriction = 0.6\n'
     scenario = toml.loads(text)
     for key, value in (("joints.0.friction", 0.6), ("materials.tuff.density", 1500.0), ('"joint".friction', 0.64)):

@@ -1,4 +1,4 @@
-"""Runs with a joint law of the user's own, against closed forms; where none can be called, one sentence says so."""
+"""Runs with a user's joint law, against closed forms; where such a law cannot be used, one sentence says so."""
 
 import math
 import re
@@ -19,13 +19,13 @@ from dembrick.views.motion.joints import JointMotion
 from tests.helpers.custom_laws import BILINEAR, COULOMB, FOLLOWING, coulomb
 from tests.helpers.scenario_text import block, header, jack
 
-N, MU, AREA = 467.0, 0.64, 0.06  # of the laboratory's joint: N, friction, m2
+N, MU, AREA = 467.0, 0.64, 0.06  # of the laboratory joint: N, friction, m2
 K_N, K_S = 1e10, 4e9  # Pa/m
 PULSE, T0 = 4.905, 0.2  # m/s2, s: the pulse of Newmark's block
 
 
 def lab(formulation="concave", **changes):
-    """The laboratory's joint in pure shear, at a constant rate."""
+    """The laboratory joint in pure shear, at a constant rate."""
     scenario = dembrick.load("shear")
     joint = replace(scenario.joint, formulation=formulation)
     control = dembrick.DisplacementControl(rate=2e-5, travel=2e-4)
@@ -33,7 +33,7 @@ def lab(formulation="concave", **changes):
 
 
 def newmark(law):
-    """How far a block slides on a base that takes a pulse of `PULSE` for `T0` (m), and its run."""
+    """Displacement (m) of a block on a base that moves with a pulse of `PULSE` for `T0`, and its run."""
     scenario = dembrick.load("newmark_pulse", ["control.duration=1.2"])
     scenario = replace(scenario, joint=replace(scenario.joint, formulation="concave"))
     result = dembrick.simulate(scenario, law=law)
@@ -43,12 +43,12 @@ def newmark(law):
 def test_coulomb_is_what_theory_says():
     found = dembrick.simulate(lab(), law=COULOMB)
     assert found.yield_point.V == pytest.approx(MU * N, rel=1e-4)
-    assert found.yield_point.bracket == "indicator"  # nothing is proven of a law that nobody knows
+    assert found.yield_point.bracket == "indicator"  # nothing is proven for an unknown law
     assert found.theory is None
 
 
 def test_friction_that_follows_slip_peaks_where_it_should():
-    """At mu N (1 + rise) by the slip d, and at the residual from 2 d on; friction takes the area under the curve."""
+    """Peak mu N (1 + rise) at the slip d and residual from 2 d on; friction dissipates the area under the curve."""
     result = dembrick.simulate(lab(), law=FOLLOWING)
     point = result.yield_point
     d, rise, residual = (FOLLOWING.parameters[name] for name in ("slip_distance", "rise", "residual"))
@@ -64,7 +64,7 @@ def test_friction_that_follows_slip_peaks_where_it_should():
 
 
 def test_bilinear_springs_close_as_they_should_under_the_dead_load():
-    """N / A = k (knee + part (g - knee)), found by relaxation before the actuators push."""
+    """N / A = k (knee + part (g - knee)), reached by relaxation before the actuators push."""
     result = dembrick.simulate(lab(), law=BILINEAR)
     knee, part = BILINEAR.parameters["knee"], BILINEAR.parameters["part"]
     closed = knee + (N / AREA / K_N - knee) / part
@@ -75,7 +75,7 @@ def test_bilinear_springs_close_as_they_should_under_the_dead_load():
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
 def test_a_search_finds_the_peak_within_its_bar(tolerance):
-    """In pure shear mu N (1 + rise) and, without a rise, mu N; in torsion and shear what theory says of mu."""
+    """In pure shear mu N (1 + rise), and mu N without a rise; in torsion-shear the theory for mu."""
     rise = FOLLOWING.parameters["rise"]
     exact = 254.56982230222368  # N, theory of four points under equal forces, see `theory.limit_loads`
     for name, law, V, after in (
@@ -99,7 +99,7 @@ def test_a_search_finds_the_peak_within_its_bar(tolerance):
 
 @pytest.mark.parametrize("mu, height, weight", [(0.6, 0.4, 1.0), (0.6, 0.3, 1.4), (0.4, 0.2, 1.01)])
 def test_of_two_blocks_the_weaker_one_is_the_limit(mu, height, weight):
-    """The least mu N over the weight of its jack; V swings over it as one begins to slide and the other waits."""
+    """The least mu N over the weight of its jack; V oscillates about it while one block begins to slide."""
     text = header("concave", mu, 1e10) + block("base", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
     text += block("one", (0.0, 0.0, 0.1), (0.3, 0.3, 0.2)) + jack("one", (0.0, 0.0, 0.0))
     text += block("two", (1.0, 0.0, 0.5 * height), (0.3, 0.3, height))
@@ -113,7 +113,7 @@ def test_of_two_blocks_the_weaker_one_is_the_limit(mu, height, weight):
 
 @pytest.mark.parametrize("held, lift", [("z", 0.0), ("y", 200.0)])
 def test_a_block_off_its_joint_is_undecided_without_a_number(held, lift):
-    """Guided off its joint and pushed along it, or lifted: no joint force tells how much is out of balance."""
+    """A block guided off its joint, or lifted off it: no joint force is there to scale the out-of-balance force."""
     text = header("concave", 0.6, 1e10) + block("base", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
     text += block("one", (0.0, 0.0, 0.05), more=f'held = ["{held}", "rx", "ry", "rz"]') + jack("one", (0.0, 0.0, 0.0))
     text += f'[[loads]]\nblock = "one"\nforce = [{10.0 - 0.05 * lift}, 0.0, {lift}]\n'
@@ -144,21 +144,21 @@ def test_a_search_is_for_blocks_that_stand_on_fixed_ones():
 
 
 def two_blocks(scenario):
-    """The same with a third block on top, which the actuator pushes in its lower face."""
+    """The same with a third block on top, pushed by the actuator at its lower face."""
     top = replace(scenario.blocks[1], name="top", position=(0.0, 0.0, 0.15))
     actuator = replace(scenario.actuators[0], block="top", point=(0.0, 0.0, 0.1))
     return replace(scenario, blocks=(*scenario.blocks, top), actuators=(actuator,))
 
 
 def test_several_blocks():
-    """Two blocks on a base, each on its own joint: the upper joint slips at mu N of its own N."""
+    """Two blocks on a base, each on its own joint: the upper joint slips at mu times the N of that joint."""
     found = dembrick.simulate(two_blocks(lab()), law=COULOMB).yield_point
     assert found.V == pytest.approx(MU * 9.0 * 9.81, rel=2e-3)
     assert found.joint == ("upper", "top")
 
 
 def test_newmarks_block_in_real_time():
-    """A (A - a_y) t0^2 / (2 a_y); a block whose friction falls to half at once slides as one of half its friction."""
+    """A (A - a_y) t0^2 / (2 a_y); if friction halves at the first slip, the block slides as with half the friction."""
     yielding = 0.2 * 9.81
 
     def closed_form(a):
@@ -174,7 +174,7 @@ def test_newmarks_block_in_real_time():
 
 @pytest.mark.parametrize("formulation, height", [("concave", 0.1), ("concave", 0.3), ("corrected", 0.15)])
 def test_a_block_that_is_thrown_is_not_braked_by_dashpots(formulation, height):
-    """It slides v^2 / (2 mu g), rattling as it goes: its dashpots rest while the law loses all that its force does."""
+    """It slides v^2 / (2 mu g) and rattles; dashpots do not act while the law dissipates all the work of its force."""
     v, mu = 0.2, 0.5
     text = header(formulation, mu) + block("floor", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
     text += block("stone", (0.0, 0.0, 0.5 * height), (0.2, 0.2, height), f"velocity = [{v}, 0.0, 0.0]")
@@ -184,7 +184,7 @@ def test_a_block_that_is_thrown_is_not_braked_by_dashpots(formulation, height):
 
 
 def test_parameters_and_other_laws_compile_no_kernel_again():
-    """One machine code of a kernel serves all laws: none can be taken for another."""
+    """One compiled kernel serves all laws, and no law is confused with another."""
     dembrick.simulate(lab(), law=COULOMB)
     compiled = []
     with hearing(("numba:compile",), lambda: compiled.append(1)):
@@ -195,14 +195,14 @@ def test_parameters_and_other_laws_compile_no_kernel_again():
         loose = dembrick.simulate(lab(), law=numba.njit(_frictionless_twin(0.5)))
         tight = dembrick.simulate(lab(), law=numba.njit(_frictionless_twin(2.0)))
     assert peaks == pytest.approx([MU * N * 1.1, MU * N * 1.4], rel=1e-3)
-    assert first <= 2  # the law, and what wraps it
+    assert first <= 2  # the law and its wrapper
     assert len(compiled) <= first + 4
     assert loose.yield_point.V == pytest.approx(0.5 * MU * N, rel=1e-3)
     assert tight.yield_point.V == pytest.approx(2.0 * MU * N, rel=1e-3)
 
 
 def _frictionless_twin(factor):
-    """Laws of one name and one line that differ by what they close over."""
+    """Laws with the same name and source line that differ in a closure variable."""
     import math as functions
 
     def law(move, law, memory):
@@ -334,6 +334,6 @@ def test_the_page_of_the_manual_runs():
     names: dict = {}
     exec(code, names)
     point, brittle = names["result"].yield_point, names["brittle"].yield_point
-    assert point.V_peak == pytest.approx(MU * N, rel=0.02)  # its fall begins with the first slip
+    assert point.V_peak == pytest.approx(MU * N, rel=0.02)  # friction falls from the first slip on
     assert point.V == pytest.approx(0.5 * MU * N, rel=1e-3)
     assert brittle.V == pytest.approx(0.2 * MU * N, rel=1e-3)

@@ -1,4 +1,4 @@
-"""Searches in the deformed geometry: after a settlement, and of blocks that lean so far that it counts."""
+"""Searches in the deformed geometry: after a settlement, and for blocks that lean enough to change the limit."""
 
 import itertools
 import math
@@ -41,14 +41,14 @@ def turns(degrees):
 
 
 def staged(*controls, blocks=FLOOR + BLOCK, more="", formulation="concave", friction=0.5, kn=1e10, gravity=GRAVITY):
-    """A flat block on a floor, and what is done to them, one after the other."""
+    """A flat block on a floor under a sequence of controls."""
     text = header(formulation, friction, kn, gravity=gravity) + blocks
     text += "".join(f"[[stages]]\n{control}" for control in controls[:-1]) + f"[control]\n{controls[-1]}{more}"
     return toml.loads(text, "deformed.toml")
 
 
 def brackets(result, V):
-    """V lies between what stands and what falls, which are as close as the tolerance says."""
+    """V lies between a load that stands and one that falls, and their distance is within the tolerance."""
     point = result.yield_point
     assert point.V_lower <= V <= point.V_upper
     assert point.V_upper - point.V_lower <= 1.01 * 1e-3 * point.V_upper
@@ -57,7 +57,7 @@ def brackets(result, V):
 
 @pytest.mark.parametrize("formulation", [pytest.param("concave", marks=pytest.mark.slow), "convex"])
 def test_a_push_down_and_across_a_floor_that_has_turned(formulation):
-    """Down the floor V = tan(phi - th), a tilt about y adds to it; across it friction has to hold both."""
+    """Down the floor V = tan(phi - th), and a tilt about y adds to th; across it friction resists both components."""
     th, phi = math.radians(10.0), math.atan(0.5)
     down = simulate(staged(turns(10.0), 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n', formulation=formulation))
     brackets(down, math.tan(phi - th))
@@ -75,14 +75,14 @@ def test_a_push_down_and_across_a_floor_that_has_turned(formulation):
     )
     assert tilted.collapse["angle"] == pytest.approx(math.degrees(phi) - 10.0, rel=1e-3)
     across = simulate(staged(turns(10.0), STATICS, ALONG_Y, formulation="convex"), record=False)
-    exact = math.sqrt((0.5 * math.cos(th)) ** 2 - math.sin(th) ** 2)  # and a little torsion, as the block leans
+    exact = math.sqrt((0.5 * math.cos(th)) ** 2 - math.sin(th) ** 2)  # neglects a little torsion, as the block leans
     assert across.yield_point.V == pytest.approx(exact, rel=1e-3)
     assert [stage["status"] for stage in across.stages] == ["completed", "stands"]
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_actuators_across_a_floor_that_has_turned(formulation):
-    """The limit, and what a travel of the actuators meets, are those of a level floor under gravity that leans."""
+    """The limit, and V for a travel of the actuators, are those of a level floor under inclined gravity."""
     th = math.radians(10.0)
     lean = (G * math.sin(th), 0.0, -G * math.cos(th))
     level = staged(
@@ -101,8 +101,8 @@ def test_actuators_across_a_floor_that_has_turned(formulation):
 
 
 def arch_at(placed, built, friction, push):
-    """Largest V of forces at the closed corners of joints between blocks that are ``placed`` (position, rotation), by
-    linear programming in the plane y = 0."""
+    """Largest V of forces at the closed corners of joints between blocks at ``placed`` (position, rotation), by linear
+    programming in the plane y = 0."""
     position, rotation = placed
     free = np.flatnonzero(~built.fixed)
     row, columns = {block: 3 * k for k, block in enumerate(free)}, []
@@ -142,7 +142,7 @@ PUSH = 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n'
 
 
 def test_an_arch_that_has_spread_is_pushed():
-    """To the limit of linear programming for the stones where they are, whose hinges have opened; .4786 before."""
+    """Against linear programming for the displaced stones, whose hinges have opened; .4786 before the spread."""
     spread = 'kind = "settlement"\nsupports = ["arch.right"]\ndisplacement = [0.2, 0.0, 0.0]\n'
     scenario = staged(spread, PUSH, blocks=ARCH, friction=0.7)
     settled = simulate(replace(scenario, control=scenario.stages[0], stages=(), text=None))
@@ -159,7 +159,7 @@ def test_an_arch_that_has_spread_is_pushed():
 
 
 def leaning(control, kn, more=""):
-    """A slender block on a bed of springs without tension."""
+    """A slender block on a soft bed without tension."""
     blocks = FLOOR + BLOCK.replace("0.4, 0.2, 0.1", "0.3, 0.5, 1.0").replace("0.05]", "0.5]")
     return staged(control, blocks=blocks, formulation="convex", friction=2.0, kn=kn, more=more)
 
@@ -169,8 +169,8 @@ SLENDER = 2000.0 * G * math.prod(SIZE)  # N
 
 
 def leans_at(turned):
-    """V over N of the slender block at its turn th (rad): contact of length L carries N = k d L^2 th / 2 at e = b / 2 -
-    L / 3 from the middle, where the block has sunk by 2 L th / 3, and moments about there balance."""
+    """V over N of the slender block at its rotation th (rad): a contact of length L carries N = k d L^2 th / 2 at
+    e = b / 2 - L / 3 from the middle, sunk there by 2 L th / 3; moments about that point balance."""
     b, d, h = SIZE
     L = np.sqrt(2.0 * SLENDER / (BED * d * turned))
     e, sunk = 0.5 * b - L / 3.0, 2.0 * L * turned / 3.0
@@ -183,7 +183,7 @@ def test_a_slender_block_on_a_soft_bed_leans_before_it_overturns():
     assert V == pytest.approx(0.26653, abs=2e-5) and SIZE[0] / SIZE[2] == 0.3
     found = simulate(leaning(large, BED), refine=True, record=False)
     brackets(found, V)
-    # it stands for rigid blocks, and for what halved steps change within the tolerance
+    # the error covers the limit of rigid blocks; halved steps change V by less than the tolerance
     assert found.as_dict()["error_estimate"] == pytest.approx(0.3 - V, rel=0.08)
     small = simulate(leaning(PUSH, BED), record=False)
     assert small.yield_point.V == pytest.approx(0.3, rel=1e-3)
@@ -203,7 +203,7 @@ def test_a_travel_goes_on_behind_the_peak_of_a_block_that_leans(monkeypatch):
 
 
 def turned_about_its_toe(travel: float) -> float:
-    """V (N) that holds the block of `TIED` where the point it acts at has come so far: rigid, its tie stretched."""
+    """V (N) that balances the rigid block of `TIED` with its driven point moved by ``travel`` and its tie stretched."""
     toe, weight = np.array([0.2, 0.0]), 320.0 * G
     low, high = 0.0, 1.0
     for _ in range(100):
@@ -236,7 +236,7 @@ large_displacements = true
 
 @pytest.mark.parametrize("travel", [0.25, 0.1])
 def test_a_travel_ends_where_it_was_to_end(travel, monkeypatch):
-    """Not up to a step beyond; the load there is that of a rigid block on its toe, and its own bracket holds it."""
+    """The path ends at the given travel; V there is that of a rigid block on its toe, and its bracket contains it."""
     monkeypatch.setattr(driven_path, "EQUILIBRIA", 60)
     given = header(friction=0.9, normal_stiffness=1e11)
     found = simulate(toml.loads(f"{given}{FLOOR}{TIED}travel = {travel}\n"), record=False, progress=False)
@@ -247,7 +247,7 @@ def test_a_travel_ends_where_it_was_to_end(travel, monkeypatch):
 
 
 def held_back(angle: float, attached, anchored, stiffness: float, strength: float, prestress: float) -> float:
-    """V (N) that holds the block of `TIED` turned by ``angle`` (rad) about its toe: rigid, its tie stretched and
+    """V (N) that balances the rigid block of `TIED` rotated by ``angle`` (rad) about its toe, its tie stretched and
     yielding."""
     toe, weight, start = np.array([0.2, 0.0]), 320.0 * G, math.dist(attached, anchored)
     turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
@@ -267,8 +267,8 @@ def held_back(angle: float, attached, anchored, stiffness: float, strength: floa
     ],
 )
 def test_an_inclined_tie_yields_by_no_more_than_rest_asks_for(anchored, attached, stiffness, strength, prestress):
-    """The greatest V that holds the leaning block lies in the bracket: a swing on the way to rest yields nothing, and a
-    fall in one does not count as proof of more than it is."""
+    """The greatest V that balances the leaning block lies in the bracket: a swing towards equilibrium yields no tie,
+    and a fall during one is not taken as a proof for a lower load."""
     ends, law = ((-0.2, attached), (anchored, 0.0)), (stiffness, strength, prestress)
     most = max(held_back(angle, *ends, *law) for angle in np.linspace(0.0, 0.4, 20001))
     tied = TIED.partition("[control]")[0].replace("[-0.2, 0.0, 0.0]", f"[{anchored}, 0.0, 0.0]")
@@ -290,7 +290,7 @@ def test_an_arch_has_the_same_limit_in_its_own_geometry_as_in_the_deformed_one()
 
 
 def test_a_bonded_block_is_tilted():
-    """Shear with a bond: m g sin(psi) = c A + mu m g cos(psi), which no tangent alone tells."""
+    """Shear with a bond: m g sin(psi) = c A + mu m g cos(psi), which is no condition on the tangent alone."""
     cohesion, area = 1000.0, 0.08
     tilt = 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]\nlarge_displacements = true\ntolerance = 2e-4\n'
     scenario = staged(tilt, formulation="convex")
@@ -302,7 +302,7 @@ def test_a_bonded_block_is_tilted():
 
 
 def test_whether_a_block_stands_where_a_settlement_has_brought_it():
-    """On a floor at 20 deg, tan 20 = .364: under its own weight it stands, and slides if a push of .2 comes on top."""
+    """On a floor at 20 deg, tan 20 = .364: the block stands under its weight and slides under an extra push of .2."""
     load = f'[[loads]]\nblock = "block"\nforce = [{0.2 * WEIGHT!r}, 0.0, 0.0]\nstages = [2]\n'
     stands = simulate(staged(turns(20.0), STATICS), record=False)
     assert stands.status == "stands" and stands.statics["stands"] is True
@@ -319,8 +319,8 @@ SINKS = 'kind = "settlement"\nsupports = ["floor"]\ndisplacement = [0.0, 0.0, -1
 
 @pytest.mark.parametrize("control", [STATICS + "large_displacements = true\n", SINKS])
 def test_joints_do_not_forget_shear_as_the_first_loads_come(control):
-    """Two cubes, the upper one held along y, and a push on the lower one: two joints share it by their springs. Left to
-    fall onto one another from where they are drawn, they swung open, and forgot 3 % of it."""
+    """Two cubes, the upper fixed along y, and a push on the lower one: two joints share it by their springs. Released
+    onto one another from their drawn positions, they once swung open and lost 3 % of the shear."""
     size, push, k_n = 0.4, 200.0, 1e9
     area, k_s = size**2, 0.4e9
     blocks = (
@@ -330,7 +330,7 @@ def test_joints_do_not_forget_shear_as_the_first_loads_come(control):
     )
     load = f'[[loads]]\nblock = "lower"\nforce = [0.0, {push}, 0.0]\n'
     found = simulate(staged(control, blocks=blocks, more=load, kn=k_n, friction=0.8), record=False)
-    # of (u, theta, phi): the way of the lower cube, the turns of both about x; four points stand at the corners
+    # unknowns (u, theta, phi): displacement of the lower cube, rotations of both about x; four points at the corners
     slips = np.array([[1.0, 0.5 * size, 0.0], [1.0, -0.5 * size, -0.5 * size]])
     tilts = np.array([[0.0, 1.0, 0.0], [0.0, 1.0, -1.0]])
     stiffness = k_s * area * slips.T @ slips + k_n * area * (0.5 * size) ** 2 * tilts.T @ tilts
@@ -343,7 +343,7 @@ def test_joints_do_not_forget_shear_as_the_first_loads_come(control):
 
 @pytest.mark.parametrize("controls", [(turns(1.0), STATICS), (STATICS + "large_displacements = true\n",)])
 def test_how_blocks_fall_that_do_not_stand(controls):
-    """A slender block that is pushed at its top overturns, after a settlement and as drawn."""
+    """A slender block pushed at its top overturns, after a settlement and from the drawn geometry."""
     blocks = FLOOR + BLOCK.replace("0.4, 0.2, 0.1", "0.1, 0.2, 0.4").replace("0.05]", "0.2]")
     push = '[[loads]]\nblock = "block"\npoint = [0.0, 0.0, 0.4]\nforce = [40.0, 0.0, 0.0]\n'
     push += "stages = [2]\n" if len(controls) == 2 else ""
@@ -354,7 +354,7 @@ def test_how_blocks_fall_that_do_not_stand(controls):
 
 @pytest.mark.parametrize("last", [STATICS, 'kind = "dynamic"\nduration = 0.02\n'], ids=["statics", "real time"])
 def test_loads_of_a_settlement_end_with_it(last):
-    """A push of .2 W held through it has left the springs of the joint when it is off: V / (ks A)."""
+    """A push of .2 W during the settlement leaves no elastic shear V / (ks A) in the joint once it is removed."""
     load = f'[[loads]]\nblock = "block"\nforce = [0.0, {0.2 * WEIGHT!r}, 0.0]\nstages = [1]\n'
     held = simulate(staged(turns(1e-3), last, more=load, formulation="convex", kn=1e9))
     moved = held.frames["displacement"][-1, 1, 1]
@@ -375,7 +375,7 @@ def test_what_the_deformed_geometry_has_no_use_for_is_one_sentence():
 
 @pytest.mark.parametrize("last", [PUSH, TRAVEL], ids=["pushover", "displacement"])
 def test_a_search_after_a_settlement_goes_on_where_it_was_stopped(last, tmp_path, monkeypatch):
-    """Stopped between both stages and in the last: the same to the last bit."""
+    """Stopped between both stages and in the last: bit for bit the same."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
     given = staged(turns(10.0), last, more=(JACK if last is TRAVEL else "") + "[output]\ncheckpoint = 0.0\n")
     whole = simulate(given, tmp_path / "whole.h5")
@@ -401,7 +401,7 @@ def test_a_block_that_may_not_turn_slides_without_a_hinge():
 
 
 def test_a_load_that_a_soft_tie_follows_on_and_on_is_undecided(monkeypatch):
-    """V = mu W + k u, and whether the tie yields later nobody has seen when there is no room for more equilibria."""
+    """V = mu W + k u grows on; whether the tie yields later is unknown when the number of equilibria is used up."""
     monkeypatch.setattr(equilibria, "SPARE", 60)
     text = header("convex", 0.5, 1e10) + block("floor", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
     text += block("post", (-1.1, 0.0, 0.3), (0.2, 0.2, 0.6), "fixed = true")
@@ -417,7 +417,7 @@ def test_a_load_that_a_soft_tie_follows_on_and_on_is_undecided(monkeypatch):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_block_of_two_parts_rocks_as_a_whole_one(formulation):
-    """The joint of the far part opens wholly, and is no uplift of the block."""
+    """The joint of the far part opens completely, but that is not an uplift of the block."""
     parts = (
         "parts = [" + ", ".join(f"{{ box = [0.2, 0.4, 0.4], position = [{x}, 0.0, 0.0] }}" for x in (-0.1, 0.1)) + "]\n"
     )
@@ -428,7 +428,7 @@ def test_a_block_of_two_parts_rocks_as_a_whole_one(formulation):
 
 
 def test_a_block_that_slides_on_and_rests_below_its_limit_is_put_back():
-    """Pushed and lifted at a corner it swings as the load grows, slides by millimetres and rests: 1.5 % too low."""
+    """Pushed and lifted at a corner, it swings as the load grows, slides by millimetres and stops: 1.5 % too low."""
     turn = rotation_matrix(np.array([math.cos(0.15), 0.0, 0.0, math.sin(0.15)]))
     ends = itertools.product((-0.1323, 0.1323), (-0.1579, 0.1579), (0.0, 0.32845))
     corners, point = np.array(list(ends)), [-0.13224, 0.05971, 0.03686]

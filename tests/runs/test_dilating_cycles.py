@@ -1,4 +1,4 @@
-"""Cycles of a joint whose points dilate while the block slides and turns, against points in a plane by scipy."""
+"""Cycles of a joint whose points dilate while the block slides and turns, against plane points solved by scipy."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import dembrick
 from dembrick.scenario import toml
 from helpers.scenario_text import block, header, jack
 
-MU, PSI, KN = 0.45, 0.15, 1e10  # shear stiffness: 0.4 of that
+MU, PSI, KN = 0.45, 0.15, 1e10  # the shear stiffness is 0.4 KN
 ARM = np.array([0.02, 0.05])  # of the jack, m
 DIRECTION = np.array([0.4, -np.sqrt(1.0 - 0.4**2)])
 SIZE, HEIGHT, PRESSED = (0.13, 0.24), 0.3, 6000.0
@@ -16,8 +16,8 @@ TURNS = np.array([0.0, 8e-5, -4e-5, 8e-5, -4e-5])
 
 
 class Corners:
-    """Four corners of a block that moves in its plane, by radial return: `q` is its twist (m, m, rad) and how deep it
-    presses (m), beside the multiplier V (N)."""
+    """Four corners of a block that moves in its plane, by radial return: `q` holds its twist (m, m, rad), penetration
+    (m) and multiplier V (N)."""
 
     def __init__(self, N: float):
         self.at = 0.5 * np.array(SIZE) * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
@@ -54,7 +54,7 @@ class Corners:
 
 
 def test_cycles_of_a_joint_that_dilates_as_it_turns():
-    """It dilates the more where it slips most, and presses there: V creeps on along the plateau, by the way it took."""
+    """It dilates most where it slips most, and pressure grows there: V creeps along the plateau, by its path."""
     text = header("concave", MU, KN, keys=f"dilation = {PSI}\n")
     text += block("floor", (0.0, 0.0, -0.05), (*SIZE, 0.1), "fixed = true")
     text += block("stone", (0.0, 0.0, 0.5 * HEIGHT), (*SIZE, HEIGHT), 'held = ["rx", "ry"]')

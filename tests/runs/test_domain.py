@@ -1,4 +1,4 @@
-"""Yield domains from the command line and from Python: joints of every kind, their checks, bad requests."""
+"""Yield domains from the command line and from Python: all kinds of joints, their checks, bad requests."""
 
 import dataclasses
 import json
@@ -28,7 +28,7 @@ def answer(capsys, *arguments):
 
 
 def test_the_quarter_of_a_rectangle(capsys, tmp_path):
-    """Five formulations: pure shear, pure torsion and between; theory inside each bracket; a table of all points."""
+    """Five formulations: pure shear, pure torsion and between; theory lies in each bracket; a table of all points."""
     table = tmp_path / "points.csv"
     code, found = answer(capsys, *LAB, "--simulate", "5", "--points", "3", "--csv", str(table))
     assert code == 0 and set(found["checks"]) == {"concave", "corrected", "corrected-shear", "convex", "distributed"}
@@ -54,7 +54,7 @@ def test_a_polygon_all_round_and_a_scenario(capsys):
 
 
 def test_the_load_above_a_joint_that_follows_the_bending(capsys):
-    """Mid-height and pressure "effective": an indicator, and theory still within the tolerance."""
+    """Load at mid-height and pressure "effective": an indicator, and theory still within the tolerance."""
     code, found = answer(capsys, *LAB, "--formulation", "convex", "--pressure", "effective", "--height", "0.05",
                          "--simulate", "4", "--points", "2")  # fmt: skip
     assert code == 0 and not found["checks"]["convex"]["certified"]
@@ -80,7 +80,7 @@ def two_feet(tmp_path):
 
 
 def test_a_block_on_two_feet_does_not_tip_between_them(capsys, two_feet):
-    """Torsion about the middle: mu N times the mean distance of the feet's area from it. The run's limit is on it."""
+    """Torsion about the middle: mu N times the mean distance of the feet's area from it. The run's limit lies on it."""
     code, found = answer(capsys, "--scenario", two_feet, "--simulate", "3", "--points", "2")
     x, y = np.meshgrid(0.3 + 0.2 * (np.arange(400) + 0.5) / 400, -0.2 + 0.4 * (np.arange(400) + 0.5) / 400)
     slides = 0.7 * 2000.0 * abs(GRAVITY[2]) * (0.4 * 0.2 + 2 * 0.2 * 0.4 * 0.3)
@@ -111,14 +111,14 @@ def test_what_the_domain_of_two_feet_does_not_know_is_said(capsys, two_feet, wor
 
 @pytest.fixture
 def figures(monkeypatch):
-    """The figures that would be written."""
+    """The figures that would be saved."""
     drawn = []
     monkeypatch.setattr(plot, "save", lambda figure, path: drawn.append(figure))
     return drawn
 
 
 def test_the_picture_has_the_eccentricity_and_the_direction_of_the_table(capsys, figures):
-    """Four corners under N beside the middle: all pressed, by N / 4 (1 + 4 e_1 x / a^2 + 4 e_2 y / b^2) each."""
+    """Four corners under an eccentric N: all in compression, by N / 4 (1 + 4 e_1 x / a^2 + 4 e_2 y / b^2) each."""
     e, turned = np.array([0.03, -0.02]), np.radians(30.0)
     beside = ["--eccentricity", *map(str, e), "--shear-angle", "30"]
     code, found = answer(capsys, *LAB, *beside, "--formulation", "concave", "--simulate", "5", "--to", "domain.png")
@@ -128,8 +128,8 @@ def test_the_picture_has_the_eccentricity_and_the_direction_of_the_table(capsys,
     bearing = 0.64 * 467 / 4 * (1.0 + corners @ (4.0 * e / [0.3**2, 0.2**2]))
     x, y = np.meshgrid(np.linspace(-0.15, 0.15, 601), np.linspace(-0.1, 0.1, 401))
     couple = sum(own * np.hypot(x - r[0], y - r[1]) for own, r in zip(bearing, corners, strict=True)).min()
-    assert curve[-1] == pytest.approx([0.0, couple], rel=1e-5, abs=1e-9)  # it turns where that takes least
-    # pure shear turns as well: the least of all slips with as much work of the force, and none of torsion
+    assert curve[-1] == pytest.approx([0.0, couple], rel=1e-5, abs=1e-9)  # it turns about the point of least work
+    # pure shear turns too: minimise over all slips on which the force does the same work and torsion none
     along, across = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
     v, w = np.meshgrid(np.linspace(-1.0, 1.0, 401), np.linspace(-10.0, 10.0, 2001))
     slip = [along[k] + v * across[k] for k in (0, 1)]
@@ -148,7 +148,7 @@ def test_the_picture_has_the_pressure_and_the_height_of_the_table(capsys, figure
 
 
 def _off(found: dict, curve: np.ndarray) -> float:
-    """How far the simulated points lie from the curve that is drawn, over their distance from the origin."""
+    """Greatest distance of the simulated points from the drawn curve, over their distance from the origin."""
     points = np.array([(row["V"], row["M_T"]) for row in found["rows"] if row["source"] == "DEM"])
     scale = np.abs(points).max(axis=0)
     turn = [np.arctan2(own[:, 1], own[:, 0]) for own in (points / scale, curve / scale)]
@@ -172,7 +172,7 @@ def test_from_python():
 
 
 def test_the_joint_of_an_eccentric_scene():
-    """N and where it acts, from statics, for either order of the blocks."""
+    """N and its point of application, from statics, for either order of the blocks."""
     base = lab_scenario("set4a", "convex")
     joint = domain.DomainJoint.of_assembly(build.assemble(base))
     assert joint.edges == pytest.approx((0.3, 0.2)) and joint.eccentricity == (0.0, 0.0)
@@ -222,7 +222,7 @@ def test_options_that_do_nothing_are_refused(words, said, capsys):
 
 
 def test_a_joint_with_cohesion(capsys):
-    """c A + mu N = 898.88 N in shear, times c_T in torsion: by theory, and by a search in each direction."""
+    """c A + mu N = 898.88 N in shear, times c_T in torsion: by theory and by one search per direction."""
     wanted = ["--cohesion", "1e4", "--formulation", "convex", "concave", "--simulate", "3", "--points", "2"]
     code, found = answer(capsys, *LAB, *wanted)
     assert code == 0 and found["joint"]["cohesion"] == 1e4

@@ -1,4 +1,4 @@
-"""Tests by displacement in the deformed geometry: what is driven is where it is to be, however steeply V falls."""
+"""Tests by displacement in the deformed geometry: the driven point is where it should be, however steeply V falls."""
 
 import numpy as np
 import pytest
@@ -30,18 +30,18 @@ def driven(formulation, ways, keys="", more=PRESSED, jacks=JACK, stone=STONE):
 
 
 def curve(found):
-    """Driven displacement (m) and V of every equilibrium."""
+    """Driven displacement (m) and V of all equilibria."""
     return found.run.path[:, 0], found.run.path[:, 1]
 
 
 def there(found, u):
-    """V where the driven displacement was so far, between equilibria."""
+    """V at a driven displacement ``u``, interpolated between equilibria."""
     return np.interp(u, *curve(found))
 
 
 @pytest.mark.parametrize("formulation, stiffness", [*((one, 0.0) for one in FORMULATIONS), ("concave", 1e6)])
 def test_a_brittle_bond_breaks_where_it_is(formulation, stiffness):
-    """V is (c A + mu N) at the slip of the springs, then mu N, and what a tie takes; nothing goes on by itself."""
+    """V is c A + mu N at the elastic slip, then mu N, plus the force of a tie; the block does not run on by itself."""
     tie = TIE if stiffness else ""
     points = "points = [3, 2]\n" if formulation == "distributed" else ""
     found = driven(formulation, f"travel = {TRAVEL}", f"{points}cohesion = {C}", PRESSED + tie)
@@ -56,7 +56,7 @@ def test_a_brittle_bond_breaks_where_it_is(formulation, stiffness):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_bond_that_broke_in_a_cycle_stays_broken(formulation):
-    """To and fro about the start: a loop of mu N, less the slip of the springs at each turn."""
+    """A cycle about the start: a loop of mu N, less the elastic slip at each reversal."""
     found = driven(formulation, f"protocol = [{TRAVEL}, {-TRAVEL}, {TRAVEL}]", f"cohesion = {C}")
     slip = 2.0 * TRAVEL - 2.0 * MU * N / (KS * A)
     (cycle,) = found.cycles
@@ -75,7 +75,7 @@ def test_friction_that_falls_at_the_first_slip(formulation):
 
 @pytest.mark.parametrize("held", ['["y", "z", "rx", "ry", "rz"]', '["rz"]', '["ry", "rz"]'])
 def test_a_guided_block_goes_where_its_jack_takes_it(held):
-    """The jack acts beside the centroid, so that guides of the turn carry a moment."""
+    """The jack acts beside the centroid, so guides against rotation carry a moment."""
     stone = block("stone", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1), f"held = {held}")
     found = driven("concave", f"travel = {TRAVEL}", jacks=jack("stone", (-0.2, 0.05, 0.05)), stone=stone)
     if "z" in held.split('"'):
@@ -86,7 +86,7 @@ def test_a_guided_block_goes_where_its_jack_takes_it(held):
 
 
 def test_jacks_of_two_blocks_share_their_displacement():
-    """Weights 3 and -1: what moves is the block that needs less V, and u is (3 u_1 - u_2) / 4."""
+    """Weights 3 and -1: the block that needs the lower V moves, and u is (3 u_1 - u_2) / 4."""
     second = block("second", (0.0, 0.6, 0.05), (0.4, 0.2, 0.1))
     floor_2 = block("floor 2", (0.0, 1.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
     loads = PRESSED + PRESSED.replace('"stone"', '"second"').replace("0.0, 0.0, 0.05]", "0.0, 0.6, 0.05]")
@@ -107,7 +107,7 @@ def test_a_driven_pressure_pushes_as_a_jack_does():
     face = 0.2 * 0.1
     u = np.linspace(0.0, TRAVEL, 50)
     peak = curve(by_jack)[1].max()
-    assert MU * N < 0.5 * peak < C * A + MU * N  # it is pushed above its joint, of which a part breaks first
+    assert MU * N < 0.5 * peak < C * A + MU * N  # it is pushed above its joint, part of which breaks first
     assert face * there(by_pressure, u) == pytest.approx(there(by_jack, u), abs=2e-3 * peak)
     assert curve(by_pressure)[1][-1] == pytest.approx(MU * N / face, rel=1e-5)
     assert curve(by_pressure)[0][-1] == pytest.approx(TRAVEL, rel=1e-9)
@@ -121,9 +121,8 @@ def test_a_point_that_is_held_cannot_be_driven():
 
 @pytest.mark.parametrize("parts", [1, 2])
 def test_a_column_that_rocks_has_its_greatest_load_at_once(parts):
-    """W b / (2 h) at the start; then V = W (b cos t - h sin t) / (2 h cos t + 2 b sin t), turned by t about an edge.
-    The joint between two blocks, with half of the friction at hand, stays as it is: nothing goes so fast that it
-    slips."""
+    """W b / (2 h) at the start; then V = W (b cos t - h sin t) / (2 h cos t + 2 b sin t), rotated by t about an edge.
+    The joint between two blocks uses half of its friction and must not slip through inertia."""
     b, h, W = 0.2, 1.0, 0.2 * 0.3 * 1.0 * 2000.0 * 9.81
     law, column = header("concave", 0.5, 1e11), ""
     for k in range(parts):
@@ -142,7 +141,7 @@ def test_a_column_that_rocks_has_its_greatest_load_at_once(parts):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_what_lies_on_a_block_goes_along(formulation):
-    """Nothing pulls at it but what it takes to speed it up, which a slow test does not."""
+    """The rider exerts only its inertia force, which vanishes in a slow test: V is mu times the whole weight."""
     rider = block("rider", (0.0, 0.0, 0.125), (0.2, 0.2, 0.05))
     control = '[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = 0.03\n'
     push = jack("stone", (0.0, 0.0, 0.0))
@@ -154,8 +153,8 @@ def test_what_lies_on_a_block_goes_along(formulation):
 
 @pytest.mark.parametrize("height", [0.5, 0.7])
 def test_a_stiff_block_comes_to_rest_wherever_it_is_pushed(height):
-    """Local damping makes forces of dashpots too 1.8 times as large: at .7 of the time step a block whose point is held
-    swung on for ever."""
+    """Local damping makes forces of dashpots up to 1.8 times as large: at .7 of the time step a block whose point was
+    fixed oscillated without end."""
     b, h, W = 0.6, 1.2, 0.6 * 0.3 * 1.2 * 2000.0 * 9.81
     text = header("concave", 5.0, 1e10) + FLOOR + block("column", (0.0, 0.0, 0.5 * h), (b, 0.3, h))
     text += jack("column", (-0.5 * b, 0.0, height * h))
@@ -190,8 +189,8 @@ def test_a_short_way_far_from_the_middle_of_the_scene():
 
 @pytest.mark.parametrize("fixed", [False, True])
 def test_blocks_that_meet_are_followed_in_shorter_steps(fixed):
-    """A block on a joint that is driven into another bears on more springs than the joints that the time step is for:
-    V is the friction of one block, then of both, or grows with the overlap at the face that holds."""
+    """A block driven into another bears on more springs than the joints that the time step was chosen for: V is the
+    friction of one block, then of both, or it grows with the overlap at a fixed face."""
     gap, kn, mu, density = 1e-4, 1e10, 0.6, 2000.0
     size, face = (0.2, 0.2, 0.1), 0.2 * 0.1
     law = header("concave", mu, kn, density=density)
@@ -221,7 +220,7 @@ def test_the_largest_load_of_a_test_to_and_fro_may_be_a_negative_one():
 
 
 def test_a_loop_that_loses_nothing_loses_nothing_whatever_comes_after():
-    """Forces below mu N, then one that pushes the block on to another: it had -5e-7 J."""
+    """Forces below mu N, then one that drives the block into another; the first loop once dissipated -5e-7 J."""
     text = header("concave", 0.3, 1e9) + FLOOR + block("stone", (0.0, 0.0, 0.05)) + block("curb", (0.302, 0.0, 0.05))
     text += jack("stone", (-0.15, 0.0, 0.02))
     control = '[control]\nkind = "displacement"\nlarge_displacements = true\nforce_protocol = [30.0, -20.0, 50.0]\n'

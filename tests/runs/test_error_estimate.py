@@ -1,4 +1,4 @@
-"""The error bar that `--refine` gives: it must hold what rigid blocks do, and grow with what makes a run inexact."""
+"""The error bar of `--refine` covers the limit of rigid blocks and grows with the sources of error of a run."""
 
 import math
 
@@ -26,7 +26,7 @@ def wall(formulation, *changes):
 
 @pytest.mark.parametrize("formulation", ["concave", pytest.param("convex", marks=pytest.mark.slow)])
 def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation):
-    """t / H = 0.4; soft convex joints fall early and a fast table shows it late, and the two must not cancel."""
+    """t / H = 0.4; soft convex joints fall early and a fast table records it late, and these errors must not cancel."""
     fallen = simulate(wall(formulation, "control.displacement=0.01"), record=False, refine=True).collapse
     away = abs(fallen["load_factor"] - 0.4)
     assert 1e-3 < away < fallen["error_estimate"] < 0.05
@@ -34,7 +34,7 @@ def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation):
 
 @pytest.mark.parametrize("stiffness", [1e10, pytest.param(1e9, marks=pytest.mark.slow)])
 def test_a_bar_holds_the_rigid_block_that_is_pushed_over_a_convex_joint(stiffness):
-    """The strip under its edge makes the error c k^-1/3 and less of higher powers: just that is no bar."""
+    """The contact strip at its edge makes the error c k^-1/3 plus lower-order terms: the first term alone is no bar."""
     floor = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.2, 0.4, 0.4), (0.0, 0.0, 0.2))
     control = PushoverControl((1.0, 0.0, 0.0), quasi_static=False, rate=1e-3, displacement=4e-3)
@@ -77,7 +77,7 @@ def test_what_is_printed(folder, capsys):
 
 
 def test_a_shaken_block_is_in_its_bar_though_twice_the_stiffness_changes_little():
-    """A block on soft joints: what slides in time, against the rigid block stepped here, by v' = -a -+ mu (g + a_z)."""
+    """A block on soft joints: its slip in time against a rigid block integrated here, v' = -a -+ mu (g + a_z)."""
     result = simulate(toml.loads(SHAKEN), record=False, refine=True)
     v = x = 0.0
     dt = 1e-6

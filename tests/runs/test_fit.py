@@ -1,4 +1,4 @@
-"""Friction out of measured yield points."""
+"""Friction fitted to measured yield points."""
 
 from types import SimpleNamespace
 
@@ -29,7 +29,7 @@ def line(name, V, *more):
 
 
 def test_the_printed_numbers_of_the_paper_give_their_friction_back():
-    """Eight analytical yield points, rounded to a newton; the scenario files' own friction must not matter."""
+    """Eight analytical yield points, rounded to a newton; the friction in the scenario files must not matter."""
     measurements = fit.read(FOLDER / "paper_analytical.csv")
     fits = {one.formulation: one for one in fit.fit(measurements, ("convex", "concave"))}
     stated = fits["as stated"]
@@ -47,13 +47,13 @@ def test_the_experiments_speak_for_the_area_and_against_the_corners():
     assert convex.mu == pytest.approx(0.655, abs=0.002)
     assert concave.scatter > 5.0 * convex.scatter
     alone = {test["test"]: test["mu"] for test in convex.tests}
-    # each test alone, by proportion from theory at .64: 107.1658, 192.8984, 216.0549, 161.9025
+    # each test alone, in proportion to theory at .64: 107.1658, 192.8984, 216.0549, 161.9025
     expected = {"2a": 108 / 107.1658, "2b": 205 / 192.8984, "4a": 216 / 216.0549, "4b": 166 / 161.9025}
     assert alone == pytest.approx({name: 0.64 * ratio for name, ratio in expected.items()}, rel=1e-4)
 
 
 def test_mu_and_its_interval_by_the_closed_form_of_a_proportional_law(tmp_path):
-    """V = k mu, so with relative errors mu and its interval are those of the mean of V_i / k_i."""
+    """V = k mu, so for relative errors mu and its interval follow from the mean of V_i / k_i."""
     k = np.array([107.1658, 192.8984, 216.054938, 161.9025]) / 0.64
     measured = 0.58 * k * np.array([1.02, 0.97, 1.01, 0.99])
     names = ("2a", "2b", "4a", "4b")
@@ -76,7 +76,7 @@ def test_a_stated_deviation_weighs(tmp_path):
 
 
 def test_intervals_hold_the_friction_of_tests_that_scatter_by_a_seventh(monkeypatch):
-    """V = k mu with errors of 15 %: errors over the measured V would find 4.5 % too little, and hold half of 95 %."""
+    """V = k mu with errors of 15 %: errors relative to the measured V would lower mu by 4.5 % and coverage by half."""
     monkeypatch.setattr(fit, "_simulated", lambda group, name, mu: mu * np.array([float(one.test) for one in group]))
     rng, held = np.random.default_rng(3), 0
     scenario = toml.load("set4a")
@@ -90,7 +90,7 @@ def test_intervals_hold_the_friction_of_tests_that_scatter_by_a_seventh(monkeypa
 
 
 def test_bars_are_no_less_than_what_was_stated_and_read(tmp_path):
-    """Two equal readings say nothing of their scatter: deviations do, or the digits that were read."""
+    """Two equal readings show no scatter; stated deviations bound the interval, or the number of digits read."""
     k = 107.1658 / 0.64
     stated = data(tmp_path, line("2a", 110, "10"), line("2a", 110, "10"), header="test,scenario,V [N],deviation [N]")
     (found,) = fit.fit(fit.read(stated), ("convex",))
@@ -104,7 +104,7 @@ def test_bars_are_no_less_than_what_was_stated_and_read(tmp_path):
 
 
 def test_a_test_at_constant_rate_counts_by_its_limit(tmp_path):
-    """The scenario of its curve has the same jacks, and so the same friction."""
+    """The scenario of its curve has the same jacks, and so gives the same friction."""
     found = []
     for name in ("set4a", "set4a_curve"):
         path = tmp_path / f"{name}.csv"
@@ -154,7 +154,7 @@ def test_the_command(capsys):
 
 
 def block(tmp_path, name, width, push_at, weight=100.0, control=None, **strengths):
-    """A block 0.2 m deep and 0.4 m high: it slides at mu W, or tips over at W width / (2 push_at)."""
+    """A block 0.2 m deep and 0.4 m high: it slides at mu W, or overturns at W width / (2 push_at)."""
     blocks = (
         Block("lower", "stone", box=(1.0, 1.0, 0.1), position=(0.0, 0.0, -0.05), fixed=True),
         Block("upper", "stone", box=(width, 0.2, 0.4), position=(0.0, 0.0, 0.2)),
@@ -170,9 +170,9 @@ def block(tmp_path, name, width, push_at, weight=100.0, control=None, **strength
 @pytest.mark.parametrize(
     ("lines", "mu", "alone"),
     [
-        (["tips,20"], 0.2, [0.2]),  # at 0.5 it tips, and tells nothing
+        (["tips,20"], 0.2, [0.2]),  # at 0.5 it overturns, which gives no friction
         (["tips,30", "slides,60"], 0.6, [None, 0.6]),
-        (["late,52", "slides,48", "heavy,150"], 0.5, None),  # best where `late` begins to tip
+        (["late,52", "slides,48", "heavy,150"], 0.5, None),  # best fit where `late` begins to overturn
     ],
 )
 def test_blocks_that_tip_over_have_a_friction_too(tmp_path, lines, mu, alone):

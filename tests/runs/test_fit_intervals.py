@@ -1,4 +1,4 @@
-"""Intervals of least-squares fits hold the truth as often as they say, over drawn scatter of several kinds."""
+"""Intervals of least-squares fits cover the truth as often as they claim, for random scatter of several kinds."""
 
 import numpy as np
 import pytest
@@ -10,13 +10,13 @@ DRAWS = 400
 
 
 def rise_and_plateau(n: int, keys: int) -> np.ndarray:
-    """Slopes (n, k) of a curve that rises over a fifth of its way: a plateau by friction, a rise by stiffness."""
+    """Slopes (n, k) of a curve that rises over a fifth of its length: a plateau by friction, a rise by stiffness."""
     way = np.linspace(0.0, 1.0, n)
     return np.column_stack([np.where(way >= 0.2, 1.0, 0.05), np.where(way < 0.2, way / 0.2, 0.02)])[:, :keys]
 
 
 def covered(slopes: np.ndarray, scatter, ends=()) -> float:
-    """The share of draws of ``scatter(rng, n)`` whose intervals hold all keys, which are zero."""
+    """The share of draws of ``scatter(rng, n)`` whose intervals cover all keys, whose true value is zero."""
     rng = np.random.default_rng(7)
     fit, held = np.linalg.pinv(slopes), 0
     for _ in range(DRAWS):
@@ -27,7 +27,7 @@ def covered(slopes: np.ndarray, scatter, ends=()) -> float:
 
 
 def drift(rng, n):
-    """A swing over the whole curve beside noise as great."""
+    """A slow wave over the whole curve, plus noise of the same size."""
     way = np.linspace(0.0, 1.0, n)
     return np.sin(2.0 * np.pi * (rng.uniform(0.3, 2.0) * way + rng.random())) + rng.normal(size=n)
 
@@ -47,7 +47,7 @@ def test_scatter_that_is_alike_and_independent(n, keys):
 
 @pytest.mark.parametrize("n, keys", [(500, 1), (1000, 2), (4000, 2)])
 def test_a_drift_does_not_get_surer_by_more_points(n, keys):
-    """The correlation of neighbours alone takes 4,000 points for a thousand, and holds the keys in one of ten."""
+    """By the correlation of neighbours alone 4,000 points count as a thousand, and one interval in ten is right."""
     assert covered(rise_and_plateau(n, keys), drift) >= 0.83
 
 
@@ -56,7 +56,7 @@ def test_what_runs_on_from_point_to_point():
 
 
 def test_a_strong_curve_of_few_points_beside_a_weak_one_of_many():
-    """Noise of 1 % of each peak; one scatter for all holds the key in 40 of 100 draws."""
+    """Noise of 1 % of each peak; a common scatter for both curves would cover the key in 40 of 100 draws."""
     heights = np.repeat([1.0, 0.1], [8, 200])
     held = covered(heights[:, None], lambda rng, n: 0.01 * heights * rng.normal(size=n), (8,))
     assert 0.92 <= held <= 0.99
@@ -70,7 +70,7 @@ def test_noise_that_grows_with_the_force():
 
 
 def test_a_width_by_hand():
-    """Of n equal points: t s / sqrt(n), s the deviation and t = 2.262157 of Student for ten points."""
+    """For n equal points: t s / sqrt(n), with s the deviation and Student's t = 2.262157 for ten points."""
     forces = np.array([3.0, -1.0, 4.0, -1.0, -5.0, 9.0, -2.0, 6.0, -5.0, 3.0])
     left = forces - forces.mean()
     (half,) = half_widths(np.ones((10, 1)), left, (), 0.95)
@@ -78,8 +78,8 @@ def test_a_width_by_hand():
 
 
 def test_the_width_of_running_scatter_by_its_double_sum():
-    """Newey and West: sum_ij a_i a_j g_|i-j| (1 - |i - j| / L) of n equal points, a = 1 / n, with the autocovariance g
-    of the residuals and L = n / 3 + 1 lags. Neighbours are uncorrelated here, every other point is."""
+    """Newey and West: sum_ij a_i a_j g_|i-j| (1 - |i - j| / L) for n equal points, a = 1 / n, with the autocovariance g
+    of the residuals and L = n / 3 + 1 lags. Here neighbours are uncorrelated, and every second point is not."""
     n = 30
     left = np.where(np.arange(n) < n // 2, 1.0, -1.0) + np.where(np.arange(n) % 2, 1.0, -1.0)
     lags = n // 3 + 1
