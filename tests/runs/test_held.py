@@ -1,4 +1,4 @@
-"""Blocks that a rig guides, against closed forms, in every kind of control."""
+"""Blocks guided by a test rig, against closed forms, in every kind of control."""
 
 import math
 
@@ -15,7 +15,7 @@ from helpers.scenario_text import header
 TURNS = '["y", "rx", "ry", "rz"]'
 SLIDES = '["y", "rx", "ry", "rz"]'
 b, h, G = 0.2, 0.6, 9.81
-W, N = 2000.0 * G * b * b * h, 1000.0 * G * 0.4 * 0.2 * 0.2  # of the stone, and of the beam on it
+W, N = 2000.0 * G * b * b * h, 1000.0 * G * 0.4 * 0.2 * 0.2  # of the stone and of the beam on it
 DOUBLE_FIXED = (N * b + 0.5 * W * b) / h
 
 
@@ -74,7 +74,7 @@ def test_the_same_in_the_deformed_geometry_and_at_constant_rate():
 
 
 def test_a_cantilever_and_what_its_guide_bears():
-    """Free to turn: (N + W) b / 2 over the height of the jack; the guide across the plane bears nothing."""
+    """Free to rotate: (N + W) b / 2 over the height of the jack; the guide out of plane carries no force."""
     found = dembrick.simulate(under_beam("kind = 'yield', tolerance = 1e-4", '["y", "rx", "rz"]'), record=False)
     assert found.yield_point.V == pytest.approx((N + W) * b / 2 / (h + 0.1), rel=1e-6)
     assert np.abs(found.reactions["beam"]).max() < 1e-6 * found.yield_point.V
@@ -92,8 +92,8 @@ def test_a_beam_held_in_z_sends_its_load_into_its_guide():
 
 
 def test_lasting_cohesion_under_a_guide_is_in_the_bracket():
-    """A convex joint with ductile cohesion that turns and slides about a guide, by the least of all mechanisms
-    (519.7326 N): what carries cohesion does not slide yet where friction alone would, nor does it rock on."""
+    """A convex joint with ductile cohesion turns and slides about a guide; the least mechanism needs 519.7326 N. With
+    cohesion, areas stick that friction alone would let slide, and the block does not rock on."""
     law = {"cohesion": 10773.752015142261, "residual_cohesion": 10773.752015142261}
     keys = "\n".join(f"{key} = {value}" for key, value in law.items())
     text = header("convex", 0.2574315042109354, 1e10, keys=keys)
@@ -108,7 +108,7 @@ def test_lasting_cohesion_under_a_guide_is_in_the_bracket():
 
 
 def test_a_triplet():
-    """EN 1052-3: V + W = 2 (c A + mu N), the outer units held in all turns and along V."""
+    """EN 1052-3: V + W = 2 (c A + mu N), the outer units fixed against all rotations and along V."""
     sides = [
         "[[blocks]]\nname = '{}'\nmaterial = 'stone'\nbox = [0.06, 0.12, 0.25]\nposition = [{}, 0, 1]\n{}".format(*one)
         for one in (("left", -0.06, "fixed = true"), ("middle", 0.0, ""),
@@ -134,7 +134,7 @@ def test_a_triplet():
 ])  # fmt: skip
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_slender_block_that_may_not_turn_slides(control, formulation):
-    """At the friction, where it would overturn at b/h: the table carries the guides with it."""
+    """At the friction coefficient, below the b/h at which it would overturn: the table carries the guides with it."""
     text = blocks(control, block("stone", [0.2, 0.2, 0.8], 0.4, f"held = {SLIDES}"), formulation=formulation,
                   friction=0.5, stiffness=1e9)  # fmt: skip
     found = dembrick.simulate(toml.loads(text), record=False).as_dict()
@@ -146,7 +146,7 @@ def test_a_slender_block_that_may_not_turn_slides(control, formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_guided_block_slows_down_by_friction(formulation):
-    """Thrown along its guide it comes to rest after v^2 / (2 mu g), upright; its energy balances."""
+    """Thrown along its guide, it stops upright after v^2 / (2 mu g); its energy balances."""
     text = blocks("kind = 'dynamic', duration = 0.3", block("stone", [0.2, 0.2, 0.8], 0.4, f"held = {SLIDES}",
                   "velocity = [1, 0, 0]"), formulation=formulation, friction=0.5, stiffness=1e9)  # fmt: skip
     found = dembrick.simulate(toml.loads(text))
@@ -160,7 +160,7 @@ def test_a_guided_block_slows_down_by_friction(formulation):
     ('["rx"]', [0.0, 2.0, 1.0]), ('["rx", "ry"]', [0.0, 0.0, 3.0]), ('["x", "rz"]', [1.0, -2.0, 0.0]),
 ])  # fmt: skip
 def test_held_turns_of_a_block_whose_inertia_is_not_diagonal(held, omega):
-    """What does not turn does not turn to 1e-12 of the rest; the guides do no work."""
+    """Fixed components of the spin stay below 1e-12 of the others, and the guides do no work."""
     text = blocks("kind = 'dynamic', duration = 0.4", block("stone", [0.2, 0.5, 0.3], 2.0, f"held = {held}",
                   "orientation = [0.8, 0.36, 0.48, 0.0]", f"angular_velocity = {omega}"))  # fmt: skip
     found = dembrick.simulate(toml.loads(text.replace(f"-{G}]", "0]")))
@@ -168,14 +168,14 @@ def test_held_turns_of_a_block_whose_inertia_is_not_diagonal(held, omega):
     still = np.array([name in held for name in ("rx", "ry", "rz")])
     assert np.abs(spin[:, still]).max() <= 1e-12 * np.abs(spin).max()
     guide = found.rows["reaction"][:, 1]
-    assert np.abs(guide[:, 3:][:, still]).max() > 1e-2  # the coupling is there
+    assert np.abs(guide[:, 3:][:, still]).max() > 1e-2  # the inertia couples the axes
     assert (guide[:, 3:][:, ~still] == 0.0).all()
     kinetic = found.rows["energy"]["kinetic"]
     assert np.ptp(kinetic) < 2e-5 * kinetic[0]
 
 
 def test_a_shaken_base_carries_the_guides():
-    """In the frame of the base the block rests, and its guide gives it the acceleration."""
+    """In the frame of the base the block is at rest, and its guide provides its acceleration: m a."""
     text = blocks("kind = 'base-motion', duration = 0.5, direction = [1, 0, 0], sine = {amplitude = 2, frequency = 4}",
                   block("stone", [0.2, 0.2, 0.8], 0.4, "held = ['x', 'y', 'rx', 'ry', 'rz']"),
                   friction=0.5, stiffness=1e9)  # fmt: skip
@@ -225,7 +225,7 @@ def test_a_jack_that_pushes_against_a_guide_is_refused():
 
 @pytest.mark.parametrize("held", ['["y", "rx", "ry", "rz"]', '["y", "rx", "rz"]'])
 def test_guides_bear_the_same_in_limit_analysis(held, tmp_path):
-    """A jack across the guide and above the joint: what joints leave of weight and jack, by statics of the block."""
+    """A jack across the guide and above the joint: the guide carries the same as in a run, by statics of the block."""
     stone = block("stone", [0.3, 0.2, 0.2], 0.1, f"held = {held}")
     text = blocks("kind = 'yield', tolerance = 1e-6", stone, friction=0.5)
     push = "\n[[actuators]]\nname = 'j'\nblock = 'stone'\npoint = [0.0, 0.05, 0.2]\ndirection = [1.0, 0.5, 0.0]\n"

@@ -1,4 +1,4 @@
-"""Rates at which inertia shows in the load: a remark on standard error, which --quiet hides."""
+"""Rates at which inertia is visible in the load: a remark on standard error, which --quiet suppresses."""
 
 import math
 
@@ -22,7 +22,7 @@ def test_a_slow_test_passes_without_a_word():
 
 
 def test_a_fast_test_is_remarked(capsys, tmp_path):
-    """V_peak stands out by what inertia carries, and less than rate x sqrt(k m) of the undamped start."""
+    """V_peak exceeds the limit by the inertia force, but by less than rate x sqrt(k m) of an undamped start."""
     words = ["run", str(CURVE), "--set", CONCAVE, "--set", "control.rate=1e-3", "--out", str(tmp_path / "fast.h5")]
     assert main(words) == 0
     assert "control.rate = 0.001 m/s is fast: inertia carries about 8.3 % of V" in capsys.readouterr().err
@@ -32,16 +32,16 @@ def test_a_fast_test_is_remarked(capsys, tmp_path):
 
 @pytest.mark.parametrize("stem, mass", [("shear", 9.0), ("set4a", 1.0 / (1.0 / 9.0 + 0.075**2 / 0.0975))])
 def test_the_mass_that_an_actuator_speeds_up(stem, mass):
-    """A block of 9 kg, 0.3 x 0.2 m in plan: alone, and turning too if it is pushed 75 mm beside its centroid, at the
-    height of the centroid."""
+    """A block of 9 kg, 0.3 x 0.2 m in plan, pushed at the height of its centroid: the mass moves alone, or turns too if
+    the push is 75 mm off the centroid."""
     changes = ["blocks.upper.position=[0.0, 0.0, 0.05]"]
     assembly = assemble(toml.load(SCENARIOS / f"{stem}.toml", changes))
-    lever = 0.05**2 / (9.0 * (0.2**2 + 0.1**2) / 12.0)  # the joint lies 50 mm below the centroid
+    lever = 0.05**2 / (9.0 * (0.2**2 + 0.1**2) / 12.0)  # the joint is 50 mm below the centroid
     assert effective_mass(assembly) == pytest.approx(1.0 / (1.0 / mass + lever), rel=1e-12)
 
 
 def test_a_fast_table_is_remarked():
-    """The angle at which a block has moved lies beyond the onset by what its fall takes."""
+    """The angle at which a block has visibly moved exceeds the onset by the tilt added during its fall."""
     changes = [
         'joint.formulation="concave"',
         "walls.wall.courses=4",

@@ -1,4 +1,4 @@
-"""Stages have the same joints and contact points, whether blocks move in them or not."""
+"""All stages have the same joints and contact points, whether blocks move in a stage or not."""
 
 import os
 
@@ -45,7 +45,7 @@ def scenario(formulation, *stages):
     ],
 )  # fmt: skip
 def test_a_stone_of_two_parts_slides_by_its_weight_in_every_stage(formulation, stages):
-    """The parts make one joint where nothing moves, else two, and distributed points suit a stage's tolerance."""
+    """V = mu W. The parts form one joint if no stage moves, else two; distributed points follow a stage's tolerance."""
     found = simulate(scenario(formulation, *stages), record=False)
     answers = [stage["yield_point"] for stage in found.stages if stage["kind"] == "yield"]
     answers += [found.as_dict()["yield_point"]] if stages[-1] == SEARCH else []

@@ -1,4 +1,4 @@
-"""Measured curves that cannot be compared: the reason that is said is the true one."""
+"""Measured curves that cannot be compared are refused with the true reason."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_why_a_curve_cannot_be_compared(name):
 
 @pytest.mark.parametrize("name", CURVES)
 def test_a_fit_says_the_same(name):
-    """It said of each that the travel of the run ends too early."""
+    """It once reported for each of them that the travel of the run ends too early."""
     u, V, said = CURVES[name]
     start = toml.load("set4a_curve", ["control.travel=5e-6", "control.rate=1e-4", "output.rows=300"])
     with pytest.raises(ScenarioError, match=said):
@@ -34,19 +34,19 @@ def test_a_fit_says_the_same(name):
 
 
 def test_what_has_a_misfit_is_comparable():
-    """Scatter of a gauge about the start, and a cyclic run against its own loops and against one way of them."""
+    """Scatter of a gauge about zero, and a cyclic run against its own loops and against one branch of them."""
     scatter = MeasuredCurve("", np.array([0.0, -1e-7, 1e-5, 0.97e-5, 2e-5]), np.array([0.0, 1.0, 170.0, 171.0, 216.0]))
     loops = MeasuredCurve("", np.array([0.0, 1e-5, -1e-5, 1e-5]), np.array([0.0, 9.0, -9.0, 9.0]))
     way = MeasuredCurve("", np.array([0.0, -0.5e-5, -1e-5]), np.array([0.0, 5.0, 9.0]))
     for ours, theirs in ((RUN, scatter), (RUN, RUN), (loops, loops)):
         require_comparable(ours, theirs, "lab")
         assert between(ours, theirs).peak < 0.1
-    require_comparable(loops, way, "lab")  # a run that goes there too: its misfit is another question
+    require_comparable(loops, way, "lab")  # allowed for a run that covers it too: its misfit is another question
 
 
 @pytest.mark.parametrize("header", ["displacement [N],force [mm]", "displacement [kN],way [mm],force [N]"])
 def test_a_column_whose_unit_is_not_that_of_its_name(header, tmp_path):
-    """Columns are found by their unit, so that swapped units swapped the axes."""
+    """Columns are found by their unit, so swapped units once swapped the axes."""
     rows = "\n".join(",".join([str(i)] * (1 + header.count(","))) for i in range(3))
     (tmp_path / "lab.csv").write_text(f"{header}\n{rows}\n", encoding="utf-8")
     with pytest.raises(

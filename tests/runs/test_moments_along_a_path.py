@@ -1,7 +1,7 @@
-"""Moments that nothing balances, and blocks that turn about themselves: equilibria in the deformed geometry, real time.
+"""Unbalanced moments and blocks that rotate in place: equilibria in the deformed geometry and real time.
 
 By hand: a flat block under a couple turns at M_T0 (concave: mu N times the half diagonal; convex: the integral over its
-rectangle), pulled up straight it leaves at its weight, and pressed down it crushes at the strength times its area.
+rectangle), is lifted off at its weight, and is crushed at its strength times its area.
 """
 
 import math
@@ -24,7 +24,7 @@ def actuated(point, direction):
 
 
 def couple():
-    """Two jacks whose V is the moment (N m)."""
+    """Two jacks whose multiplier V is the moment (N m)."""
     return "".join(
         actuated([x, 0.0, 0.5 * H], [0.0, math.copysign(1.0, x), 0.0]).replace("jack", name) + "weight = 5.0\n"
         for name, x in (("one", 0.1), ("two", -0.1))
@@ -48,8 +48,8 @@ STRENGTH = {"concave": MU * WEIGHT * 0.5 * math.hypot(A, B), "convex": torsion_s
 @pytest.mark.parametrize("held", ["", 'held = ["x", "y"]\n'])
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_couple_turns_a_block_at_its_torsion_strength(formulation, held):
-    """Beyond it the arms of the jacks shorten, V = M_T0 / cos th, so that it finds a new rest further on: by more than
-    1.3 deg, where a corner has moved by a twentieth of its height, it has jumped, from where it may have turned by as
+    """Beyond it the arms of the jacks shorten, V = M_T0 / cos th, and the block reaches another equilibrium. A rotation
+    over 1.3 deg, at which a corner has moved by a twentieth of the height, counts as a jump, and it may have turned as
     much before. The centroid stays."""
     result = search(couple(), formulation, held)
     point = result.yield_point
@@ -73,7 +73,7 @@ def test_what_is_pulled_up_and_what_is_pressed_down(direction, law, load, mechan
 
 @pytest.mark.parametrize("part", [0.5, 2.0])
 def test_the_out_of_balance_of_a_row_counts_moments(part):
-    """A couple on a block: what friction does not balance of it, as a force at the reach of the block."""
+    """For a couple on a block: the part that friction does not balance, as a force at the reach of the block."""
     moment = part * STRENGTH["concave"]
     loads = "".join(
         f'[[loads]]\nblock = "block"\npoint = [{x}, 0.0, {0.5 * H}]\nforce = [0.0, {force}, 0.0]\n'

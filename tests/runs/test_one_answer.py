@@ -1,4 +1,4 @@
-"""One run has one answer: every command, figure and page says the same limit with the same bracket, V inside it."""
+"""One run has one answer: all commands, figures and pages give the same limit with the same bracket, V inside it."""
 
 import json
 import re
@@ -46,7 +46,7 @@ def test_every_command_says_the_same(name, tmp_path, capsys):
     assert point["V_lower"] <= point["V"] <= point["V_upper"]
     for text in told:
         assert summary.plain(said.value) in text and said.kind.split(":")[0] in text
-        assert len(set(re.findall(r"\+- ([\d.e-]+)", text.partition("\nV_peak")[0]))) <= 2  # load, and angle of a tilt
+        assert len(set(re.findall(r"\+- ([\d.e-]+)", text.partition("\nV_peak")[0]))) <= 2  # of load and tilt angle
         assert "no error bar" not in text
     assert str(drawn) in legend and said.value in document and json.dumps(str(drawn))[1:-1] in document
     row = dict(zip(*(line.split(",") for line in csv.read_text().splitlines()[:2]), strict=False))
@@ -101,7 +101,7 @@ def test_a_sweep_says_what_the_run_of_a_case_says(tmp_path, capsys):
     assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--jobs", "1"]) == 0
     said = capsys.readouterr().out
     table = plot.read_study(tmp_path / "out")
-    assert [row["joint.friction"] for row in table.rows] == ["0.4", "0.5", "0.6", "0.7"]  # without rounding
+    assert [row["joint.friction"] for row in table.rows] == ["0.4", "0.5", "0.6", "0.7"]  # not rounded
     for row in table.rows:
         friction = row["joint.friction"]
         point = dembrick.simulate(toml.loads(BLOCKS.replace("0.62", friction)), record=False).yield_point
@@ -114,7 +114,7 @@ def test_a_sweep_says_what_the_run_of_a_case_says(tmp_path, capsys):
 
 @pytest.mark.parametrize("more", ["tie", "large"])
 def test_cases_of_a_sweep_keep_ties_and_the_deformed_geometry(more, tmp_path):
-    """Cases that are searched together know neither: the limit of a block with a tie was that without, "certified"."""
+    """Batched cases support neither: a block with a tie once got the limit without it, called "certified"."""
     ends = '{ block = "lower", point = [0.0, -0.1, -0.01] }, { block = "upper", point = [0.0, 0.1, 0.05] }'
     tie = f"[[ties]]\nbetween = [{ends}]\nstiffness = 1e6\nstrength = 50.0\n"
     large = BLOCKS.replace('kind = "yield"', 'kind = "yield"\nlarge_displacements = true')
@@ -152,7 +152,7 @@ BOUND = {"load_factor": 0.35, "lower": 0.34999, "upper": 0.35}
 
 
 def test_no_limit_above_a_proven_bound_is_told(tmp_path, monkeypatch):
-    """What the tolerance of a search adds is cut off; a limit that contradicts the bound is an error, not an answer."""
+    """A limit above the bound within the tolerance of the search is cut; one that contradicts it is an error."""
     point = dembrick.simulate(toml.loads(SLOPE), record=False).yield_point  # friction 0.62
     for low, high in ((0.3499, 0.3503), (0.3501, 0.3506)):
         found = cut_at_bound(replace(point, V=0.5 * (low + high), V_lower=low, V_upper=high, V_peak=high), BOUND)
@@ -170,7 +170,7 @@ def test_no_limit_above_a_proven_bound_is_told(tmp_path, monkeypatch):
 
 
 def test_a_search_without_an_upper_end_takes_that_of_limit_analysis():
-    """Nothing below is proven, so V is the bound itself where the search went above it."""
+    """Nothing below is proven, so V is the bound itself if the search went above it."""
     open_ended = replace(
         dembrick.simulate(toml.loads(SLOPE), record=False).yield_point,
         V=0.4, V_lower=0.0, V_upper=0.5, V_peak=0.5, bracket="open",
@@ -202,7 +202,7 @@ kind = "yield"
 
 
 def test_joints_at_the_limit_are_those_of_the_limit(tmp_path, capsys):
-    """The last row is of an equilibrium, and joints are told of the limit."""
+    """The last row is an equilibrium below the limit; joints are reported at the limit."""
     (tmp_path / "l.toml").write_text(L, encoding="utf-8")
     assert main(["run", str(tmp_path / "l.toml"), "--out", str(tmp_path / "l.h5")]) == 0
     with history.read(tmp_path / "l.h5") as found:

@@ -1,4 +1,4 @@
-"""Whether a limit load is the same on all paths: what is proven, and what is told where nothing is."""
+"""Whether a limit load is the same on all paths: what is proven, and what is reported if nothing is."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ YIELD = '[control]\nkind = "yield"\n'
 
 
 def curb(squeeze: float = 0.0, shear: float = 4e9, steps: int = 1):
-    """A block of .4 x 1.0 m beside a curb of .1 m, pushed away from it at its top; first pressed against the curb, by
-    a force that comes and goes in so many ``steps``."""
+    """A block of .4 x 1.0 m beside a curb of .1 m, pushed away from it at its top; before that pressed against the curb
+    by a force that is applied and removed in ``steps`` steps."""
     text = header(normal_stiffness=1e10) + FLOOR
     text += block("curb", (-0.3, 0.0, 0.05), (0.2, 0.4, 0.1), "fixed = true")
     text += block("block", (0.0, 0.0, 0.5), (0.4, 0.4, 1.0))
@@ -39,7 +39,7 @@ def curb(squeeze: float = 0.0, shear: float = 4e9, steps: int = 1):
 
 
 def slabs(squeeze: float = 0.0):
-    """A bar on two slabs side by side between two walls, pushed along; first the slabs are pressed to the walls."""
+    """A bar across two slabs between two walls, pushed along; before that the slabs are pressed against the walls."""
     text = header(normal_stiffness=1e10) + FLOOR
     for name, y in (("wl", -0.6), ("wr", 0.6)):
         text += block(name, (0.0, y, 0.2), (4.0, 0.2, 0.4), "fixed = true")
@@ -56,7 +56,7 @@ def slabs(squeeze: float = 0.0):
 
 
 def tower(friction: float = 0.6, blocks: int = 3, extra: str = "", height: float = 0.95):
-    """Blocks of .4 x .4 x .4 m on one another, the top one pushed."""
+    """A tower of .4 x .4 x .4 m blocks, the top one pushed."""
     text = header(friction=friction, normal_stiffness=1e10, keys=extra) + FLOOR
     for i in range(blocks):
         text += block(f"b{i}", (0.0, 0.0, 0.2 + 0.4 * i), (0.4, 0.4, 0.4))
@@ -68,12 +68,12 @@ def told(scenario, **asked) -> dict:
 
 
 def test_a_block_that_grazes_a_curb_may_bear_more():
-    """W b / 2 h where nothing was locked in; the curb's face may carry up to the associative load."""
+    """W b / 2 h without locked-in forces; friction at the curb may carry up to the associative limit load."""
     scenario = curb()
     answer, bound = told(scenario), limit(scenario)
     weight = DENSITY * G * 0.4 * 0.4 * 1.0
     assert answer["yield_point"]["V"] == pytest.approx(weight * 0.2 / 1.0, rel=1e-6)
-    assert answer["path"]["slides"] is False  # nothing that carries slides
+    assert answer["path"]["slides"] is False  # no joint that carries a force slides
     assert answer["path_dependent"] is True and answer["no_path_above"] is False
     assert answer["associative"] == pytest.approx(bound.upper, rel=1e-9) and bound.lower > 1.5 * weight * 0.2
     squeezed = told(curb(squeeze=6000.0))
@@ -81,7 +81,7 @@ def test_a_block_that_grazes_a_curb_may_bear_more():
     assert squeezed["path_dependent"] is True and squeezed["no_path_above"] is False
     said = lines_of(key_numbers(answer))
     assert "start without forces locked in: no path bears more than 970.3 N" in said["start"]
-    assert "of this path" not in said["limit load V"]  # the stiffness does not move it
+    assert "of this path" not in said["limit load V"]  # the stiffness does not change it
     assert not answer["path"]["digits_open"]
 
 
@@ -91,7 +91,7 @@ def test_no_more_is_claimed_where_limit_analysis_is_not_there(monkeypatch):
     assert answer["associative"] is None and answer["no_path_above"] is False
     assert "another path may bear more" in lines_of(key_numbers(answer))["start"]
     squeezed = told(slabs(squeeze=30000.0))
-    assert squeezed["associative"] is None and squeezed["no_path_above"] is True  # the mechanism alone proves it
+    assert squeezed["associative"] is None and squeezed["no_path_above"] is True  # proven by the mechanism alone
 
 
 def test_a_limit_at_the_bound_may_be_missed_from_below():
@@ -131,7 +131,7 @@ def test_a_lone_joint_has_one_limit_unless_it_remembers():
 
 
 def test_a_tie_may_have_lost_its_tension():
-    """A tie that yields in the mechanism bears no more; its start decides nothing above, but is not proven below."""
+    """A tie that yields in the mechanism has reached its strength: no path bears more, but one may bear less."""
     tie = """
 [[ties]]
 between = [{block = "floor", point = [-0.2, 0.0, 0.0]}, {block = "b1", point = [-0.2, 0.0, 0.8]}]
@@ -161,7 +161,7 @@ def test_the_bound_is_asked_for(tmp_path, capsys):
 
 
 def test_refine_finds_what_a_squeeze_makes_a_block_bear():
-    """From what overturns it as built to what the same block bears after it was pressed against the curb."""
+    """From the load that overturns it as built to its limit after it was pressed against the curb."""
     answer, squeezed = told(curb(), refine=True), told(curb(squeeze=6000.0, shear=4e10))
     low, high = answer["path"]["path_range"]
     assert low == pytest.approx(627.84, rel=1e-6)
@@ -171,7 +171,7 @@ def test_refine_finds_what_a_squeeze_makes_a_block_bear():
 
 
 def test_a_force_that_comes_and_goes_at_once_leaves_what_a_slow_one_does():
-    """What slides remembers the way: where joints bear other loads already, these change in increments."""
+    """Slip depends on the path: loads on joints that already carry others are applied in increments."""
     once, slowly = (told(curb(6000.0, 4e10, steps))["yield_point"]["V"] for steps in (1, 10))
     assert once == pytest.approx(slowly, rel=1e-4)
 

@@ -1,4 +1,4 @@
-"""--refine of a search: the range that other paths of the same structure lead to, and the bar that holds it."""
+"""--refine of a search: the range of limits on other paths of the same structure, and the bar that covers it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from helpers.stone_scenes import of_stone
 
 
 def slope(ratio: float) -> Scenario:
-    """Columns of growing height on the steps of a slope of 20 deg, each against the next; the table tilts on."""
+    """Adjacent columns of different heights on the steps of a slope of 20 deg; the table tilts further."""
     along, up = (np.array([np.cos(a), np.sin(a)]) for a in np.radians([20.0, 110.0]))
 
     def block(name, corner, width, height, fixed=False):
@@ -65,7 +65,7 @@ def test_bars_of_one_structure_hold_each_others_answers():
 
 
 def test_what_only_rocks_depends_on_no_path():
-    """Out of plane a leaf turns over its lowest course: t / H."""
+    """A leaf overturns out of plane about its lowest course: t / H."""
     result = simulate(wall(0.4, 0.8, (0.0, 1.0, 0.0)), record=False, refine=True)
     fallen = result.collapse
     assert fallen["mechanism"] == "rocking" and not fallen["slides"]
@@ -75,7 +75,7 @@ def test_what_only_rocks_depends_on_no_path():
 
 
 def test_a_wall_that_slides_whole_has_one_limit():
-    """The associative bound is reached, and its mechanism takes no work from what friction leaves free: mu."""
+    """The limit mu equals the associative bound, whose mechanism does no work on forces that friction leaves open."""
     result = simulate(wall(0.4, 0.3), record=False)
     fallen = result.collapse
     assert fallen["slides"] and fallen["load_factor"] == pytest.approx(0.3, rel=1e-3)
@@ -85,7 +85,7 @@ def test_a_wall_that_slides_whole_has_one_limit():
 
 
 def test_a_limit_below_the_bound_says_how_far_it_is_known(tmp_path, capsys):
-    """A slope whose columns slide on one another: the path's own bracket of 1e-3 is no error bar."""
+    """A slope whose columns slide on one another: the bracket of 1e-3 of one path is no error bar."""
     scenario = slope(0.4)
     result = simulate(scenario, record=False)
     fallen, bound = result.collapse, limit(scenario)
@@ -113,7 +113,7 @@ def test_without_a_solver_nothing_is_called_unique(monkeypatch):
 
 
 def pushed_wall() -> Scenario:
-    """The last whole block of the second course pushed along the wall by an actuator: the bond above holds it back."""
+    """The last whole block of the second course pushed along the wall by an actuator; the course above restrains it."""
     actuator = Actuator("push", "wall.2.1", (0.0, 0.0, 0.3), (1.0, 0.0, 0.0))
     return replace(wall(0.4, 0.5), control=YieldControl(), actuators=(actuator,))
 

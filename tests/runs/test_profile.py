@@ -1,4 +1,4 @@
-"""Where the time of a run went, as the run itself measured it."""
+"""Where a run spent its time, by its own measurement."""
 
 import dataclasses
 import importlib
@@ -38,7 +38,7 @@ def test_only_a_finished_run_has_a_profile(tmp_path, monkeypatch, capsys):
 
 
 def test_info_reads_no_data(tmp_path, monkeypatch, capsys):
-    """To summarise a history neither a series nor a frame is read."""
+    """A summary of a history reads neither a series nor a frame."""
     from dembrick.history import guard
 
     simulate(lab_scenario("set4a", "concave"), tmp_path / "run.h5")
@@ -49,11 +49,11 @@ def test_info_reads_no_data(tmp_path, monkeypatch, capsys):
     assert not [name for name in seen if name.startswith(("/history", "/frames"))]
 
 
-# --- runs in real time, and searches through equilibria
+# --- runs in real time, and path-following searches
 
 
 def stack(control, gap=0.0):
-    """A block that stands on a floor, and one above it."""
+    """A block on a floor, and one above it."""
     size = (0.3, 0.2, 0.1)
     return of_stone(
         law("concave", 0.64, 1e9),
@@ -67,7 +67,7 @@ def stack(control, gap=0.0):
 
 
 def dropped():
-    """The upper block lands on the lower one after 0.014 of 0.04 s: a joint, and a new contact."""
+    """The upper block lands on the lower one after 0.014 of 0.04 s: a joint and a new contact."""
     return stack(DynamicControl(0.04), gap=1e-3)
 
 
@@ -114,7 +114,7 @@ def test_equilibria_are_timed_by_phase(monkeypatch):
     result = simulate(stack(PushoverControl((1.0, 0.0, 0.0), 1e-3)))
     phases, wall = result.run.phases, result.wall
     assert set(phases) == {"dead_load", "joint_forces", "equations", "bracket", "record", "path"}
-    # one call is for compiling
+    # one call is counted as compiling
     assert len(slow) > 1 and phases["equations"] >= sum(slow[1:]) and min(phases.values()) > 0.0
     assert sum(phases.values()) == pytest.approx(wall["loop"])
     assert wall["build"] + wall["compile"] + wall["loop"] + wall["write"] <= wall["total"] * (1.0 + 1e-9)

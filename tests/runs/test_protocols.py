@@ -1,4 +1,4 @@
-"""Tests that go to and fro: friction work, peaks both ways, measured protocols, restart in the middle of a cycle."""
+"""Cyclic tests: friction work, peaks in both directions, measured protocols, restart within a cycle."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def test_a_test_that_is_stopped_in_a_cycle_goes_on_to_the_last_bit(tmp_path):
 
 @pytest.mark.parametrize("large", ["false", "true"])
 def test_damping_counts_what_lifts_a_block_whose_joint_dilates(large):
-    """The loop is a rectangle of mu W by the way, whatever part of mu is dilation: 2 / pi, less the elastic slip."""
+    """The loop is a rectangle of height mu W, for any dilation as part of mu: damping 2 / pi, less the elastic slip."""
     text = header("convex", 0.5, 1e10, keys="dilation = 0.2\n") + block(
         "floor", (0.0, 0.0, -0.1), (2.0, 2.0, 0.2), "fixed = true"
     )
@@ -47,7 +47,7 @@ def test_damping_counts_what_lifts_a_block_whose_joint_dilates(large):
 
 
 def test_friction_work_of_a_slider():
-    """4 mu N s a cycle, s = u - mu N (1 / (k_s A) + 1 / k_jack)."""
+    """4 mu N s per cycle, with s = u - mu N (1 / (k_s A) + 1 / k_jack)."""
     scenario = to_and_fro((0.0, U, -U, U, -U, U), "shear")
     found = dembrick.simulate(scenario)
     law, N = scenario.joint, found.yield_point.N
@@ -86,8 +86,8 @@ STONE_N = 0.4 * 0.4 * 0.1 * 2000.0 * 9.81
     ],
 )
 def test_what_a_cycle_loses_is_the_work_of_all_actuators(jacks, lost, large):
-    """A slider over 2 (umax - umin), less what is elastic; a couple turns at M_T0 = .3826 mu N a; a tie that yields
-    both ways takes its part. No loop is fuller than a rectangle, of 2 / pi."""
+    """A slider over 2 (umax - umin), less its elastic part; a couple turns at M_T0 = .3826 mu N a; a tie that yields in
+    both directions adds its work. No loop has more damping than a rectangle, 2 / pi."""
     text = header(formulation="convex", friction=0.5, normal_stiffness=1e10)
     text += block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true") + block("stone", (0, 0, 0.05), (0.4, 0.4, 0.1))
     rate = 1e-4 if large else 1e-5
@@ -98,7 +98,7 @@ def test_what_a_cycle_loses_is_the_work_of_all_actuators(jacks, lost, large):
 
 
 def test_a_test_that_turns_ends_with_what_it_carries_then():
-    """It slides back: minus mu N, whatever its peaks were; they have their own bars, which hold mu N."""
+    """It ends sliding back at -mu N, whatever its peaks were; the bars of the peaks contain mu N."""
     text = header(formulation="concave", friction=0.5, normal_stiffness=1e10)
     text += block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true") + block("stone", (0, 0, 0.05), (0.4, 0.4, 0.1))
     text += jack("stone", (-0.2, 0.0, 0.1), (1.0, 0.0, 0.0))
@@ -132,13 +132,13 @@ def test_the_same_in_the_deformed_geometry():
 
 
 @pytest.mark.parametrize("points, count, closed", [
-    ((U, -U, 2.0 * U), 1, True),  # back at U on the way to 2 U
+    ((U, -U, 2.0 * U), 1, True),  # passes U again on the way to 2 U
     pytest.param((2.0 * U, -2.0 * U, U), 1, False, marks=pytest.mark.slow),
-    ((U, -U, 0.0), 0, True),  # a rest of a loop
+    ((U, -U, 0.0), 0, True),  # part of a loop
     pytest.param((U, -U, U, -U, 0.0), 1, True, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_only_loops_that_close_have_an_area(points, count, closed):
-    """4 V s each, whatever comes after the loop is closed."""
+    """4 V s each, whatever follows the closed loop."""
     scenario = to_and_fro(points, formulation="concave", large_displacements=True)
     found = dembrick.simulate(scenario)
     assert len(found.cycles) == count
@@ -156,8 +156,8 @@ def test_only_loops_that_close_have_an_area(points, count, closed):
     "slips", [1.05, pytest.param(1.5, marks=pytest.mark.slow), pytest.param(3.0, marks=pytest.mark.slow)]
 )
 def test_small_loops_turn_where_they_are_to(slips):
-    """A guided block on a spring k_s A that slips at mu N, by amplitudes little beyond its u: 4 mu N (amplitude - u) a
-    loop."""
+    """A guided block on a spring k_s A that slips at mu N, with amplitudes little above its slip displacement u: 4 mu N
+    (amplitude - u) per loop."""
     V = 0.6 * (1000.0 + 2000.0 * 9.81 * 0.3 * 0.2 * 0.1)
     u, text = V / (4e9 * 0.06), header("concave", 0.6, 1e10) + block("lo", (0.0, 0.0, -0.05), more="fixed = true")
     text += block("up", (0.0, 0.0, 0.05), more='held = ["x", "rx", "ry", "rz"]') + jack(
@@ -170,14 +170,14 @@ def test_small_loops_turn_where_they_are_to(slips):
     assert found.rows["displacement"][list(found.run.turns)] == pytest.approx([top, -top, top, -top], rel=3e-5)
     assert found.cycles[0]["peak"] == pytest.approx([-V, V], rel=1e-6)
     assert found.cycles[0]["dissipated"] == pytest.approx(4.0 * V * (top - u), rel=0.02)
-    out = slice(found.run.turns[0] + 1)  # where the corner is not cut
+    out = slice(found.run.turns[0] + 1)  # the yield corner must be sharp
     assert np.interp(0.98 * u, found.rows["displacement"][out], found.rows["load"][out]) == pytest.approx(
         0.98 * V, 5e-3
     )
 
 
 def test_a_block_that_rocks_dissipates_next_to_nothing():
-    """No more than 1e-4 N u + 4 V^2 / (2 k_s A): points that open lose what their shear springs held."""
+    """At most 1e-4 N u + 4 V^2 / (2 k_s A): points that open lose the energy of their shear springs."""
     text = header(friction=0.9, normal_stiffness=1e10) + block("floor", (0, 0, -0.1), (1, 1, 0.2), "fixed = true")
     text += block("stone", (0, 0, 0.3), (0.2, 0.2, 0.6)) + jack("stone", (-0.1, 0, 0.6))
     text += '[control]\nkind = "displacement"\nrate = 1e-4\nprotocol = [2e-5, -2e-5, 2e-5]\n'
@@ -190,7 +190,7 @@ def test_a_block_that_rocks_dissipates_next_to_nothing():
 
 
 def test_a_protocol_of_forces():
-    """Below the strength the block comes back; the turning points are those of V."""
+    """Below the strength the block returns; the turning points are those of V."""
     limit = 216.05
     scenario = toml.load("set4a_curve")
     force = (0.5 * limit, -0.5 * limit, 0.5 * limit)
@@ -198,13 +198,13 @@ def test_a_protocol_of_forces():
     found = dembrick.simulate(replace(scenario, control=control))
     assert found.rows["load"][list(found.run.turns)] == pytest.approx(force, rel=1e-9)
     assert found.cycles[0]["peak"] == pytest.approx([-0.5 * limit, 0.5 * limit], rel=1e-9)
-    assert found.cycles[0]["dissipated"] == 0.0  # springs, but for rounding
+    assert found.cycles[0]["dissipated"] == 0.0  # elastic springs, but for rounding
     timeless = dembrick.simulate(replace(scenario, control=replace(control, rate=None)))
     assert timeless.rows["displacement"].tolist() == found.rows["displacement"].tolist()
 
 
 def test_a_measured_protocol(tmp_path):
-    """Its turning points are the extremes, and its times those of the jack."""
+    """Turning points are the extremes of the measurement, and times are those of the jack."""
     way = np.concatenate([np.linspace(0, 0.02, 30), np.linspace(0.02, -0.02, 40), np.linspace(-0.02, 0.01, 30)])
     way += 1e-5 * np.sin(7.0 * np.arange(len(way)))
     lines = [f"{0.1 * i},{1.0 * x:.6f}" for i, x in enumerate(way)]
@@ -250,7 +250,7 @@ def test_a_protocol_in_a_file_and_back():
 
 @pytest.mark.parametrize("large", [False, True])
 def test_damping_is_the_area_of_a_loop_in_which_joints_open(large):
-    """A stack that leans: points lose what shear they carried as they lift, which is no friction work."""
+    """A stack that leans: points lose their shear as they lift off, and that is no friction work."""
     text = header("concave", 0.69, 5e9) + block("floor", (0.0, 0.0, -0.1), (5.0, 4.0, 0.2), "fixed = true")
     for k, box in enumerate([(0.37, 0.24, 0.1), (0.23, 0.38, 0.1), (0.23, 0.35, 0.1)]):
         text += block(f"part {k}", (0.0, 0.0, 0.05 + 0.1 * k), box)
@@ -269,7 +269,7 @@ def test_damping_is_the_area_of_a_loop_in_which_joints_open(large):
 
 
 def test_a_loop_of_rocking_takes_nothing():
-    """There and back on one curve, by rows that are elsewhere each way."""
+    """There and back on one curve, sampled at different points in each direction."""
     there, back = np.linspace(0.0, 1.0, 40), np.linspace(1.0, 0.0, 57)
     u = np.concatenate([there, back[1:]])
     assert cycles._area(1.0 / (1.0 + 10.0 * u), u, 39) == 0.0

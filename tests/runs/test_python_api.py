@@ -1,4 +1,4 @@
-"""Results in Python: tables of pandas and xarray, short representations, figures that a notebook shows."""
+"""Results in Python: pandas and xarray tables, short representations, figures displayed by a notebook."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_table_has_the_series_by_equilibrium(result):
     ],
 )
 def test_rows_are_of_times_or_of_equilibria_in_memory_and_in_files(tmp_path, name, law, counts):
-    """A search with a law of one's own pushes in time."""
+    """A search with a user's law is a test in time."""
     scenario = dembrick.load(name, [] if law is None else ["joint.formulation=concave"])
     result = dembrick.simulate(scenario, tmp_path / "run.h5", law=law)
     with history.read(tmp_path / "run.h5") as found:
@@ -106,7 +106,7 @@ def test_modules_are_attributes():
 
 
 def test_a_bare_notebook_shows_figures(result):
-    """By what IPython asks of every object, without pyplot; such a figure still goes to other processes."""
+    """Through the hooks that IPython looks up on every object, without pyplot; the figure can still be pickled."""
     figure = pickle.loads(pickle.dumps(result.plot()))
     assert figure._repr_png_().startswith(b"\x89PNG")
 
@@ -119,7 +119,7 @@ def test_a_history_gives_the_same_table(result):
 
 
 def test_remarks_and_answers_are_logged(caplog, capsys):
-    """Silent by itself; with logging set up remarks are warnings, the scenario and its answer information."""
+    """Silent by default; with logging configured, remarks are warnings, and scenario and answer are information."""
     caplog.set_level("INFO", logger="dembrick")
     dembrick.simulate(dembrick.load("set4a", ["materials.tuff.density=150"]), record=False)
     told = [(record.levelname, record.getMessage()) for record in caplog.records if record.name == "dembrick"]

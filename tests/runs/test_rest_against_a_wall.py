@@ -1,7 +1,8 @@
-"""Columns that dead loads lean against a wall which is drawn a little away from them.
+"""Columns that dead loads lean against a wall drawn at a small distance.
 
-A load F at half the height leans a column on corner points, and the wall takes R at its top. So the bed bears V = F - R
-and a couple k_n A b2 / 4 th, at a lean th. Its edge sinks into the wall by a wedge whose force is R = k_n D s2 / 2 th.
+A load F at half the height leans a column on corner points, and the wall exerts R at its top. So the bed carries a
+shear V = F - R and a couple k_n A b2 / 4 th at the lean th. The edge of the column penetrates the wall as a wedge, with
+R = k_n D s2 / 2 th.
 """
 
 import math
@@ -35,7 +36,7 @@ def leaning(control, gap, before="", formulation="concave"):
 
 @pytest.mark.parametrize("gap", [1e-4, 3e-4, 1e-3])
 def test_the_wall_takes_what_the_bed_does_not(gap):
-    """Half of F at the least. The column rested in the wall, which bore nothing: V was F."""
+    """V is F / 2 or more. The column was once found at rest inside the wall, which carried nothing: V was F."""
     found = leaning(STATICS, gap)
     state = found.run.motion.state
     lean = float(state.bodies.rotation[1, 0, 2])

@@ -1,4 +1,4 @@
-"""A run that goes on from a moment of another: bit for bit if nothing changes, closed forms if something does."""
+"""A run continued from a moment of another: bit for bit the same if nothing changes, else against closed forms."""
 
 import hashlib
 import itertools
@@ -28,7 +28,7 @@ IN_TIME = SLIDE + '[control]\nkind = "dynamic"\nduration = 0.2\n[output]\nrows =
 
 @pytest.fixture(scope="module")
 def slide(tmp_path_factory):
-    """A block that slides on a floor with 1 m/s at first, for 0.2 s."""
+    """A block that slides on a floor for 0.2 s, initially at 1 m/s."""
     path = tmp_path_factory.mktemp("slide") / "slide.h5"
     dembrick.simulate(dembrick.loads(IN_TIME), path, progress=False)
     return path
@@ -41,7 +41,7 @@ def go_on(path, at, *changes, name="new.h5"):
 
 
 def same_rows(one, other):
-    """Whether two histories have the same numbers to the last bit."""
+    """Assert that two histories hold the same numbers, bit for bit."""
     found, there = content(one), content(other)
     for name, value in found.items():
         if isinstance(value, np.ndarray) and value.dtype.kind != "O" and name != "scenario":
@@ -49,7 +49,7 @@ def same_rows(one, other):
 
 
 def at_row(path, at):
-    """Time, displacement and row of the first row that is not before a time."""
+    """Time, displacement and index of the first row at or after a time."""
     with dembrick.read_history(path) as history:
         row = int(np.searchsorted(history.time, at * (1.0 - 1e-12)))
         return history.time[row], history.displacement[row], row
@@ -64,7 +64,7 @@ def test_with_nothing_changed_it_is_the_same_run(slide, at):
 
 
 def test_with_less_friction_it_slides_farther(slide):
-    """v = 1 - mu g t up to the row, and then mu is 0.1; what was before is as it was."""
+    """v = 1 - mu g t up to the row, then deceleration with mu = 0.1; rows before it are unchanged."""
     t, x, row = at_row(slide, 0.1)
     result, new = go_on(slide, 0.1, "joint.friction=0.1")
     v, left = 1.0 - MU * G * t, 0.2 - t
@@ -78,7 +78,7 @@ def test_with_less_friction_it_slides_farther(slide):
 
 @pytest.mark.parametrize("prestress", [0.0, 50.0])
 def test_a_tie_that_comes_pulls_from_the_length_of_that_moment(slide, prestress):
-    """x'' = -(T_0 + k x) / m - mu g from where the block is then; the tie is drawn 0.1 m shorter than it comes."""
+    """x'' = -(T_0 + k x) / m - mu g from the block's position then; the tie's length is the one at that moment."""
     k = 4000.0
     ends = '{block="floor", point=[-1.0,0.0,0.0]},{block="block", point=[-0.2,0.0,0.0]}'
     tie = f"ties=[{{between=[{ends}], stiffness={k}, prestress={prestress}}}]"
@@ -89,13 +89,13 @@ def test_a_tie_that_comes_pulls_from_the_length_of_that_moment(slide, prestress)
     moved = rest * (math.cos(w * left) - 1.0) + v / w * math.sin(w * left)
     with dembrick.read_history(new) as found:
         assert found.displacement[-1] == pytest.approx(x + moved, rel=2e-4)
-        assert found.tension[-1, 0] == pytest.approx(prestress + k * moved, rel=3e-3)  # a step ago
+        assert found.tension[-1, 0] == pytest.approx(prestress + k * moved, rel=3e-3)  # of the step before
         assert not found.tension[: row + 1].any() and found.n_tie == 1
     assert result.energy.relative_residual < 1e-9
 
 
 def test_a_tie_that_goes_lets_go_and_a_load_comes(tmp_path):
-    """Held by a tie on a floor without friction: it swings; let go it keeps its speed; a force then pushes it."""
+    """On a frictionless floor a tied block oscillates; without the tie it keeps its speed but for an added force."""
     ends = '{ block = "floor", point = [-1.0, 0.0, 0.0] }, { block = "block", point = [-0.2, 0.0, 0.0] }'
     k = 4000.0
     tie = f"[[ties]]\nbetween = [{ends}]\nstiffness = {k}\ntension_only = false\n"
@@ -115,7 +115,7 @@ def test_a_tie_that_goes_lets_go_and_a_load_comes(tmp_path):
 
 
 def test_a_longer_run_goes_on_behind_its_end(slide):
-    """The block stops after v / (mu g), wherever the run of before ended."""
+    """The block stops after v^2 / (2 mu g), wherever the earlier run ended."""
     _, new = go_on(slide, 0.2, "control.duration=0.5")
     with dembrick.read_history(new) as found:
         assert found.time[-1] == pytest.approx(0.5)
@@ -138,7 +138,7 @@ WALL_TIE = (
 
 @pytest.mark.usefixtures("few")
 def test_a_spread_goes_on_with_a_tie_that_came_half_way(tmp_path):
-    """Six equilibria of 1 cm; at the third a tie comes with 10 N, and from then on holds the block back: mu W."""
+    """Six equilibria of 1 cm; at the third a tie is added with 10 N, which then restrains the block up to mu W."""
     path = tmp_path / "spread.h5"
     dembrick.simulate(dembrick.loads(SETTLED), path, progress=False)
     _, same = go_on(path, 3.0, name="same.h5")
@@ -147,7 +147,7 @@ def test_a_spread_goes_on_with_a_tie_that_came_half_way(tmp_path):
     with dembrick.read_history(new) as found, dembrick.read_history(path) as old:
         assert np.array_equal(found.displacement[:4], old.displacement[:4])
         k, k_s = 1e5, 4e9 * 0.08
-        assert found.displacement[4] == found.displacement[3]  # it comes to rest where the spread is then
+        assert found.displacement[4] == found.displacement[3]  # equilibrium with the tie, before the spread continues
         assert found.tension[:5, 0] == pytest.approx([0.0] * 4 + [10.0 * (1.0 - k / (k_s + k))], rel=1e-3, abs=1e-9)
         assert found.tension[-1, 0] == pytest.approx(0.5 * W, rel=1e-3)
         first = np.argmin(np.abs(found.frame_time - 3.0))
@@ -162,7 +162,7 @@ ON_FLOOR = SETTLED[: SETTLED.index("[control]")] + JACK
 
 @pytest.mark.parametrize("formulation", [pytest.param("concave", marks=pytest.mark.slow), "convex"])
 def test_a_search_in_the_deformed_geometry_goes_on_on_a_wetted_joint(tmp_path, formulation):
-    """V = mu W: half of the weight as it began, a fifth of it on what has become wet below that load."""
+    """V = mu W: half of the weight at first, and a fifth of it for a joint wetted below that load."""
     search = '[control]\nkind = "yield"\nlarge_displacements = true\ntolerance = 1e-3\n'
     path = tmp_path / "searched.h5"
     dembrick.simulate(dembrick.loads(ON_FLOOR.replace('"concave"', f'"{formulation}"') + search), path, progress=False)
@@ -177,7 +177,7 @@ def test_a_search_in_the_deformed_geometry_goes_on_on_a_wetted_joint(tmp_path, f
 
 @pytest.mark.usefixtures("few")
 def test_in_the_middle_of_a_cycle_it_goes_on_bit_for_bit(tmp_path):
-    """To and fro by 0.2 mm in the deformed geometry, restarted on the way back; a change would let it jump."""
+    """Cycles of 0.2 mm in the deformed geometry, restarted on the return; a change is refused, as V would jump."""
     cycle = 'kind = "displacement"\nlarge_displacements = true\nrate = 1e-3\nprotocol = [2e-4, -2e-4, 2e-4, 0.0]\n'
     path = tmp_path / "cycle.h5"
     dembrick.simulate(dembrick.loads(f"{ON_FLOOR}[control]\n{cycle}"), path, progress=False)
@@ -193,7 +193,7 @@ def test_in_the_middle_of_a_cycle_it_goes_on_bit_for_bit(tmp_path):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_lone_joint_goes_on_in_the_middle_of_a_cycle(tmp_path, formulation):
-    """The shipped cyclic test at constant rate, restarted at a row on its way, at its last row and at its first."""
+    """The shipped cyclic test at constant rate, restarted at its first row, at one in between and at its last."""
     path, changes = tmp_path / "cyclic.h5", [f"joint.formulation={formulation}", "output.rows=200", "output.frames=20"]
     dembrick.simulate(dembrick.load("set4a_cyclic", changes), path, progress=False)
     with dembrick.read_history(path) as old:
@@ -207,7 +207,7 @@ def test_a_lone_joint_goes_on_in_the_middle_of_a_cycle(tmp_path, formulation):
         go_on(path, times[1], "joint.friction=0.2")
 
 
-# --- as a command, and what cannot be
+# --- the command, and requests that are refused
 
 
 def test_the_command_prints_what_run_prints(slide, tmp_path, capsys):
@@ -217,9 +217,9 @@ def test_the_command_prints_what_run_prints(slide, tmp_path, capsys):
     said = json.loads(capsys.readouterr().out)
     assert said["status"] == "completed" and said["history"] == str(new)
     assert set(said) == set(json.loads(json.dumps(dembrick.read_history(slide).results)))
-    assert main(asked) == 2  # a finished history is there
+    assert main(asked) == 2  # a finished history is in the way
     assert "finished history" in json.loads(capsys.readouterr().out)["error"]
-    assert main(["run", str(new), "--json"]) == 2  # its scenario alone does not lead there
+    assert main(["run", str(new), "--json"]) == 2  # its scenario alone does not reproduce it
     assert "this run continued" in json.loads(capsys.readouterr().out)["error"]
     with pytest.raises(HistoryError, match="this run continued another one"):
         dembrick.restart_at(new, 0.15, tmp_path / "third.h5")

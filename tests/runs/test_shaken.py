@@ -1,4 +1,4 @@
-"""A shaken structure in one word, with its drift, what displacement remains, and the peaks of its ties."""
+"""The outcome of a shaken structure in one word, with its drift, residual displacement and peak tie forces."""
 
 import json
 from html import escape
@@ -20,7 +20,7 @@ PULSE = '[control]\nkind = "base-motion"\ndirection = [1.0, 0.0, 0.0]\n'
 
 
 def column(amplitude, duration=1.0, friction=0.9):
-    """A stone 0.2 m wide and 0.8 m high: it rocks from 0.25 g on."""
+    """A stone 0.2 m wide and 0.8 m high, which rocks above 0.25 g."""
     text = header(friction=friction, title="stone") + GROUND + block("stone", (0.0, 0.0, 0.4), (0.2, 0.2, 0.8))
     return text + PULSE + f"pulse = {{ amplitude = {amplitude}, duration = 0.4 }}\nduration = {duration}\n"
 
@@ -39,7 +39,7 @@ def test_a_stone_that_the_ground_throws_over_fell(tmp_path):
 
 
 def test_a_stone_that_stays_stood_and_has_slid(tmp_path, capsys):
-    """Under a pulse a for t it slides against the ground by v^2 (1 / mu g - 1 / a) / 2 with v = a t: Newmark's way."""
+    """Under a pulse a for t it slides v^2 (1 / mu g - 1 / a) / 2 relative to the ground, with v = a t (Newmark)."""
     a, t, mu, g = 3.0, 0.4, 0.15, 9.81
     text = column(a, friction=mu)
     text = text.replace("[0.2, 0.2, 0.8]", "[0.8, 0.8, 0.2]").replace("[0.0, 0.0, 0.4]", "[0.0, 0.0, 0.1]")
@@ -68,7 +68,7 @@ def test_a_stone_that_stays_stood_and_has_slid(tmp_path, capsys):
 
 
 def test_what_still_moves_when_the_run_ends_stood_so_far(tmp_path):
-    """A stone that the ground rocks, seen in the middle of it: its top goes at its spin times its diagonal."""
+    """A rocking stone at a run's end in mid-motion: its speed is that of the centroid plus spin times half diagonal."""
     result, told = ran(column(4.0, duration=0.45), tmp_path / "run.h5")
     bodies = result.run.motion.state.bodies
     speed = np.linalg.norm(bodies.velocity[1]) + np.linalg.norm(bodies.spin[1]) * np.sqrt(0.2**2 + 0.2**2 + 0.8**2) / 2

@@ -1,4 +1,4 @@
-"""Stages: controls one after the other, each on the state that the last one left."""
+"""Stages: controls in sequence, each starting from the state that the one before left."""
 
 import itertools
 import math
@@ -34,7 +34,7 @@ YIELD = 'kind = "yield"\ntolerance = 1e-5\n'
 
 
 def scenario(*stages, formulation="concave", loads="", actuators=JACK, changes=(), more=""):
-    """The lab joint under stages, the last of which is its control."""
+    """The lab joint under stages; the last one is its control."""
     text = JOINT.replace('"convex"', f'"{formulation}"') + loads + actuators
     text += "".join(f"[[stages]]\n{stage}" for stage in stages[:-1]) + f"[control]\n{stages[-1]}{more}"
     return toml.loads(text, "staged.toml", changes)
@@ -46,8 +46,8 @@ def push(force, stages=None):
 
 
 def residual(jack):
-    """Forces (4, 2) that the points of a concave joint keep in balance with one another when a jack at x = ``jack`` has
-    been at its limit and is let go: those of the limit, less what elastic points carry of that load."""
+    """Self-equilibrated forces (4, 2) of the points of a concave joint after a jack at x = ``jack`` has reached its
+    limit and is removed: those at the limit, less the elastic response of the points to that load."""
     x, y = 0.5 * A * np.array([-1, -1, 1, 1]), 0.5 * B * np.array([-1, 1, -1, 1])
 
     def limit(centre):
@@ -76,7 +76,7 @@ CONTACTS = '[output]\nchannels = ["joints", "energy", "frames", "contacts"]\n'
 @pytest.mark.parametrize("last", [STATICS, 'kind = "dynamic"\nduration = 0.01\n'], ids=["statics", "real time"])
 @pytest.mark.parametrize("jack", [0.075, 0.135])
 def test_points_keep_forces_in_balance_when_the_jack_is_off(jack, last):
-    """Set 4a and 4b to the limit, then nothing, at rest and in time: what the points remember is handed over."""
+    """Sets 4a and 4b to the limit, then unloaded, in a search and in real time: the memory of points is handed on."""
     given = scenario(YIELD, last, changes=[f"actuators.jack.point=[{jack}, 0.0, 0.0]"], more=CONTACTS)
     result = simulate(given)
     (stage,) = result.stages
@@ -98,7 +98,7 @@ TORSION = [  # formulation; M_T with half of the strength in shear held along y 
 
 @pytest.mark.parametrize(("formulation", "along_y", "along_x", "alone"), TORSION)
 def test_torsion_with_half_of_the_shear_held_and_after_shear_and_back(formulation, along_y, along_x, alone):
-    """Unloading leaves nothing that the next limit knows of; what stays is a strength less."""
+    """M_T beside a lasting shear is the reduced strength; a shear that was removed leaves M_T0 unchanged."""
     held = push((0.0, HALF, 0.0)), push((HALF, 0.0, 0.0))
     for load, expected in zip(held, (along_y, along_x), strict=True):
         given = scenario(STATICS, YIELD, formulation=formulation, loads=load, actuators=COUPLE)
@@ -116,7 +116,7 @@ def test_torsion_with_half_of_the_shear_held_and_after_shear_and_back(formulatio
 @pytest.mark.parametrize("last", [STATICS, 'kind = "dynamic"\nduration = 0.01\n'], ids=["statics", "real time"])
 @pytest.mark.parametrize("act", [JACK.replace("0.075", "0.0"), COUPLE], ids=["slid", "turned"])
 def test_blocks_stay_where_a_test_has_left_them(last, act):
-    """Driven by 2 mm, then let go: only the springs of joint and bed give back, V / (ks A) or M_T / (ks J), and N."""
+    """Driven by 2 mm, then released: only the elastic part returns, V / (ks A) or M_T / (ks J); N keeps it sunk."""
     far = 'kind = "displacement"\nrate = 1e-2\ntravel = 2e-3\n'
     left = simulate(scenario(far, formulation="convex", actuators=act)).run.state.blocks
     result = simulate(scenario(far, last, formulation="convex", actuators=act))
@@ -137,7 +137,7 @@ def test_blocks_stay_where_a_test_has_left_them(last, act):
 
 @pytest.mark.parametrize("last", [STATICS, 'kind = "dynamic"\nduration = 0.01\n'], ids=["statics", "real time"])
 def test_a_tie_stays_as_long_as_a_test_has_made_it(last):
-    """It yields at 200 N over nearly 2 mm; friction then holds the block, and the tie gives back what it shortens."""
+    """It yields at 200 N over nearly 2 mm; then friction holds the block, and the tie loses k times the return."""
     far = 'kind = "displacement"\nrate = 1e-3\ntravel = 2e-3\n'
     tie = (
         '[[ties]]\nbetween = [{ block = "lower", point = [0.0, -0.1, 0.0] }, { block = "upper", point = [0.0, 0.1, 0.0]'
@@ -153,7 +153,7 @@ def test_a_tie_stays_as_long_as_a_test_has_made_it(last):
 
 
 def test_actuators_of_one_stage_are_not_those_of_another():
-    """Shear to its limit by a jack, then torsion to its limit by a couple, with `stages` of actuators."""
+    """Shear to its limit by a jack, then torsion to its limit by a couple, selected by `stages` of the actuators."""
     actuators = JACK.replace("0.075", "0.0") + "stages = [1]\n" + COUPLE.replace("weight", "stages = [2]\nweight")
     result = simulate(scenario(YIELD, YIELD, formulation="convex", actuators=actuators), record=False)
     assert result.stages[0]["yield_point"]["V"] == pytest.approx(MU * N, rel=2e-5)
@@ -162,7 +162,7 @@ def test_actuators_of_one_stage_are_not_those_of_another():
 
 @pytest.mark.parametrize("kind", ["rate", "path", "search"])
 def test_the_driven_displacement_counts_from_where_the_actuators_begin(kind):
-    """A shear load holds the block aside, and a stage has slid it on by 0.1 mm: V = k_s A u all the same."""
+    """Despite a lasting shear load and a slip of 0.1 mm in the stage before, V = k_s A u from zero."""
     held, k = 0.25 * MU * N, 4e9 * A * B
     slide = 'kind = "displacement"\nrate = 1e-4\ntravel = 1e-4\n'
     last = {"rate": slide, "path": slide + "large_displacements = true\n", "search": YIELD}[kind]
@@ -176,7 +176,7 @@ def test_the_driven_displacement_counts_from_where_the_actuators_begin(kind):
 
 
 def test_a_search_that_follows_equilibria_and_a_test_at_a_rate_are_stages_too():
-    """Of a tower: its second limit is the first one, and a constant-rate test before it changes nothing."""
+    """A tower: its second limit equals the first, and a constant-rate test before them changes nothing."""
     tower = '[[blocks]]\nname = "top"\nmaterial = "tuff"\nbox = [0.3, 0.2, 0.1]\nposition = [0.0, 0.0, 0.15]\n'
     jack = JACK.replace('"upper"', '"top"').replace("0.075, 0.0, 0.0", "0.05, 0.0, 0.12")
     rate = 'kind = "displacement"\nrate = 1e-3\ntravel = 2e-5\n'
@@ -190,7 +190,7 @@ def test_a_search_that_follows_equilibria_and_a_test_at_a_rate_are_stages_too():
 
 
 def test_a_stopped_run_goes_on_in_its_stage(tmp_path, monkeypatch):
-    """Stopped in the first stage, between the first and the second, and in the last one: one and the same run."""
+    """Stopped in the first stage, between the first and the second, and in the last: the result is one run's."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
     monkeypatch.setattr(stepper, "FIRST_WORK", 1)
     monkeypatch.setattr(stepper, "CHUNK_SECONDS", 0.0)
@@ -256,7 +256,7 @@ PRESSURE = '[[pressures]]\nblock = "upper"\ndirection = [0.0, -1.0, 0.0]\nvalue 
     "last", ['kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n', 'kind = "dynamic"\nduration = 1.0\n']
 )
 def test_actuators_and_pressures_that_no_stage_drives_are_refused(last, stages):
-    """They were dropped, and are refused without stages."""
+    """They were once dropped silently; without stages they are refused too."""
     control = f"[[stages]]\n{STATICS}[control]\n{last}"
     where = "stage 2 of kind" if stages == "stages = [2]\n" else "stages 1 and 2 of kind 'statics' and"
     refused(JOINT + JACK + stages + control, where, "no use for [[actuators]]; remove the one on 'upper'")
@@ -265,7 +265,7 @@ def test_actuators_and_pressures_that_no_stage_drives_are_refused(last, stages):
 
 
 def test_actuators_that_act_only_where_blocks_are_to_rest_are_said_to_carry_nothing():
-    """As without stages; off in some of their stages they carry something in another."""
+    """As without stages; if another of their stages drives them, there is no warning."""
     (said,) = build.assemble(scenario(STATICS, STATICS)).warnings
     assert said.startswith("[[actuators]] have no effect in a run of kind 'statics'")
     (said,) = build.assemble(scenario(STATICS, YIELD, loads=PRESSURE + "stages = [1]\n")).warnings
@@ -275,7 +275,7 @@ def test_actuators_that_act_only_where_blocks_are_to_rest_are_said_to_carry_noth
 
 @pytest.mark.parametrize("key", ["cohesion = 2000.0", "residual_friction = 0.32"])
 def test_theory_knows_no_bond_that_an_earlier_stage_may_have_broken(key):
-    """Of the strength of the start the second search would be short, by what the first one broke."""
+    """Theory uses the initial strength, which the second search cannot reach once the first has broken the bond."""
     whole = simulate(scenario(YIELD, formulation="convex", changes=[f"joint.{key}"]), record=False)
     again = simulate(scenario(YIELD, STATICS, YIELD, formulation="convex", changes=[f"joint.{key}"]), record=False)
     assert whole.theory is not None and whole.agrees() and whole.yield_point.V > 1.2 * again.yield_point.V
@@ -286,7 +286,7 @@ def test_theory_knows_no_bond_that_an_earlier_stage_may_have_broken(key):
 
 @pytest.mark.parametrize("deformed", [False, True])
 def test_what_is_handed_on_of_bonds_that_break_at_a_limit_is_said(deformed):
-    """A search in the geometry of the start leaves them broken, one in the deformed geometry whole."""
+    """A search in the original geometry hands them on broken, one in the deformed geometry intact."""
     large = "large_displacements = true\n" if deformed else ""
     text = header("concave", 0.5, 1e10, keys="cohesion = 1e4\n") + block_text(
         "floor", (0, 0, -0.05), more="fixed = true"
@@ -306,7 +306,7 @@ def test_what_is_handed_on_of_bonds_that_break_at_a_limit_is_said(deformed):
 
 
 def test_blocks_of_several_parts_move_in_one_stage_and_not_in_another():
-    """An L that stands on a floor by two parts has one joint in the geometry of the start, and two where it moves."""
+    """An L on a floor by two parts has one joint in the original geometry, and two if a stage moves it."""
     parts = "".join(
         f"[[blocks.parts]]\nbox = {box}\nposition = {place}\n"
         for box, place in (([0.2, 0.1, 0.1], [0.0, 0.0, 0.0]), ([0.1, 0.1, 0.1], [-0.05, 0.1, 0.0]))
@@ -334,7 +334,7 @@ G = 9.81
 
 
 def turned(formulation, *stages, degrees=10.0, more="[output]\nrows = 400\nframes = 20\n"):
-    """A flat block on a floor that turns about its middle by so many degrees, and what comes then."""
+    """A flat block on a floor that rotates about its middle by ``degrees``, followed by stages."""
     text = header(formulation, 0.5, 1e10) + block_text("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
     text += block_text("block", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
     floor = 'kind = "settlement"\nsupports = ["floor"]\n'
@@ -345,7 +345,7 @@ def turned(formulation, *stages, degrees=10.0, more="[output]\nrows = 400\nframe
 
 
 def pulse(degrees, amplitude=6.0, duration=0.8):
-    """The base moves up the floor."""
+    """A pulse of the base up the inclined floor."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return f'kind = "base-motion"\ndirection = [{-c!r}, 0.0, {s!r}]\nduration = {duration}\n' + (
         f"pulse = {{ amplitude = {amplitude}, duration = 0.2 }}\n"
@@ -354,7 +354,7 @@ def pulse(degrees, amplitude=6.0, duration=0.8):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_block_on_a_floor_that_has_turned_takes_a_pulse(formulation):
-    """a = A + g sin th - mu g cos th for the pulse, then it slows down by mu g cos th - g sin th; before, it stands."""
+    """It stands, slides with a = A + g sin th - mu g cos th in the pulse, and slows by mu g cos th - g sin th."""
     result = simulate(turned(formulation, pulse(10.0)))
     th, A, T = math.radians(10.0), 6.0, 0.2
     faster = A + G * math.sin(th) - 0.5 * G * math.cos(th)
@@ -363,7 +363,7 @@ def test_a_block_on_a_floor_that_has_turned_takes_a_pulse(formulation):
     assert result.rows["displacement"][-1] == pytest.approx(slip, rel=5e-3)
     assert result.rows["joint"][0, 0, 0] == pytest.approx(16.0 * G * math.cos(th), rel=1e-5)
     first, last = result.frames["displacement"][[0, -1], 1]
-    assert first[0] == pytest.approx(0.05 * math.sin(th), abs=1e-6)  # on the floor as it has turned
+    assert first[0] == pytest.approx(0.05 * math.sin(th), abs=1e-6)  # on the rotated floor
     assert last - first == pytest.approx(slip * np.array([math.cos(th), 0.0, -math.sin(th)]), rel=5e-3, abs=1e-6)
     assert result.stages[0]["kind"] == "settlement" and result.stages[0]["status"] == "completed"
     assert abs(result.energy.relative_residual) < 1e-9
@@ -371,7 +371,7 @@ def test_a_block_on_a_floor_that_has_turned_takes_a_pulse(formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_one_settlement_after_another(formulation):
-    """A beam on three equal springs: the middle one goes down by s, and then up by s / 2; then the left one down."""
+    """A beam on three equal springs: the middle support sinks by s and rises by s / 2; then the left one sinks."""
     weight, k, s = 3000.0, 1e8, 1e-5
     text = header(formulation, 0.5, k / 0.1)
     text += block_text("beam", (0.0, 0.0, 0.1), (2.4, 0.5, weight / (2000.0 * G * 1.2) / 1.0))
@@ -387,19 +387,19 @@ def test_one_settlement_after_another(formulation):
     one, two = (stage["reactions"]["middle"][2] for stage in result.stages)
     assert one == pytest.approx(weight / 3.0 - 2.0 * k * s / 3.0, rel=1e-5)
     assert two == pytest.approx(weight / 3.0 - k * s / 3.0, rel=1e-5)
-    third = weight / 3.0 - k * s / 3.0 + k * s / 3.0  # a spring at an end shares with the middle as (-1, 2, -1) / 6
+    third = weight / 3.0 - k * s / 3.0 + k * s / 3.0  # a settling end spring loads all three as (-1, 2, -1) / 6
     assert result.reactions["middle"][2] == pytest.approx(third, rel=1e-4)
 
 
 def test_an_arch_whose_springing_has_spread_stands_in_time():
-    """Its hinges have turned so far that new contacts carry a part: nothing moves, no force or energy changes."""
+    """After large hinge rotations new contacts carry part of the load: no motion, and no change of forces or energy."""
     text = header(friction=0.7, normal_stiffness=1e10)
     text += '[[arches]]\nname = "arch"\nmaterial = "stone"\nradius = 1.5\nthickness = 0.5\ndepth = 0.5\nvoussoirs = 6\n'
     text += '[[stages]]\nkind = "settlement"\nsupports = ["arch.right"]\ndisplacement = [0.4, 0.0, 0.0]\n'
     result = simulate(toml.loads(text + '[control]\nkind = "dynamic"\nduration = 0.02\n', "arch.toml"))
     assert result.rows["new_contacts"][0] > 0.0
     assert result.rows["displacement"].max() < 1e-8
-    for name in ("arch.left", "arch.right"):  # the moment is about where the support is as the stage begins
+    for name in ("arch.left", "arch.right"):  # the moment refers to the support's position at the start of the stage
         assert result.reactions[name][:3] == pytest.approx(result.stages[0]["reactions"][name][:3], rel=1e-6, abs=0.01)
     elastic, external = (result.rows["energy"][name] for name in ("elastic", "external"))
     assert np.abs(elastic).max() < 1e-6 and np.abs(external).max() < 1e-5
@@ -407,12 +407,12 @@ def test_an_arch_whose_springing_has_spread_stands_in_time():
 
 
 def test_a_run_in_real_time_after_a_settlement_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
-    """Stopped between both, and in the last: the settled state comes from the checkpoint."""
+    """Stopped between both stages and in the last: the settled state comes from the checkpoint."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
     path = tmp_path / "run.h5"
     given = turned("convex", pulse(10.0, duration=0.2), more="[output]\nrows = 40\nframes = 4\ncheckpoint = 0.0\n")
     whole = simulate(given, tmp_path / "whole.h5")
-    for stop in ("stage 1 of 2", "(t = "):  # the second of them in the last stage, which alone has a time
+    for stop in ("stage 1 of 2", "(t = "):  # only the last stage has a time
         stop_in_stages(given, path, lambda where, _, stop=stop: stop in where)
         result = restart(path)
         assert result.rows["displacement"][-1] == whole.rows["displacement"][-1]

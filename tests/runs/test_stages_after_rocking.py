@@ -1,4 +1,4 @@
-"""A stack that a jack has made rock, and that is let go: it stands, as no joint has moved its pressure for good."""
+"""A stack that a jack has rocked and released stands: no joint keeps a displaced pressure."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from helpers.stone_scenes import law, of_stone
 
 
 def drawn(seed):
-    """One to four blocks, the wider ones below, and a jack on one of them, across and up or down."""
+    """One to four blocks, wider ones below, and a jack on one of them, roughly horizontal."""
     draw = np.random.default_rng(seed)
     count = int(draw.integers(1, 5))
     sizes = np.sort(draw.uniform(0.15, 0.4, (count, 2)), axis=0)[::-1]
@@ -33,5 +33,5 @@ def drawn(seed):
 def test_a_stack_that_has_rocked_stands(seed):
     found = simulate(drawn(seed))
     assert found.status == "stands"
-    if seed in (60, 94, 202, 224):  # left metres away, these were said to fall
+    if seed in (60, 94, 202, 224):  # once left metres away and reported to fall
         assert found.stages[0]["yield_point"]["mechanism"] == "rocking"

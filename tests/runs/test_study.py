@@ -1,4 +1,4 @@
-"""Studies: which cases there are, how they are drawn, run, kept and gone on with."""
+"""Studies: their cases, and how these are drawn, run, stored and continued."""
 
 import json
 import math
@@ -174,7 +174,7 @@ def test_every_case_is_a_row_of_one_table(write, tmp_path):
 
 
 def test_cases_run_together_come_to_what_each_comes_to_alone(write, tmp_path):
-    """Frictions, loads, jacks, blocks and formulations change; every case also runs with a history, by itself."""
+    """Frictions, loads, jacks, blocks and formulations vary; every case is also run alone, with a history."""
     body = """
 [list]
 joint.formulation = ["concave", "corrected-shear", "convex", "convex", "distributed", "concave"]
@@ -184,7 +184,7 @@ loads.upper.force = [[0, 0, -300], [10, 0, -378], [0, 5, -500], [0, 0, -378], [0
 """
     together = read_csv(studies.sweep(write(body), tmp_path / "together").csv)
     alone = read_csv(studies.sweep(write("histories = true\n" + body), tmp_path / "alone").csv)
-    # `distributed` runs alone in any case, and so does what follows equilibria: its bracket is no proof
+    # `distributed` always runs alone, and so does path following, whose bracket is no proof
     assert [row["theory"] == "" for row in together] == [True, False, True, True, False, False]
     for one, other in zip(together, alone, strict=True):
         assert one["status"] == other["status"]
@@ -214,7 +214,7 @@ def test_finished_cases_are_not_run_again_and_a_torn_line_is(write, tmp_path):
     assert studies.sweep(path, folder).ran == 0
     rows = folder / "rows_1_of_1.jsonl"
     text = rows.read_text()
-    rows.write_text(text[: text.rindex('"V"') + 8])  # killed while writing the last line
+    rows.write_text(text[: text.rindex('"V"') + 8])  # as if killed while writing the last line
     again = studies.sweep(path, folder)
     assert (again.ran, again.finished) == (1, 3)
     assert [row["V"] for row in read_csv(folder / "table.csv")] == [row["V"] for row in before]
@@ -254,7 +254,7 @@ def test_shards_make_up_the_whole(write, tmp_path):
 
 
 def test_workers_take_one_thread_and_leave_this_process_its_own(monkeypatch):
-    """numba cannot change its number of threads once they run, so that it may not see another in between."""
+    """numba cannot change its number of threads once they run, so a worker must not see another number first."""
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
     seen = []
     for threads in run_local(os.getenv, ["unset"] * 3, 2, "NUMBA_NUM_THREADS"):
@@ -283,14 +283,14 @@ def test_local_processes_give_the_same_table_and_the_scatter_of_V(write, tmp_pat
 
 @pytest.mark.parametrize("deviation", [1e-6, 0.2])
 def test_the_mean_of_draws_has_the_bars_of_its_cases_and_of_its_scatter(deviation, write, tmp_path, capsys):
-    """A mean of cases each known to a tenth was said to be known to a millionth, as they hardly scatter."""
+    """A mean of cases each known to a tenth was once said to be known to a millionth, as they hardly scatter."""
     rough = "[grid]\ncontrol.tolerance = [0.1]\n"
     body = DRAWS.replace("deviation = 0.03", f"deviation = {deviation}").replace("[grid]\n", rough)
     outcome = studies.sweep(write(body), tmp_path / "out")
     for cell in outcome.statistics:
         rows = [row for row in read_csv(outcome.csv) if row["joint.formulation"] == cell["joint.formulation"]]
         half = statistics.fmean(0.5 * (float(row["V_upper"]) - float(row["V_lower"])) for row in rows)
-        t = 2.364624  # Student's, of eight
+        t = 2.364624  # Student's t for eight draws
         assert cell["half_width"] == pytest.approx(half, rel=0.2) and cell["unanswered"] == 0
         assert cell["mean_error"] == pytest.approx(cell["half_width"] + t * cell["standard_error"], rel=1e-6)
     assert cli.main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 0
@@ -335,7 +335,7 @@ def test_a_scheduler_that_does_not_answer(write, tmp_path):
 
 
 def test_a_worker_killed_half_way_loses_no_case_and_doubles_none(write, tmp_path):
-    """A real scheduler with two worker processes; the first rows that arrive cost one worker its life."""
+    """A real scheduler with two worker processes; one worker is killed when the first rows arrive."""
     distributed = pytest.importorskip("distributed", reason="Dask distributed is not installed (extra 'cluster')")
     cluster = distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
@@ -366,7 +366,7 @@ def test_the_studies_that_come_along_are_sound(path):
 
 
 def test_answers_stand_in_the_order_of_the_cases(write, tmp_path):
-    """And not in that in which they were done."""
+    """Not in the order in which they were finished."""
     study = studies.load(write(THREE))
     studies.sweep(study, tmp_path / "out", jobs=1)
     (rows,) = (tmp_path / "out").glob("rows_*.jsonl")
@@ -384,7 +384,7 @@ OF_MESH = BASE.replace(
 
 
 def mesh_of(height):
-    """A box of 0.3 x 0.2 m, as OBJ."""
+    """A box of 0.3 x 0.2 m as OBJ text."""
     corners = [(x, y, z) for x in (-0.15, 0.15) for y in (-0.1, 0.1) for z in (-height / 2, height / 2)]
     faces = ("1 3 7 5", "2 6 8 4", "1 5 6 2", "3 4 8 7", "1 2 4 3", "5 7 8 6")
     return "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {face}\n" for face in faces)
@@ -404,7 +404,7 @@ def test_rows_of_a_file_that_has_changed_are_not_taken_for_those_of_now(named, w
 
 
 def test_an_answer_counts_though_another_shard_failed(write, tmp_path):
-    """The file of the shard that failed comes later by name."""
+    """The file of the shard that failed comes later in alphabetical order."""
     path, folder = write(THREE), tmp_path / "out"
     studies.sweep(path, folder)
     rows = (folder / "rows_1_of_1.jsonl").read_text().splitlines()
@@ -429,4 +429,4 @@ def test_tables_that_no_study_wrote_are_left_alone(write, tmp_path):
         studies.sweep(path, other)
     assert (other / "table.csv").read_text() == "mine\n"
     assert studies.sweep(path, other, force=True).ran == 1
-    assert studies.sweep(path, other).ran == 0  # its own by now
+    assert studies.sweep(path, other).ran == 0  # the table is now its own

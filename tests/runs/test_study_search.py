@@ -1,4 +1,4 @@
-"""Studies with a search: the value of a key at which a run falls, by bisection."""
+"""Studies with a search: bisection for the value of a key at which a run falls."""
 
 import math
 
@@ -30,7 +30,7 @@ def write(tmp_path):
 
 
 def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
-    """tan 20 deg, whatever the formulation; it falls below, so the bracket is the other way round."""
+    """tan 20 deg, for any formulation; the block falls below it, so the bracket is reversed."""
     path = write('[grid]\n"joint.formulation" = ["concave", "convex", "distributed"]\n' + SEARCH)
     outcome = studies.sweep(path, tmp_path / "out")
     rows = read_csv(outcome.csv)
@@ -47,7 +47,7 @@ def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
 
 
 def test_no_bar_leaves_out_what_points_inside_the_edge_do(write, tmp_path, capsys):
-    """The least thickness of an arch, that of rigid stones which turn on their edges."""
+    """The least thickness of an arch against that of rigid stones, which rotate about their edges."""
     arch = '[[arches]]\nname = "arch"\nmaterial = "stone"\nradius = 5.0\nthickness = 0.6\ndepth = 0.5\nvoussoirs = 7\n'
     base = header(friction=0.9) + arch + '[control]\nkind = "statics"\n'
     body = '[grid]\n"joint.formulation" = ["concave", "convex", "distributed"]\n'
@@ -60,7 +60,7 @@ def test_no_bar_leaves_out_what_points_inside_the_edge_do(write, tmp_path, capsy
 
 
 def test_the_pulse_that_overturns_a_block(write, tmp_path):
-    """A block on a base that takes a pulse without end rocks, and so falls, from a = g b/h on."""
+    """On a base under an endless pulse a block rocks, and so falls, if a > g b/h."""
     control = 'kind = "base-motion"\nduration = 1.5\ndirection = [1.0, 0.0, 0.0]\n'
     control += "pulse = { amplitude = 9.81, duration = 5.0 }\n"
     base = (
@@ -120,7 +120,7 @@ def test_bisection_ends_at_its_tolerance_also_at_zero():
         assert found.stands <= edge <= found.falls
         assert found.half_width <= max(0.01 * abs(found.value), 4e-9)
     assert found.runs == 2 + math.ceil(math.log2(2.0 / 0.029))
-    island = search.Search("key", 0.1, 1.6, 1e-3, scan=8)  # falls between 0.3 and 0.5 as well: the first change counts
+    island = search.Search("key", 0.1, 1.6, 1e-3, scan=8)  # also falls between 0.3 and 0.5: the first change counts
     found = island.bisect(lambda value: 0.3 < value < 0.5 or value > 0.9)
     assert found.stands <= 0.3 <= found.falls
     back = island.bisect(lambda value: value < 0.2 or 0.3 < value < 0.5)
@@ -130,7 +130,7 @@ def test_bisection_ends_at_its_tolerance_also_at_zero():
 
 
 def test_a_study_is_drawn_over_every_key_that_changes(tmp_path, capsys):
-    """A panel a key, a line for each combination of the others, with the bars of the search."""
+    """One panel per key, one line per combination of the others, with the bars of the search."""
     lines = [
         "case,joint.formulation,control.pulse.duration,status,searched,value,half_width,stands,falls,runs,loop,error"
     ]

@@ -1,4 +1,4 @@
-"""Ties that come and go, and joint laws that change, from stage to stage: closed forms of one block and of an arch."""
+"""Ties added and removed, and joint laws changed, between stages: closed forms of one block."""
 
 import itertools
 import math
@@ -25,7 +25,7 @@ TIME = 'kind = "dynamic"\nduration = 0.02\n'
 
 
 def tie(stages=None, k=1e6, prestress=0.0, more=""):
-    """A tie along y between the middles of both blocks, at the height of the joint."""
+    """A tie along y between the centres of both blocks, at the height of the joint."""
     ends = '{ block = "lower", point = [0.0, -0.1, 0.0] }, { block = "upper", point = [0.0, 0.1, 0.0] }'
     text = f"[[ties]]\nbetween = [{ends}]\nstiffness = {k!r}\nprestress = {prestress!r}\n{more}"
     return text + ("" if stages is None else f"stages = {stages}\n")
@@ -53,27 +53,27 @@ FAR = 'kind = "displacement"\nrate = 1e-2\ntravel = 2e-3\n'
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 @pytest.mark.parametrize("last", [STATICS, TIME], ids=["statics", "real time"])
 def test_a_tie_that_comes_after_a_slip_has_its_prestress_and_no_more(formulation, last):
-    """2 mm of slip stretch no tie that comes later: at k = 1e6 N/m it would carry 2 kN. Its 100 N shear the joint back,
-    which answers as a spring beside it: T = T_0 - k T_0 / (k_s A + k)."""
+    """A later tie is not stretched by 2 mm of earlier slip, which at k = 1e6 N/m would give 2 kN. Its 100 N shear the
+    joint back, a spring in parallel: T = T_0 - k T_0 / (k_s A + k)."""
     k, given = 1e6, 100.0
     result = simulate(scenario(FAR, STATICS, last, parts=tie([3], k, given), formulation=formulation))
     tension = np.asarray(result.rows["tension"])[:, 0]
     assert tension[-1] == pytest.approx(given - k * given / (K_S + k), rel=2e-3 if last == TIME else 1e-6)
     assert "ties" not in result.stages[0] and "ties" not in result.stages[1]
-    assert abs(result.reactions["lower"][1]) < 1e-3  # what the tie does stays between the two blocks
+    assert abs(result.reactions["lower"][1]) < 1e-3  # the tie acts only between the two blocks
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_tie_that_stays_is_as_long_as_it_was_and_one_that_goes_lets_go(formulation):
-    """Pushed beyond friction the block hangs on its tie, which holds H - mu N. Where it stays and the push goes, tie
-    and joint are springs side by side; where it goes instead, the block slides under H and falls to no rest."""
+    """Pushed beyond friction, the block hangs on its tie, which carries H - mu N. If the push ends, tie and joint are
+    springs in parallel; if the tie is removed instead, the block slides under H and falls."""
     H, k = 1.5 * MU * N, 1e6
     held = H - MU * N
     stays = scenario(STATICS, STATICS, parts=tie(None, k) + push(H, [1]), formulation=formulation)
     result = simulate(stays)
     before = result.stages[0]["ties"][0]["tension"]
-    assert held * (1.0 - 1e-6) < before < 1.01 * held  # it swings to rest, and friction may hold a little less
-    left = before - H * k / (K_S + k)  # elastic: the joint turns from mu N to less than mu N the other way
+    assert held * (1.0 - 1e-6) < before < 1.01 * held  # after a swing friction may carry a little less than mu N
+    left = before - H * k / (K_S + k)  # elastic: the joint reverses from mu N to less than mu N
     assert float(result.rows["tension"][-1, 0]) == pytest.approx(left, rel=1e-6)
     goes = scenario(STATICS, STATICS, parts=tie([1], k) + push(H, [1, 2]), formulation=formulation)
     assert simulate(goes).as_dict()["status"] == "falls"
@@ -82,18 +82,18 @@ def test_a_tie_that_stays_is_as_long_as_it_was_and_one_that_goes_lets_go(formula
 
 
 def test_ties_keep_what_they_are_when_another_goes():
-    """Two ties share H - mu N by their stiffnesses; the first goes, and the second takes over what it held."""
+    """Two ties share H - mu N by their stiffnesses; when the first is removed, the second takes over its force."""
     H, first, second = 2.0 * MU * N, 1e6, 3e6
     parts = tie([1], first) + tie(None, second) + push(H, [1, 2])
     result = simulate(scenario(STATICS, STATICS, parts=parts))
     one, two = (entry["tension"] for entry in result.stages[0]["ties"])
     assert two == pytest.approx(3.0 * one, rel=1e-9)
-    assert 1.0 - 1e-6 < (one + two) / (H - MU * N) < 1.02  # it swings to rest, and friction may hold a little less
+    assert 1.0 - 1e-6 < (one + two) / (H - MU * N) < 1.02  # after a swing friction may carry a little less than mu N
     assert 1.0 - 1e-6 < float(result.rows["tension"][-1, 0]) / (H - MU * N) < 1.02
 
 
 def test_a_yielded_tie_keeps_its_length_beside_one_that_comes():
-    """It yields at 50 N over 2 mm; then the other comes with 20 N and the jack lets go: joint and ties spring back."""
+    """It yields at 50 N over 2 mm; then the other is added with 20 N, the jack is removed, and all spring back."""
     strong = tie(None, 1e6, more="strength = 50.0\n")
     result = simulate(scenario(FAR, STATICS, parts=tie([2], 2e6, 20.0) + strong))
     comes, yielded = np.asarray(result.rows["tension"])[-1]
@@ -106,7 +106,7 @@ SPREAD = 0.05  # m
 
 
 def settled(*stages, formulation="concave", parts="", degrees=None, more=""):
-    """A block on a floor that moves away from a wall along x by 5 cm, or turns by so many degrees, and what comes."""
+    """A block on a floor that moves 5 cm away from a wall along x, or rotates by ``degrees``, followed by stages."""
     text = header(formulation, 0.5, 1e10) + block_text("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
     text += block_text("block", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
     text += block_text("wall", (-1.5, 0.0, 0.5), (0.2, 1.0, 1.0), "fixed = true") + parts
@@ -130,8 +130,8 @@ W = 16.0 * 9.81  # N, weight of the block
 @pytest.mark.usefixtures("few")
 @pytest.mark.parametrize("last", [STATICS, TIME], ids=["statics", "real time"])
 def test_a_tie_after_the_support_has_spread_starts_at_the_length_of_that_moment(last):
-    """Tied from the start, the spread slides the block: the tie holds mu W. Tied after it, the tie has its 10 N, less
-    what the joint gives to it, and the block stays where the spread has put it."""
+    """Tied from the start, the block slides in the spread, and the tie carries mu W. A tie added after it has its 10 N,
+    less the elastic yield of the joint, and the block stays where the spread left it."""
     tied = simulate(settled(last, parts=wall_tie()))
     assert float(tied.rows["tension"][-1, 0]) == pytest.approx(0.5 * W, rel=1e-3)
     k, k_s = 1e5, 4e9 * 0.4 * 0.2
@@ -147,7 +147,7 @@ def test_a_tie_after_the_support_has_spread_starts_at_the_length_of_that_moment(
 
 @pytest.mark.usefixtures("few")
 def test_a_run_with_a_tie_that_came_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
-    """Between the settlement and the stage of the tie, and in the last one."""
+    """Stopped between the settlement and the stage of the tie, and in the last stage."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
     last = 'kind = "dynamic"\nduration = 0.002\n'
     given = settled(STATICS, last, parts=wall_tie([2, 3], prestress=10.0), more="[output]\ncheckpoint = 0.0\n")
@@ -168,7 +168,7 @@ def test_a_run_with_a_tie_that_came_goes_on_where_it_was_stopped(tmp_path, monke
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "convex"])
 def test_a_joint_that_loses_friction_bears_what_is_left_of_it(formulation):
-    """Limits before and after: mu N each; the law of the last stage is that of its bound too."""
+    """mu N before and after; the theory for the last stage also uses that stage's law."""
     result = simulate(scenario(YIELD, YIELD, parts=law([2], friction=0.3), formulation=formulation), record=False)
     assert result.stages[0]["yield_point"]["V"] == pytest.approx(MU * N, rel=2e-5)
     assert result.yield_point.V == pytest.approx(0.3 * N, rel=2e-5)
@@ -180,13 +180,13 @@ def test_a_joint_that_loses_friction_bears_what_is_left_of_it(formulation):
 
 @pytest.mark.parametrize(("friction", "stands"), [(0.45, "stands"), (0.35, "falls")])
 def test_a_wetted_joint_under_its_load_stands_or_slides(friction, stands):
-    """H = 0.4 N rests on mu = 0.64, and slides below 0.4."""
+    """H = 0.4 N stands with mu = 0.64 and slides with mu below 0.4."""
     parts = push(0.4 * N, [1, 2]) + law([2], friction=friction)
     assert simulate(scenario(STATICS, STATICS, parts=parts)).as_dict()["status"] == stands
 
 
 def test_a_bond_that_weathers_keeps_what_is_left():
-    """c A + mu N of a whole bond, by the cohesion of the stage; once broken it does not come back."""
+    """c A + mu N of an intact bond, with the cohesion of the stage; a broken bond does not heal."""
     bond = law(cohesion=2e3, residual_cohesion=0.0)
     weathered = law([2], cohesion=5e2, residual_cohesion=0.0)
     result = simulate(scenario(STATICS, YIELD, parts=bond + weathered, formulation="convex"), record=False)
@@ -198,7 +198,7 @@ def test_a_bond_that_weathers_keeps_what_is_left():
 @pytest.mark.usefixtures("few")
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_friction_that_goes_after_a_floor_has_turned_lets_the_block_slide(formulation):
-    """a = g (sin th - mu cos th) from rest on a floor that has turned by 10 degrees, with mu = 0.1 from then on."""
+    """a = g (sin th - mu cos th) from rest on a floor rotated by 10 degrees, with mu = 0.1 from then on."""
     th, t = math.radians(10.0), 0.3
     slide = f'kind = "dynamic"\nduration = {t}\n'
     wet = '[[joints]]\nbetween = ["floor", "block"]\nfriction = 0.1\nstages = [2]\n'
@@ -211,7 +211,7 @@ def test_friction_that_goes_after_a_floor_has_turned_lets_the_block_slide(formul
 
 @pytest.mark.usefixtures("few")
 def test_laws_that_part_in_a_deformed_geometry_are_refused_for_joints_with_points():
-    """Those of a convex joint have no place among others; that of the other block keeps its friction."""
+    """With convex joints one block can get less friction, a closed form, and the other keeps its own and stays."""
     more = block_text("other", (0.6, 0.0, 0.05), (0.4, 0.2, 0.1))
     wet = '[[joints]]\nbetween = ["floor", "block"]\nfriction = 0.1\nstages = [2]\n'
     with pytest.raises(ScenarioError, match="laws of joints that were one before are told apart in stage 2"):
@@ -253,8 +253,8 @@ def test_stages_of_ties_and_joints_are_written_and_read_back():
 
 
 def test_a_search_hands_on_the_state_at_its_limit():
-    """A bar tie that a block slackens as it turns: V falls behind its peak. A second search begins where the first one
-    found its limit, and finds it again; it began with the tension at the end of the path, and was 2 % lower."""
+    """A block slackens a bar tie as it turns, so V falls after its peak. A second search starts from the state at the
+    first limit and finds it again; when it started from the end of the path, it was 2 % lower."""
     text = header("convex", 0.8, 1e11, keys="cohesion = 2000.0\ntensile_strength = 700.0\n")
     text += block_text("low", (0.0, 0.0, -0.15), (2.0, 2.0, 0.3), "fixed = true")
     text += block_text("up", (0.0, 0.0, 0.125), (0.6, 0.4, 0.25)) + jack("up", (0.0, -0.1, 0.1), (1.0, 0.2, 0.0))

@@ -1,4 +1,4 @@
-"""Laboratory tests beside the answers: how they are judged, what is read out of runs, and the command."""
+"""Laboratory tests against computed answers: how they are judged, how answers are read from runs, and the command."""
 
 import dataclasses
 import json
@@ -79,7 +79,7 @@ def test_every_case_has_a_scenario_that_reads_and_says_what_was_not_known(case):
     "name, N", [("granite", (44.8, 104.8, 179.8, 254.8)), ("sandstone", (33.6, 103.6, 203.6, 253.6))]
 )
 def test_walls_stand_under_the_load_that_they_are_said_to(name, N):
-    """Weights by hand: 1.2 or 0.9 m of wall and the beam, 0.2 m thick, and the jack."""
+    """Weights by hand: 1.2 or 0.9 m of wall and the beam, 0.2 m thick, and the force of the jack."""
     volumes = {"granite": (0.24, 2600.0, 0.05), "sandstone": (0.18, 2000.0, 0.04)}[name]
     weight = 9.81 * (volumes[0] * volumes[1] + volumes[2] * 2400.0)
     walls = [case for case in cases.chosen([name]) if "guided" not in case.load]
@@ -89,7 +89,7 @@ def test_walls_stand_under_the_load_that_they_are_said_to(name, N):
 
 
 def test_lab_and_rocking_cases_run():
-    """Set 2a by the paper's formula; and a rocking block of rigid faces keeps what Housner says."""
+    """Set 2a against the paper's formula; and a rocking block with rigid faces against Housner's restitution."""
     tuff, rocking = (compare.comparison_of(case) for case in cases.chosen(["tuff-2a", "rocking-3"]))
     assert tuff.S == pytest.approx(0.10716576, rel=1e-5) and tuff.within
     assert tuff.E == pytest.approx(-0.000834, abs=1e-6)
@@ -97,8 +97,8 @@ def test_lab_and_rocking_cases_run():
 
 
 def test_a_guided_beam_slides_on_its_wall_and_a_free_one_lets_it_rock():
-    """Guided: friction times what the beam carries and weighs. Free: at most N b / 2 h, and less by the stones that the
-    crack leaves behind, no more than all of them."""
+    """Guided: friction times the load and weight of the beam. Free: at most N b / 2 h, less at most the weight of the
+    stones that the crack leaves behind."""
     guided, free = cases.chosen(["sandstone-33.6-guided"])[0], cases.chosen(["sandstone-33.6"])[0]
     slid = compare.comparison_of(dataclasses.replace(guided, paths=False))
     assert slid.S == pytest.approx(0.7 * (29126.64 + 9.81 * 0.04 * 2400.0) / 1e3, rel=1e-5)
@@ -116,7 +116,7 @@ class Written(cases.Case):
 
 
 def test_V_of_the_deformed_geometry_is_read_at_the_measured_displacement(tmp_path):
-    """A block that turns on its toe: V = W (b / 2 h - tan(turn) / 2), and the jack has moved by h sin(turn)."""
+    """A block rotating about its toe: V = W (b / 2 h - tan(turn) / 2), and the jack has moved by h sin(turn)."""
     file = tmp_path / "slender.toml"
     file.write_text(SLENDER)
     b, h, at = 0.5, 1.0, 0.015
@@ -130,7 +130,7 @@ def test_V_of_the_deformed_geometry_is_read_at_the_measured_displacement(tmp_pat
 
 
 def test_a_threshold_lies_between_a_value_that_stands_and_one_that_falls(tmp_path):
-    """A flat block on a slope of 0.2: it slides below a friction of 0.2."""
+    """A flat block on a slope of 0.2 slides if the friction is below 0.2."""
     file = tmp_path / "slope.toml"
     head = SLENDER.split("[[actuators]]")[0].replace("[0.0, 0.0, -9.81]", "[1.962, 0.0, -9.81]")
     file.write_text(head.replace("0.5, 0.2, 1.0", "0.5, 0.2, 0.2").replace("0.0, 0.5]", "0.0, 0.1]")
@@ -158,7 +158,7 @@ def test_the_command_prints_rows_and_json_and_findings_exit_with_zero(tmp_path, 
 
 @pytest.mark.slow
 def test_granite_walls_are_met_where_the_load_is_known(capsys):
-    """V of the deformed geometry within the scatter of the measured peaks; the sandstone walls are not met."""
+    """V in the deformed geometry lies within the scatter of the measured peaks, but not for the sandstone walls."""
     assert cli.main(["verify", "--validation", "--json", "--quiet"]) == 0
     rows = {row["case"]: row for row in json.loads(capsys.readouterr().out)["cases"]}
     assert not [name for name, row in rows.items() if row["S"] is None]

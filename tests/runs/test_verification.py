@@ -1,4 +1,4 @@
-"""The verification cases that ship, how their outcomes are judged, and the command that runs them."""
+"""The shipped verification cases, how their outcomes are judged, and the command that runs them."""
 
 import dataclasses
 import json
@@ -38,12 +38,12 @@ def test_cases_pass_and_fail_if_the_reference_is_off_by_a_hundredth(name):
     assert not wrong.passed
 
 
-LONG = ("ferris-tinloi-6", "wall-tilt", "drum-column", "arch-s", "beam-on", "hexagonal")  # begin names of long cases
+LONG = ("ferris-tinloi-6", "wall-tilt", "drum-column", "arch-s", "beam-on", "hexagonal")  # prefixes of long cases
 
 
 @pytest.mark.parametrize("case", cases.all_cases().values(), ids=lambda case: case.name)
 def test_every_case_that_is_short_passes(case):
-    """What takes seconds is left to the command; so none of the others goes wrong unseen."""
+    """Cases that take seconds are left to the command; all others are checked here."""
     if not case.name.startswith(LONG):
         found = verify.outcome_of(case)
         assert found.passed, (found.value, found.lower, found.upper, found.failure)
@@ -111,7 +111,7 @@ def test_shipped_names_stand_for_files(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert toml.load("set4a") == toml.load(shipped.folder() / "set4a.toml")
     (tmp_path / "set4a").write_text("title = 1\n")
-    with pytest.raises(ScenarioError):  # a file of that name comes first
+    with pytest.raises(ScenarioError):  # a file of that name takes precedence
         toml.load("set4a")
     with pytest.raises(ScenarioError, match="dembrick examples"):
         toml.load("set4q")
@@ -156,7 +156,7 @@ def test_examples_are_listed_printed_and_copied(folder, capsys):
     assert cli.main(["examples", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["examples"]
     assert "set4a" in told and "studies/friction_scatter" in told
-    assert len({one["title"] for one in told.values()}) == len(told)  # each says of itself what no other is
+    assert len({one["title"] for one in told.values()}) == len(told)  # no two titles are the same
     kinds = [told[name]["kind"] for name in ("set4a", "oppenheim", "studies/friction_scatter")]
     assert kinds == ["yield", "tilt, search", "study"], "and no blanks that align a text"
     assert cli.main(["examples", "arch"]) == 0
