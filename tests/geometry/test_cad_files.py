@@ -1,4 +1,4 @@
-"""Many solids from one CAD file: every format, names, units, gaps that are closed, what is refused in a sentence."""
+"""Many solids from one CAD file: every format, names, units, closing of gaps, refusals in one sentence."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_every_format_gives_the_solids_with_their_names(tmp_path, name):
 
 
 def test_bodies_without_names_end_where_their_surface_closes(tmp_path):
-    """Bodies that touch share corners: in a binary STL file nothing else tells where one ends."""
+    """Touching bodies share corners; in a binary STL file only the closing of the surface shows where a body ends."""
     cubes = {str(i): ((i, 0.0, 0.0), (i + 1.0, 1.0, 1.0)) for i in range(3)}
     for write, options in ((binary_stl, {}), (text_stl, {"names": False})):
         write(tmp_path / "cubes.stl", cubes, **options)
@@ -68,7 +68,7 @@ def test_gaps_are_closed_within_the_tolerance_and_not_beyond(tmp_path):
 
 
 def test_faces_askew_come_onto_one_plane(tmp_path):
-    """A slope of 1e-4 between the faces: the mean plane has half of it."""
+    """Two faces that differ by a slope of 1e-4 move onto their mean plane, whose slope is half of that."""
     boxes = {"low": ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), "high": ((0.0, 0.0, 1.0), (1.0, 1.0, 2.0))}
     obj(tmp_path / "two.obj", boxes)
     low, high = cad_file.read(str(tmp_path / "two.obj"), 1.0)
@@ -82,7 +82,7 @@ def test_faces_askew_come_onto_one_plane(tmp_path):
 
 
 def test_faces_in_a_row_that_would_move_too_far_are_refused(tmp_path):
-    """Steps of 0.9 mm, each within the tolerance, lead 3.6 mm apart on one slab: no plane is near to all."""
+    """Steps of 0.9 mm, each within the tolerance, add up to 3.6 mm on one slab: no plane is near all of the faces."""
     boxes = {f"{i}": ((i, 0.0, 0.9e-3 * i), (i + 1.5, 1.0, 1.0)) for i in range(5)}
     boxes |= {f"under {i}": ((i, 0.0, -1.0), (i + 1.5, 1.0, 0.9e-3 * i - 4e-4)) for i in range(5)}
     obj(tmp_path / "steps.obj", boxes)
@@ -117,7 +117,7 @@ def scene(tmp_path):
 
 
 def test_a_gate_from_cad_falls_when_its_posts_do(scene):
-    """Posts of width b and height h under a lintel turn about their toes at tan(angle) = b / h, whatever they weigh."""
+    """Posts of width b and height h under a lintel rock about their toes at tan(angle) = b / h, for any weight."""
     found = simulate(scene, record=False)
     assert found.collapse["load_factor"] == pytest.approx(0.2, rel=1e-3)
     assert [name.partition(".")[2] for name in found.collapse["blocks"]] == ["left", "right", "lintel"]
@@ -202,7 +202,7 @@ def test_a_solid_whose_faces_are_bent_is_named(tmp_path):
 
 
 def test_the_parts_of_a_solid_bear_its_name(tmp_path):
-    """An L beside a box."""
+    """An L is split into two convex parts, and both are named after it."""
     foot = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 2), (0, 2)]
     lines = ["o foot"] + [f"v {x} {y} {z}" for z in (0, 1) for x, y in foot]
     lines += ["f 6 5 4 3 2 1", "f 7 8 9 10 11 12"]
@@ -214,7 +214,7 @@ def test_the_parts_of_a_solid_bear_its_name(tmp_path):
 
 
 def test_a_hollow_solid_is_refused(tmp_path):
-    """Its inner surface would be a block in a block, and both full."""
+    """Its inner surface would be read as a second, solid block inside the first; a table on four legs is not hollow."""
     shell = {"outer": ((0.0, 0.0, 0.0), (3.0, 3.0, 3.0)), "inner": ((1.0, 1.0, 1.0), (2.0, 2.0, 2.0))}
     binary_stl(tmp_path / "shell.stl", shell)
     with pytest.raises(ScenarioError, match=r"solid 'solid' is hollow: .* cut it into pieces"):
@@ -226,7 +226,7 @@ def test_a_hollow_solid_is_refused(tmp_path):
 
 
 def test_a_solid_in_the_opening_of_another_is_no_hollow(tmp_path):
-    """A stone in the arms of a U lies within its box, and not inside of it."""
+    """A stone between the arms of a U lies inside the bounding box of the U but outside its surface."""
     corners = [(0, 0), (5, 0), (5, 3), (4, 3), (4, 1), (1, 1), (1, 3), (0, 3)]
     count = len(corners)
     lines = ["o both"] + [f"v {x} {y} {z}" for z in (0, 3) for x, y in corners]

@@ -1,4 +1,4 @@
-"""Clipping of batches of convex polygons, against plain loops over one pair at a time."""
+"""Clipping of batches of convex polygons, compared with plain loops over one pair at a time."""
 
 import math
 
@@ -11,10 +11,10 @@ from dembrick.geometry import clipping, polygons
 
 
 def plain_clip(subject, clipper):
-    """The part of a convex polygon that lies inside another, edge after edge (Sutherland and Hodgman).
+    """Clip a convex polygon by another, edge by edge (Sutherland and Hodgman).
 
-    Corners may repeat in either polygon. The result is empty when the polygons are apart, and may be a sliver or
-    carry repeated corners when they only touch: see :func:`simplify`.
+    Corners may repeat in either polygon. The result is empty if the polygons are apart, and may be a sliver or have
+    repeated corners if they only touch: see :func:`simplify`.
     """
     x0, y0 = clipper[-1]
     for x1, y1 in clipper:
@@ -38,10 +38,10 @@ def plain_clip(subject, clipper):
 
 
 def plain_simplify(points, tolerance):
-    """The polygon without corners that repeat another, or lie on the line of their neighbours, within ``tolerance``."""
+    """Remove corners that repeat another or lie on the line of their neighbours, within ``tolerance``."""
     points = list(points)
     i = 0
-    checked = 0  # corners in a row that may stay
+    checked = 0  # consecutive corners that are kept
     while len(points) >= 3 and checked < len(points):
         i %= len(points)
         (px, py), (x, y), (qx, qy) = points[i - 1], points[i], points[(i + 1) % len(points)]
@@ -69,7 +69,7 @@ def counterclockwise(polygon):
 
 
 def room_for(shapes, room):
-    """Polygons as one array, the last corner of each repeated."""
+    """Pad polygons to one array of ``room`` corners by repeating the last corner of each."""
     return np.array([np.concatenate([p, np.repeat(p[-1:], room - len(p), axis=0)]) for p in shapes])
 
 

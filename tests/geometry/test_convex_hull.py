@@ -18,7 +18,7 @@ edge = st.floats(0.05, 3.0)
 
 
 def outward(shape):
-    """Every face is plane, and all vertices lie behind it."""
+    """Assert that every face is plane, and that all vertices lie behind it."""
     heights = shape.vertices @ shape.face_normals.T - shape.face_offsets
     assert heights.max() < 1e-12 * shape.diameter
     for face, normal, offset in zip(shape.faces, shape.face_normals, shape.face_offsets, strict=True):
@@ -55,7 +55,7 @@ def test_the_right_tetrahedron():
     second = np.array([[3 * a * a, -a * b, -a * c], [-a * b, 3 * b * b, -b * c], [-a * c, -b * c, 3 * c * c]]) / 80.0
     expected = volume * (np.trace(second) * np.eye(3) - second)
     assert found.inertia == pytest.approx(expected, rel=1e-13)
-    assert abs(found.inertia[0, 1]) > 0.05 * found.inertia[0, 0]  # its principal axes are not the coordinates'
+    assert abs(found.inertia[0, 1]) > 0.05 * found.inertia[0, 0]  # the principal axes are not the coordinate axes
 
 
 def test_a_regular_octahedron_and_points_on_its_faces_and_edges():
@@ -74,7 +74,7 @@ def test_points_on_a_sphere_give_the_hull_of_an_independent_library(points, seed
     from scipy.spatial import ConvexHull
 
     points = np.array(points) + np.random.default_rng(seed).normal(scale=0.5, size=(len(points), 3))
-    points /= np.linalg.norm(points, axis=1)[:, None]  # all of them corners
+    points /= np.linalg.norm(points, axis=1)[:, None]  # every point is a corner of the hull
     try:
         found = hull(points)
     except ScenarioError as error:

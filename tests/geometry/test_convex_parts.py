@@ -1,4 +1,4 @@
-"""Solids cut into convex parts: none lost, none twice, as few as there must be."""
+"""Solids cut into convex parts: nothing is lost or counted twice, and the number of parts is the least possible."""
 
 import math
 
@@ -31,7 +31,7 @@ def extruded(outline, height):
 
 
 def moments(outline):
-    """Area, first moments and polar moment about the origin, by Green."""
+    """Area, first moments and polar moment about the origin, by Green's theorem."""
     p = np.array(outline, float)
     q = np.roll(p, -1, axis=0)
     twice = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
@@ -42,7 +42,7 @@ def moments(outline):
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("name", SHAPES)
 def test_parts_make_up_the_solid(name, turned):
-    """Volume, centroid and the moment about the axis, which parts that overlap or are misplaced would change."""
+    """Volume, centroid and axial moment of inertia, which overlapping or misplaced parts would change."""
     outline, count = SHAPES[name]
     points, faces = extruded(outline, 1.3)
     turn = TURN if turned else np.eye(3)
@@ -79,7 +79,7 @@ def test_triangles_are_cut_as_the_faces_that_they_make_up():
 
 
 def test_a_hole_goes_through():
-    """A square ring, its faces quadrilaterals: four parts."""
+    """A square ring with quadrilateral faces is cut into four parts."""
     points, faces = [], []
     for z in (0.0, 1.0):
         for half in (3.0, 1.0):
@@ -99,7 +99,7 @@ def test_a_solid_of_very_many_parts_is_refused(monkeypatch):
 
 
 def test_a_block_out_of_a_mesh_is_that_of_its_parts(tmp_path):
-    """An L on two supports: as a mesh, and as two boxes."""
+    """An L as a mesh has the load factor, mass and inertia of the same L as two boxes."""
     import dembrick
 
     points, faces = extruded([(0, 0), (0.3, 0), (0.3, 0.1), (0.1, 0.1), (0.1, 0.2), (0, 0.2)], 0.1)

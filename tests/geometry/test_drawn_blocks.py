@@ -1,5 +1,5 @@
-"""Blocks as programs for masonry write them in COMPAS files: prisms that are not convex, faces wound the wrong way,
-corners that are there several times, and several solids that are one block."""
+"""Blocks as masonry programs write them in COMPAS files: prisms that are not convex, faces with the wrong winding,
+repeated corners, and several solids that form one block."""
 
 import json
 
@@ -16,11 +16,11 @@ from helpers.scenario_text import header
 RING = [(0.0, 0.0), (1.2, 0.0), (1.2, 0.6), (0.9, 0.6), (0.9, 0.3), (0.3, 0.3), (0.3, 0.6), (0.0, 0.6)]  # a U, m
 AREA = 1.2 * 0.6 - 0.6 * 0.3
 DEPTH = 0.4
-BOX = ((-0.5, -0.2, -0.2), (1.7, 0.6, 0.0))  # what it stands on
+BOX = ((-0.5, -0.2, -0.2), (1.7, 0.6, 0.0))  # the floor
 
 
 def prism(ring=RING):
-    """Corners (2 n, 3) and faces of a prism along y over a ``ring`` in x and z, looking outward."""
+    """Corners (2 n, 3) and outward faces of a prism along y over a ``ring`` in x and z."""
     n = len(ring)
     points = np.array([(x, y, z) for y in (0.0, DEPTH) for x, z in ring])
     sides = [(i, i + n, (i + 1) % n + n, (i + 1) % n) for i in range(n)]
@@ -28,14 +28,14 @@ def prism(ring=RING):
 
 
 def apart(points, faces):
-    """The same surface, with corners of its own for every face, as an export of triangles has them."""
+    """The same surface with separate corners for every face, as triangle exports have them."""
     corners = np.concatenate([points[list(face)] for face in faces])
     ends = np.cumsum([0, *map(len, faces)])
     return corners, [tuple(range(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
 
 def wound(points, faces, turned):
-    """The same surface, with the faces of these numbers walked the other way."""
+    """The same surface with the winding of the faces numbered in ``turned`` reversed."""
     return points, [face[::-1] if i in turned else face for i, face in enumerate(faces)]
 
 
@@ -50,7 +50,7 @@ KINDS = {
 
 
 def written(path, *blocks):
-    """A COMPAS assembly of ``blocks``: name, corners, faces, whether it is a support."""
+    """Write a COMPAS assembly of ``blocks``: name, corners, faces, and whether it is a support."""
     nodes = {}
     for i, (name, points, faces, support) in enumerate(blocks):
         vertex = {str(k): dict(zip("xyz", point.tolist(), strict=True)) for k, point in enumerate(points)}
@@ -88,7 +88,7 @@ def test_the_prism_looks_outward():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_is_the_same_block(tmp_path, kind):
-    """Volume and centroid are those of the polygon; pushed sideways it turns about the edge of its foot."""
+    """Volume and centroid are those of the polygon; pushed sideways, the block slides at the friction coefficient."""
     written(tmp_path / "a.json", FLOOR, ("u", *KINDS[kind], False))
     solids = [solid for solid in cad_file.read(str(tmp_path / "a.json"), 1.0) if solid.name == "u"]
     assert sum(solid.shape.volume for solid in solids) == pytest.approx(AREA * DEPTH, rel=1e-9)
@@ -98,11 +98,11 @@ def test_every_kind_is_the_same_block(tmp_path, kind):
     height = (1.2 * 0.3 * 0.15 + 2 * 0.3 * 0.3 * 0.45) / AREA
     assert found.position[1] == pytest.approx((0.6, 0.5 * DEPTH, height), abs=1e-9)
     assert found.mass[1] == pytest.approx(2000.0 * AREA * DEPTH, rel=1e-9)
-    assert dembrick.limit(scenario).load_factor == pytest.approx(0.9, rel=1e-6)  # slides: 0.6 over 0.25 is more
+    assert dembrick.limit(scenario).load_factor == pytest.approx(0.9, rel=1e-6)  # sliding; rocking takes more
 
 
 def test_solids_that_are_one_block_may_be_wound_as_they_like(tmp_path):
-    """The U again, drawn as a foot and two arms, two of them inside out."""
+    """The U drawn as a foot and two arms, two of the three inside out, has one joint and the mass of the U."""
     boxes = {
         "foot": ((0.0, 0.0, 0.0), (1.2, DEPTH, 0.3)),
         "left": ((0.0, 0.0, 0.3), (0.3, DEPTH, 0.6)),
@@ -121,7 +121,7 @@ def test_solids_that_are_one_block_may_be_wound_as_they_like(tmp_path):
 
 
 def test_a_surface_with_one_side_only_is_still_refused(tmp_path):
-    """A hole, and three faces at an edge: no turning mends them."""
+    """A hole, and an edge of three faces: no change of winding repairs these."""
     points, faces = prism()
     for more in (faces[1:], [*faces, (0, 1, 9)]):
         written(tmp_path / "a.json", FLOOR, ("u", points, more, False))

@@ -1,4 +1,4 @@
-"""glTF and COMPAS files as they may come: mirrored, deep, damaged. Places by hand, refusals in one sentence."""
+"""glTF and COMPAS files in all variants: mirrored, nested, damaged. Positions by hand, refusals in one sentence."""
 
 import base64
 import json
@@ -60,7 +60,7 @@ for seed in range(first, last):
 
 @pytest.mark.parametrize("name", ["scene.gltf", "scene.glb"])
 def test_damaged_scenes_are_refused_in_a_sentence_and_crash_nothing(tmp_path, name):
-    """200 of each: bytes of GLB, and entries of the document, changed, left out, cut."""
+    """200 random changes, omissions and cuts of the bytes of a GLB file, and as many of the entries of a document."""
     gltf(tmp_path / name, binary=name.endswith("glb"))
     command = [sys.executable, "-W", "error", "-c", MUTATE, str(tmp_path / name), str(tmp_path), "0", "200"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=TESTS.parent, timeout=120, check=False)
@@ -78,7 +78,7 @@ def edited(path, edit):
 
 
 def test_a_mirrored_node_turns_the_winding(tmp_path):
-    """glTF 2.0, 3.7.4: where the determinant is negative, triangles are the other way round."""
+    """A negative determinant reverses the winding of the triangles (glTF 2.0, 3.7.4)."""
 
     def mirror(document):
         document["nodes"].append({"children": [0, 1, 2, 3], "scale": [-1, 1, 1]})
@@ -92,7 +92,7 @@ def test_a_mirrored_node_turns_the_winding(tmp_path):
 
 
 def test_matrix_and_turns_place_what_hangs_on_a_node(tmp_path):
-    """A quarter turn about the file's y, our z, then a matrix that scales by 2 and lifts by 1 (column by column)."""
+    """A quarter turn about the file's y (our z), then a matrix, by columns, that scales by 2 and lifts by 1."""
 
     def hang(document):
         half = 0.5**0.5
@@ -107,7 +107,7 @@ def test_matrix_and_turns_place_what_hangs_on_a_node(tmp_path):
 
 
 def test_strips_and_fans_and_triangles_without_indices(tmp_path):
-    """The same box as a list, and one face as a fan, one as a strip."""
+    """A box with four faces as a list of triangles, one as a fan and one as a strip is still the same box."""
 
     def modes(document):
         blob = document["buffers"][0]["uri"]
@@ -120,7 +120,7 @@ def test_strips_and_fans_and_triangles_without_indices(tmp_path):
             document["accessors"].append(view | {"count": 4, "type": "SCALAR"})
         index = document["meshes"][0]["primitives"][0]["indices"]
         document["accessors"][index] |= {"count": 24}
-        document["accessors"][index]["byteOffset"] = 24  # without the first two faces, of two triangles each
+        document["accessors"][index]["byteOffset"] = 24  # skip the first two faces, of two triangles each
         n, position = len(document["accessors"]), document["meshes"][0]["primitives"][0]["attributes"]
         document["meshes"][0]["primitives"] += [
             {"attributes": position, "indices": n - 2, "mode": 6},
@@ -222,7 +222,7 @@ def test_the_command_line_refuses_with_exit_2_and_one_line(tmp_path, capfd):
 
 
 def moved(path, matrix, **more):
-    """The gate with a transformation of every block beside its geometry, as elements of models have it."""
+    """The gate with a transformation stored beside the geometry of every block, as elements of models have it."""
     compas(path)
     document = json.loads(path.read_text())
     nodes = document["data"]["graph"]["data"]["node"]
@@ -273,7 +273,7 @@ def test_parts_have_the_keys_of_their_nodes(tmp_path):
 
 
 def with_a_block(path, block, **more):
-    """The gate with one more block in a node of its own."""
+    """The gate with one more block, in a node of its own."""
     compas(path)
     document = json.loads(path.read_text())
     document["data"]["graph"]["data"]["node"]["cap"] = {"block": block, **more}

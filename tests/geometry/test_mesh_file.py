@@ -1,4 +1,4 @@
-"""Blocks from mesh files: all formats, and a message that names the face for every mesh that is no block."""
+"""Blocks from mesh files: all formats, and for every invalid mesh a message that names the faulty face."""
 
 import numpy as np
 import pytest
@@ -86,14 +86,14 @@ def test_a_hole():
 
 
 def test_faces_that_look_inward_are_turned():
-    """One, all, and one of a box whose first face is wrong."""
+    """One inverted face, all of them, the first one, or several: the volume is that of the box."""
     for turned in ({4}, set(range(6)), {0}, {0, 1, 3}):
         (solid,) = checked(CORNERS, [q[::-1] if i in turned else q for i, q in enumerate(QUADS)])
         assert solid.volume == pytest.approx(0.3 * 0.2 * 0.1, rel=1e-12)
 
 
 def test_two_surfaces_are_left_as_they_are():
-    """Which of them looks outward is not known: an inner one is a hollow."""
+    """Two closed surfaces are not turned but refused: an inner one would be a cavity, so outward is ambiguous."""
     both = np.concatenate([CORNERS, CORNERS + (1.0, 0.0, 0.0)])
     second = [tuple(i + 8 for i in q) for q in QUADS]
     refused(both, [q[::-1] for q in QUADS + second], "inside out", "face 0 (about 0.15, 0.1, 0)", "volume -0.012 m3")
@@ -109,7 +109,7 @@ def test_flat():
 
 
 def test_not_convex():
-    """A box with a dent, the pyramid over its top upside down."""
+    """A box with a pyramid cut into its top is split into convex parts, whose volume is that of the dented box."""
     dent = np.concatenate([CORNERS, [[0.15, 0.1, 0.07]]])
     top = next(q for q in QUADS if all(CORNERS[i][2] > 0.0 for i in q))
     rim = zip(top, top[1:] + top[:1], strict=True)
@@ -148,7 +148,7 @@ def test_files_that_cannot_be_read(tmp_path):
 
 
 def test_a_cell_that_is_cut_short(tmp_path):
-    """The file ends within its last cell, a tetrahedron."""
+    """The file ends in the middle of its last cell, a tetrahedron."""
     text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 .1 0 0\n3 0 .1 0\n4 0 0 .1\n$EndNodes\n"
     (tmp_path / "a.msh").write_text(text + "$Elements\n1\n1 4 2 ")
     with pytest.raises(ScenarioError, match="a cell of kind tetra has fewer corners than such a cell needs"):
@@ -157,7 +157,7 @@ def test_a_cell_that_is_cut_short(tmp_path):
 
 @pytest.mark.parametrize("name", ["b.msh", "b.vtu"])
 def test_cells_with_points_on_their_edges_are_refused_and_not_left_out(tmp_path, name):
-    """A tetrahedron of four points, which is read, and one of ten beside it."""
+    """A ten-node tetrahedron is refused even beside a four-node one that can be read."""
     four = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     middles = [(four[a] + four[b]) / 2.0 for a, b in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))]
     points = np.concatenate([four + (5.0, 0.0, 0.0), four, middles])
@@ -178,7 +178,7 @@ def test_corners_that_coincide_and_faces_without_an_area_are_taken_out():
 
 
 def test_a_sphere_of_triangles():
-    """An icosphere's volume and inertia against the same sum by plain loops."""
+    """The hull of 60 random points on a sphere has the volume that scipy computes, and all of its triangles."""
     from scipy.spatial import ConvexHull
 
     rng = np.random.default_rng(1)

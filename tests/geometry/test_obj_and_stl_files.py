@@ -1,4 +1,4 @@
-"""OBJ and STL as programs write them: one reader for a block and for a structure, and refusals that name the line."""
+"""OBJ and STL as programs write them: read alike as a block and as a structure, with refusals that name the line."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ OBJ = {
 
 
 def is_the_box(path):
-    """Both readers see it: that of a block, and that of a structure."""
+    """Assert that the reader of blocks and the reader of structures both find the box; return its name."""
     (block,) = convex_solids(str(path))
     (solid,) = cad_file.read(str(path), 1.0)
     for points in (block.vertices + block.centroid, solid.corners):
@@ -121,7 +121,7 @@ def test_what_cannot_be_read_is_refused_by_both_readers(tmp_path, name):
 
 
 def test_a_binary_file_with_more_than_it_says_is_refused(tmp_path):
-    """Two files put behind one another: the second body is not left out."""
+    """Two files joined end to end are refused rather than read without the second body."""
     binary_stl(tmp_path / "stone.stl", BOX)
     (tmp_path / "stone.stl").write_bytes(2 * (tmp_path / "stone.stl").read_bytes())
     with pytest.raises(ScenarioError, match=r"neither a binary STL file \(its length does not fit\) nor a text one"):

@@ -1,4 +1,4 @@
-"""Polygons: areas, second moments and mean distances in closed form and against plain sums."""
+"""Polygons: areas, second moments and mean distances, compared with closed forms and plain sums."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from helpers.random_polygons import random_polygon
 
 
 def by_triangles(polygon, function, levels=7):
-    """Mean of a function over a polygon: fan triangles split ``levels`` times, three points each. Slow and plain."""
+    """Mean of a function over a polygon, from fan triangles split ``levels`` times with three points each."""
     total = weight = 0.0
     p, q = np.asarray(polygon), np.roll(polygon, -1, axis=0)
     corners = np.stack([np.zeros_like(p), p, q], axis=1)
@@ -33,7 +33,7 @@ def test_rectangle_in_closed_form():
     polygon = rectangle(a, b)
     assert tributary_areas(polygon) == pytest.approx(np.full(4, a * b / 4.0), rel=1e-15)
     assert second_moments(polygon) == pytest.approx((a * b**3 / 12.0, b * a**3 / 12.0, 0.0), rel=1e-14, abs=1e-19)
-    assert polygons.mean_distance(polygon)[0] == pytest.approx(0.09681061, abs=5e-9)  # c_T of physics, M_C at O
+    assert polygons.mean_distance(polygon)[0] == pytest.approx(0.09681061, abs=5e-9)  # c_T, which is M_C at O
     assert shrink_factor(polygon) == pytest.approx(0.09681061 / np.hypot(0.15, 0.1), rel=1e-7)
     assert polygons.width(polygon) == pytest.approx(0.2, rel=1e-15)
     assert polygons.width(polygon @ rotation_matrix((np.cos(0.4), 0, 0, np.sin(0.4)))[:2, :2].T) == pytest.approx(0.2)
@@ -43,7 +43,7 @@ def test_rectangle_in_closed_form():
     ("corner", "moment"), [((-0.05, -0.03), 0.14475335), ((0.10, 0.05), 0.29930206), ((-0.03, 0.20), 0.33380836)]
 )
 def test_mean_distance_about_other_centres(corner, moment):
-    """Check rows of the limit surface: the moment about C, with the lower corner of the rectangle seen from C."""
+    """Tabulated rows of the limit surface: moment about C, for the position of the lower corner relative to C."""
     centre = np.array([-0.15, -0.1]) - corner
     assert polygons.mean_distance(rectangle(0.3, 0.2), [centre])[0] == pytest.approx(moment, abs=5e-9)
 

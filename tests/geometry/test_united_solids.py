@@ -10,7 +10,7 @@ from dembrick.scenario import toml
 from helpers import cad_files
 from helpers.scenario_text import header
 
-# an L that stands on its foot, drawn as two boxes, and a floor (m)
+# an L standing on its foot, drawn as two boxes, and a floor (m)
 BOXES = {
     "floor": ((-2.0, -1.0, -0.2), (2.0, 1.0, 0.0)),
     "foot": ((0.0, -0.2, 0.0), (0.8, 0.2, 0.2)),
