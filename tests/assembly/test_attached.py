@@ -1,4 +1,4 @@
-"""Points that ride with blocks: where they are, and what forces at them do to their blocks."""
+"""Points attached to blocks: their positions, and the forces and moments on the blocks from forces at the points."""
 
 from types import SimpleNamespace
 
@@ -15,7 +15,7 @@ ATTACHED = Attached.to(SimpleNamespace(rotation=TURNS), BLOCK, POINT - POSITION[
 
 
 def test_points_stay_where_they_are_on_a_body_that_moves():
-    turn, shift = TURNS[1], np.array([0.3, -2.0, 1.0])  # of the whole scene
+    turn, shift = TURNS[1], np.array([0.3, -2.0, 1.0])  # rigid motion of the whole scene
     moved = np.array([turn @ p + shift for p in POSITION])
     now = moved[BLOCK] + ATTACHED.arms(np.array([turn @ own for own in TURNS]))
     assert now == pytest.approx(POINT @ turn.T + shift, abs=1e-14)
@@ -23,7 +23,7 @@ def test_points_stay_where_they_are_on_a_body_that_moves():
 
 
 def test_forces_at_the_points_do_the_work_that_their_blocks_feel():
-    """Virtual work of a rigid motion v + w x r of each block, point by point."""
+    """The virtual work in a rigid motion v + w x r of each block equals the sum over the points."""
     force, v, w = RNG.normal(size=(4, 3)), RNG.normal(size=(3, 3)), RNG.normal(size=(3, 3))
     work = sum(f @ (v[b] + np.cross(w[b], x - POSITION[b])) for f, b, x in zip(force, BLOCK, POINT, strict=True))
     wrench = ATTACHED.on_blocks(force, 3)

@@ -1,4 +1,4 @@
-"""Neighbours: the pairs that may touch, and how deep two bodies overlap."""
+"""Broad phase: pairs that may touch, and the depth of overlap of two bodies."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from helpers.lone_joints import LAB, UNTURNED, joints_of
 
 
 def scattered(rng, n):
-    """Boxes of very different sizes, anyhow turned, some of them crowded."""
+    """Boxes of very different sizes and random orientations, some of them crowded."""
     edges = rng.uniform(0.05, 0.4, (n, 3)) * np.where(rng.uniform(size=n) < 0.05, 10.0, 1.0)[:, None]
     shapes = [box(e) for e in edges]
     position = rng.uniform(-1.5, 1.5, (n, 3))
@@ -40,7 +40,7 @@ def test_the_search_holds_a_pebble_and_a_kilometre():
 
 
 def test_the_search_does_not_try_all_pairs(monkeypatch):
-    """A wall of 900 blocks on one long floor: some twenty comparisons a block, not 450."""
+    """A wall of 900 blocks on one long floor needs some twenty comparisons per block, not 450."""
     tried = []
     plain = broad_phase._cell_pairs
     monkeypatch.setattr(broad_phase, "_cell_pairs", lambda *a: tried.append(plain(*a)) or tried[-1])
@@ -64,7 +64,7 @@ def test_overlap_of_turned_boxes_agrees_with_points_in_both():
         common = (np.abs(inside_j) <= np.ptp(shapes[j].vertices, axis=0) / 2).all(axis=1).any()
         assert depth > 0.0 or not common
         agreed += int(common == (depth > 0.0))
-        # moved apart along any direction by less than the depth, they still overlap
+        # moved apart by less than the depth along any direction, they still overlap
         direction = position[j] - position[i]
         moved = position.copy()
         moved[j] += direction / np.linalg.norm(direction) * 0.99 * max(depth, 0.0)
@@ -87,7 +87,7 @@ def test_overlap_depths_in_closed_form():
     half = np.sqrt(0.5)
     eighth = (np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8))
     assert depth((1.0, 0.0, 0.0), eighth) == pytest.approx(half - 0.5)
-    # Two edges that cross: along x the first's edge runs along z, the second's along y, gap by the cross product.
+    # Two crossing edges facing along x, the first along z, the second along y: the gap follows from the cross product.
     tipped = quaternion_product((np.cos(np.pi / 8), 0, np.sin(np.pi / 8), 0), UNTURNED)
     first, second = rotation_matrix(eighth), rotation_matrix(tipped)
     assert between((2 * half + 0.01, 0, 0), np.stack([first, second])) == pytest.approx(-0.01)

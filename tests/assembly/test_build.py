@@ -1,4 +1,4 @@
-"""Assemblies: mass, dead loads, what joints carry, and one clear message for every scene that is no test."""
+"""Assemblies: mass, dead loads, joint forces under dead load, and one clear message for every invalid scene."""
 
 import dataclasses
 import math
@@ -42,7 +42,7 @@ def scenario(*blocks, **other):
 
 
 def refused(*parts, **other):
-    """The message of a scenario that cannot be built; it must contain ``parts``."""
+    """Return the message of a scenario that cannot be built; assert that it contains ``parts``."""
     blocks = [part for part in parts if isinstance(part, Block)]
     with pytest.raises(ScenarioError) as caught:
         assemble(scenario(*blocks, **other))
@@ -57,7 +57,7 @@ def moved(block, /, **changes):
     return dataclasses.replace(block, **changes)
 
 
-# --- what is built ----------------------------------------------------------------------------------------------------
+# --- assemblies -------------------------------------------------------------------------------------------------------
 
 
 def test_the_lab_scene():
@@ -112,7 +112,7 @@ def test_contact_points_follow_the_tolerance_of_the_control():
         return len(assemble(scenario(*blocks, joint=law, control=YieldControl(tolerance))).contact_points[0].area)
 
     assert count(1e-2, LOWER, UPPER, third) < 80 < 700 < count(1e-4, LOWER, UPPER, third)
-    # the search for the limit load of a lone joint places its points again
+    # the limit-load search for a single joint places its points again
     assert count(1e-2) < 80 < count(1e-3) == count(1e-4)
     curve = assemble(scenario(joint=law, control=DisplacementControl(rate=1e-4, travel=1e-3)))
     assert len(curve.contact_points[0].area) == len(assemble(scenario(joint=law)).contact_points[0].area)
@@ -128,7 +128,7 @@ def test_a_scene_far_away_keeps_its_forces_and_arms():
     assert far.actuators.at.arm == pytest.approx(near.actuators.at.arm, abs=5e-13)
 
 
-# --- what joints carry ------------------------------------------------------------------------------------------------
+# --- joint forces -----------------------------------------------------------------------------------------------------
 
 
 def test_a_stack_carries_the_blocks_above_each_joint():
@@ -181,7 +181,7 @@ def test_dead_forces_without_joints():
     assert force.shape == (0, 3) and exact
 
 
-# --- what is refused --------------------------------------------------------------------------------------------------
+# --- refusals ---------------------------------------------------------------------------------------------------------
 
 
 def test_overlap_names_the_blocks_and_the_depth():
@@ -196,7 +196,7 @@ def test_overlap_names_the_blocks_and_the_depth():
 
 
 def test_an_overlap_says_which_way_out():
-    """The message is followed, and the blocks touch: a joint, and no overlap."""
+    """Moving the block as the message says leaves the blocks touching: one joint and no overlap."""
     for place, told in (
         ((0.0, 0.0, 0.04), "'upper' moves by 0.01 m along +z"),
         ((0.0, 0.19, -0.05), "'upper' moves by 0.01 m along +y"),
@@ -256,7 +256,7 @@ def test_laws_for_pairs_that_do_not_touch():
 
 
 def test_joints_too_soft_for_their_load():
-    """N = 467 N on 0.06 m2: N/(kn A) is 1e-2 of 0.2 m at kn = 3.892e6 Pa/m, V_0/(ks A) at ks = 2.491e6 Pa/m."""
+    """N = 467 N on 0.06 m2: N/(kn A) is 1e-2 of 0.2 m at kn = 3.892e6 Pa/m, as is V_0/(ks A) at ks = 2.491e6 Pa/m."""
     loads = (Load("upper", (0.0, 0.0, -378.71)),)
 
     def law(kn, ks):
@@ -277,7 +277,7 @@ def test_messages_name_the_file():
 
 
 def test_kinds_that_need_no_support():
-    """Free flight and falling blocks are for dynamic kinds: the two checks ask the regime of the control."""
+    """Scenes without supports and with falling blocks are accepted under dynamic controls."""
     free = DynamicControl(1.0)
     found = assemble(scenario(moved(UPPER, position=(0.0, 0.0, 1.0)), control=free))
     assert not len(found.joints) and found.joint_force.shape == (0, 3) and not found.joint_force_exact

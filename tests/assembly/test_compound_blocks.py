@@ -1,4 +1,4 @@
-"""Blocks of several convex parts: mass, joints of several pieces, and how strong an L or a triangle is in torsion."""
+"""Blocks of several convex parts: mass, joints of several pieces, and the torsional strength of an L or a triangle."""
 
 import math
 from dataclasses import replace
@@ -49,7 +49,7 @@ def on_a_floor(*blocks, joint=None, loads=(), jacks=(), tolerance=1e-6):
 
 
 def least_mean_distance_by_quadrature(pieces):
-    """Least mean distance of rectangles or triangles from any centre: Gauss rules in cells, and a descent on them."""
+    """Mean distance of rectangles or triangles from the best centre, by Gauss rules in cells and a descent."""
     from scipy.optimize import minimize
 
     points, weights = [], []
@@ -80,7 +80,7 @@ def least_mean_distance_by_quadrature(pieces):
 
 
 def test_an_l_has_the_mass_properties_of_its_two_boxes():
-    """Parallel axes by hand: two boxes 0.3 x 0.1 and 0.1 x 0.2, 0.2 high."""
+    """Mass, centroid and inertia by the parallel-axis theorem from boxes 0.3 x 0.1 and 0.1 x 0.2, each 0.2 high."""
     (block,) = assemble(on_a_floor(Block("l", "tuff", parts=L_PARTS, position=(0, 0, 0)))).shapes[1:]
     assert block.volume == pytest.approx(L_AREA * 0.2, rel=1e-14)
     assert block.centroid == pytest.approx([*L_CENTRE, 0.1], rel=1e-14)
@@ -144,7 +144,7 @@ def test_points_of_an_l_own_its_area_about_its_centroid():
         assert formulation != "concave" or len(points.area) == 8
     joint = assemble(on_a_floor(block)).joints[0]
     corrected = assemble(on_a_floor(block, joint=law("corrected"))).contact_points[0]
-    mean = corrected.area @ np.hypot(*corrected.shear_arm.T) / L_AREA  # the points' c_T is that of the area, eq. 9
+    mean = corrected.area @ np.hypot(*corrected.shear_arm.T) / L_AREA  # the points have the c_T of the area, eq. 9
     assert mean == pytest.approx(least_mean_distance_by_quadrature(joint.pieces)[1], rel=1e-6)
 
 
@@ -195,7 +195,7 @@ def test_a_jack_may_push_any_part():
         assemble(on_a_floor(block, jacks=(Actuator("j", "l", (0.15, 0.15, 0.1), (1, 0, 0)),)))
 
 
-# --- a push on all of a block, and one at its centroid ----------------------------------------------------------------
+# --- body force against force at the centroid -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("formulation, pressure, tall", [
@@ -204,7 +204,7 @@ def test_a_jack_may_push_any_part():
     *(pytest.param("convex", pressure, 0.6, marks=pytest.mark.slow) for pressure in ("linear", "effective")),
 ])  # fmt: skip
 def test_a_body_force_and_an_actuator_at_the_centroid_have_one_limit(formulation, pressure, tall):
-    """The same load, said in two ways; the low block slides, the high one rocks."""
+    """The same load defined in two ways has the closed-form limit: the low block slides, the high one rocks."""
     parts = tuple(
         Part(box=(*part.box[:2], tall), position=(*part.position[:2], 0.5 * tall)) for part in (L_PARTS[0], L_PARTS[1])
     )
@@ -212,24 +212,24 @@ def test_a_body_force_and_an_actuator_at_the_centroid_have_one_limit(formulation
     scene = on_a_floor(Block("l", "tuff", parts=parts), joint=joint, tolerance=1e-4)
     weight = 2000.0 * L_AREA * tall * 9.81
     ahead = (math.cos(0.3), math.sin(0.3), 0.0)
-    behind = np.array([*L_CENTRE, 0.5 * tall]) - 0.03 * np.array(ahead)  # the centroid lies outside of the L
+    behind = np.array([*L_CENTRE, 0.5 * tall]) - 0.03 * np.array(ahead)  # the centroid lies outside the L
     jack = Actuator("jack", "l", tuple(behind), ahead)
     at_centroid = simulate(replace(scene, actuators=(jack,)))
     everywhere = simulate(replace(scene, control=PushoverControl(ahead, tolerance=1e-4)))
     first, second = at_centroid.yield_point, everywhere.yield_point
-    if formulation == "distributed" and tall == 0.6:  # other points rock about other edges, and both runs say so
+    if formulation == "distributed" and tall == 0.6:  # the points lie inside the edges, which both runs report
         assert at_centroid.points_miss == pytest.approx(first.V / weight / OVER_THE_NOTCH - 1.0, rel=1e-3)
         assert any("rocking blocks topple too early by as much" in warning for warning in everywhere.assembly.warnings)
         return
     bars = 0.5 * (second.V_upper - second.V_lower + (first.V_upper - first.V_lower) / weight)
     assert bars < 3e-3
     assert abs(second.V - first.V / weight) < bars + 1e-5
-    if formulation != "corrected":  # whose points let it rock early
+    if formulation != "corrected":  # whose points let the block rock early
         assert second.V == pytest.approx(0.64 if tall == 0.2 else OVER_THE_NOTCH, rel=2e-4 if tall == 0.2 else 2.5e-3)
 
 
 def test_points_whose_continuum_is_not_found_are_told_to_miss_the_edge(monkeypatch):
-    """No theory then, so that the bar of the points does not stand alone."""
+    """Without a continuum solution no theory is given, and the shortfall of the points is reported instead."""
 
     def none(*_):
         raise NotConvergedError("no compressive pressure was found")
@@ -246,7 +246,7 @@ def test_points_whose_continuum_is_not_found_are_told_to_miss_the_edge(monkeypat
 
 
 def twisted(block):
-    """A block pushed by a couple in the plane of its joint, with 1000 N of dead load more."""
+    """A block under 1000 N of additional dead load, turned by a couple in the plane of its joint."""
     vertices = assemble(on_a_floor(block)).shapes[1]
     low = vertices.vertices + assemble(on_a_floor(block)).position[1]
     corners = low[np.abs(low[:, 2]) < 1e-12]
@@ -264,7 +264,7 @@ BLOCKS = {
 
 @pytest.mark.parametrize("shape", BLOCKS)
 def test_torsion_about_the_best_centre_by_independent_quadrature(shape):
-    """The limit couple of the replay, of theory, and of a quadrature that knows neither; not c_T about O."""
+    """The limit couples of the replay and of theory equal an independent quadrature, and not c_T about O."""
     scene, arm = twisted(BLOCKS[shape])
     assembly = assemble(scene)
     joint = assembly.joints[0]
@@ -304,7 +304,7 @@ def test_parts_in_a_file():
 
 
 def test_joints_of_prisms_that_overlap_anyhow():
-    """Overlaps of convex prisms, several a block, against an area by counting points."""
+    """Joint areas of overlapping convex prisms, several per block, compared with an area from counted points."""
     rng = np.random.default_rng(5)
     lower = [
         Prism([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, n, endpoint=False)], 0.5) for n in (5, 7)
@@ -336,7 +336,7 @@ def test_joints_of_prisms_that_overlap_anyhow():
 
 
 def test_t_and_l_contacts_of_walls_that_meet():
-    """A wall that butts against another, and one that stands across the corner: joints on any face, none on edges."""
+    """Walls that meet in a T and in an L have joints on all touching faces and none where only edges touch."""
     first = Block("a", "tuff", (1.0, 0.2, 0.5), (0.0, 0.0, 0.25))
     tee = Block("t", "tuff", (0.2, 0.6, 0.5), (0.1, 0.4, 0.25))
     ell = Block("l", "tuff", (0.2, 0.6, 0.5), (0.6, 0.2, 0.25))

@@ -1,4 +1,4 @@
-"""Keys that a run has no use for: each is said to do nothing, and why; those that count are not."""
+"""Warnings about keys that have no effect in a run, each with its reason, and none about keys that have one."""
 
 import pytest
 
@@ -43,7 +43,7 @@ def test_what_does_nothing_is_said(control, stone, solver, said):
 
 
 def test_what_does_nothing_in_a_stage_is_said():
-    """It was said of the last stage alone; and a search before which a step counts has use for it."""
+    """Every stage is checked, not only the last; a step factor that an earlier stage uses is not reported."""
     idle = f"{TILT}rate = 1.0\nquasi_static = true\ndamping = 0.2\n"
     moves = 'kind = "displacement"\nrate = 1e-4\ntravel = 1e-5\n'
     text = header() + "[solver]\nstep_factor = 0.5\n" + FLOOR + block("stone", (0.0, 0.0, 0.05))
@@ -55,7 +55,7 @@ def test_what_does_nothing_in_a_stage_is_said():
 
 
 def test_velocities_do_not_count_where_blocks_begin_at_rest():
-    """On a shaken base, a block with nothing under it beside: both begin at rest."""
+    """On a shaken base initial velocities are ignored, for a block on the floor and for one in the air beside it."""
     text = (
         header() + FLOOR + block("stone", (0.0, 0.0, 0.05), more=THROWN) + block("away", (2.0, 0.0, 3.0), more=THROWN)
     )

@@ -1,4 +1,4 @@
-"""Joints: found wherever faces face each other, with exact polygons and axes by the rules."""
+"""Joints: found wherever faces face each other, with exact polygons and with axes by the documented rules."""
 
 import numpy as np
 import pytest
@@ -74,7 +74,7 @@ def test_running_bond_and_t_contacts():
 
 
 def test_perpendicular_blocks_meet_face_to_face():
-    """A block lying on its side against another, and a third standing on both at a step of equal height."""
+    """A block turned about two axes against another has a joint of the area and axis of their common face."""
     upright = (LAB, (0.15 + 0.05, 0.0, 0.1), quaternion_product(QUARTER_Z, QUARTER_X))
     edges = np.ptp(box(LAB).moved(upright[1], upright[2]), axis=0)
     assert edges == pytest.approx([0.1, 0.3, 0.2], abs=1e-15)
@@ -121,7 +121,7 @@ def test_a_gap_is_kept_and_rounding_is_not():
 
 
 def wedge(width, height, length):
-    """A triangular prism lying along y, its base down, its centroid at the origin."""
+    """A triangular prism along y with its base down and its centroid at the origin."""
     x = np.array([-0.5, 0.5, 0.0]) * width
     z = np.array([-1.0, -1.0, 2.0]) * height / 3.0
     vertices = np.array([[x[i], y, z[i]] for y in (-length / 2, length / 2) for i in range(3)])
@@ -157,7 +157,7 @@ turn = st.tuples(unit, unit, unit, unit).filter(lambda q: sum(c * c for c in q) 
 @given(turn, st.tuples(unit, unit, unit), st.tuples(unit, unit, st.floats(0.0, 3.1)), st.integers(0, 1))
 @settings(max_examples=60, deadline=None)
 def test_a_scene_turned_and_moved_has_the_same_joints(q, shift, pose, held):
-    """Two blocks one on the other, anyhow displaced and twisted; then the scene as a whole turned and moved."""
+    """Two stacked blocks, arbitrarily shifted and twisted, keep their joints in a rigid motion of the whole scene."""
     dx, dy, angle = 0.1 * pose[0], 0.1 * pose[1], pose[2]
     low = (LAB, np.zeros(3), np.array(UNTURNED))
     high = ((0.25, 0.18, 0.1), np.array([dx, dy, 0.1]), np.array([np.cos(angle / 2), 0, 0, np.sin(angle / 2)]))

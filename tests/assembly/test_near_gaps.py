@@ -1,4 +1,4 @@
-"""Blocks that nearly touch and share no joint: the remark on them, wherever they come from."""
+"""The warning about blocks that nearly touch but share no joint, whatever part of the scenario they come from."""
 
 from dembrick.assembly.build import assemble
 from dembrick.scenario import toml
@@ -15,13 +15,13 @@ def remarks(text, path=None):
 
 
 def beside(gap, turn=""):
-    """Two cubes of 0.3 m on a floor, that far apart (m)."""
+    """Two cubes of 0.3 m on a floor with a ``gap`` between them (m)."""
     first = block("left", (0.0, 0.0, 0.15), (0.3, 0.3, 0.3))
     return FLOOR + first + block("right", (0.3 + gap, 0.0, 0.15), (0.3, 0.3, 0.3), turn)
 
 
 def test_blocks_that_were_written_by_hand_are_told():
-    """5e-3 of the diameter sqrt(3) 0.3 m is 2.6 mm; a joint needs 0.5 um."""
+    """Gaps are reported from the tolerance of joints, 0.5 um, up to 5e-3 of the diameter sqrt(3) 0.3 m, 2.6 mm."""
     assert remarks(beside(1e-5)) == [
         "1 pair of faces up to 0.01 mm apart share no joint, among them those of 'left' and 'right'; if they are to "
         "touch, move the blocks onto one plane"
@@ -31,7 +31,7 @@ def test_blocks_that_were_written_by_hand_are_told():
 
 
 def test_faces_that_share_a_strip_along_an_edge_are_none():
-    """A cube on a base that is 1 mm lower than the cube beside it: their faces share a strip as high as that."""
+    """A cube on a base 1 mm lower than the cube beside it: their faces share only a strip 1 mm high, not reported."""
     base = block("base", (0.301, 0.0, 0.1495), (0.3, 0.3, 0.299)) + block("upper", (0.301, 0.0, 0.449), (0.3, 0.3, 0.3))
     found = remarks(FLOOR + block("left", (0.0, 0.0, 0.15), (0.3, 0.3, 0.3)) + base)
     assert len(found) == 1 and found[0].startswith("1 pair of faces up to 1 mm") and "'left' and 'base'" in found[0]
@@ -46,7 +46,7 @@ def test_what_a_generator_lays_is_told_where_it_meets_others():
 
 
 def test_a_model_beside_a_block_is_told_once(tmp_path):
-    """Within a model its own remark says it, and how to close the gap; between it and the floor this one does."""
+    """A gap within a model is reported with its gap_tolerance, a gap between model and floor by the general warning."""
     obj(tmp_path / "two.obj", {"a": ((0.0, 0.0, 1e-4), (0.3, 0.3, 0.3)), "b": ((0.3001, 0.0, 0.0), (0.6, 0.3, 0.3))})
     model = '[[models]]\nname = "m"\nfile = "two.obj"\nunit = "m"\nmaterial = "stone"\n'
     text = FLOOR + model + block("prop", (-0.15, 0.15, 0.15), (0.3, 0.3, 0.3))

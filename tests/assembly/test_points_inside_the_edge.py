@@ -1,4 +1,4 @@
-"""Distributed points stop short of the edge: a block that rocks on them topples early, which must not pass unsaid."""
+"""Distributed points lie inside the edge, so a block that rocks on them topples early; the program must report this."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def pile(formulation, points=None, control=None, **more):
 
 @pytest.mark.parametrize("points", [None, (5, 4), (8, 20)])
 def test_the_rim_is_what_is_missing(points):
-    """The load factor is that of a pile narrower by the gap; the program answers for points that it chose itself."""
+    """The load factor is that of a pile narrowed by the gap; a shortfall is given only for points chosen by default."""
     given = pile("distributed", points)
     result = simulate(given, record=False)
     built = build.assemble(given)
@@ -53,7 +53,7 @@ def test_nothing_is_missing_elsewhere():
 
 
 def test_a_pile_pushed_at_its_top_and_one_that_slides():
-    """A jack that overturns the pile is told so; where it only slides nothing is missing."""
+    """The shortfall is reported if a jack overturns the pile, and not if the pile only slides."""
 
     def pushed(point):
         jack = Actuator("jack", "pile.4", point, (0.0, 1.0, 0.0))
@@ -69,7 +69,7 @@ def test_it_is_said_in_motion_too():
 
 
 def test_gap_of_four_points():
-    """They stand at the Gauss positions of both edges."""
+    """Four points lie at the Gauss positions in both directions, 1 - 1/sqrt(3) of the half width inside the edge."""
     given = pile("distributed", (2, 2))
     built = build.assemble(given)
     gap = edge_shortfall(built.joints, built.contact_points, np.arange(len(built.joints)))

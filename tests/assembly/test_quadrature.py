@@ -1,4 +1,4 @@
-"""Contact points: corners, shrunk corners, and rules of points as good as the tolerance asks."""
+"""Contact points: corners, shrunk corners, and quadrature rules that meet the tolerance."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_given_points_fill_a_rectangle_with_equal_areas(points):
 
 @pytest.mark.parametrize("points", [None, (5, 3), (1, 1), (4, 16)])
 def test_cells_of_points_are_the_polygon(points):
-    """Each holds its own point, and all together fill the polygon without lying over one another."""
+    """Each cell contains its own point, and together they fill the polygon without overlap."""
     draw = np.random.default_rng(3)
     for polygon in [rectangle(0.3, 0.2), *(random_polygon(draw) for _ in range(20))]:
         arms, areas = quadrature.distributed_points(polygon, 1e-2, points)
@@ -76,7 +76,7 @@ def test_cells_of_points_are_the_polygon(points):
 
 
 def test_the_rule_beats_equal_cells_and_the_gauss_product_rule():
-    """12 x 8 points on 0.3 x 0.2: the numbers that the choice rests on."""
+    """Gaps of three rules of 12 x 8 points on 0.3 x 0.2, the numbers behind the choice of rule."""
     polygon = rectangle(0.3, 0.2)
     rng = np.random.default_rng(0)
 
@@ -99,7 +99,7 @@ def test_the_rule_beats_equal_cells_and_the_gauss_product_rule():
 
 
 def dense_gap(polygon, arms, areas, rng, pressure=None):
-    """Worst relative gap over many centres, next to points and all around; ``pressure``: slope vector of it."""
+    """Worst relative gap over many centres, near points and elsewhere; ``pressure``: slope vector of the pressure."""
     reach = np.abs(polygon).max(axis=0)
     centres = np.concatenate([rng.uniform(-1, 1, (600, 2)) * reach, rng.normal(size=(200, 2)) * reach, [[0.0, 0.0]]])
     near = arms[np.argsort((arms**2).sum(axis=1))[:150]]
@@ -124,7 +124,7 @@ def test_points_follow_from_the_tolerance(aspect, tolerance):
     moments_met(polygon, arms, areas)
     gap = dense_gap(polygon, arms, areas, rng)
     assert gap <= 1.05 * 0.25 * tolerance
-    assert tolerance == 0.1 or gap > 0.1 * tolerance  # and no more points than that needs
+    assert tolerance == 0.1 or gap > 0.1 * tolerance  # no more points than needed
     counts = [len(np.unique(arms[:, i].round(12))) for i in (0, 1)]
     assert counts[0] * counts[1] == len(arms)
     if tolerance <= 1e-3 and 0.3 <= aspect <= 1.5:
@@ -154,4 +154,4 @@ def test_counts_stay_sensible_to_a_millionth():
     counts = [len(quadrature.distributed_points(rectangle(0.3, 0.2), 10.0**-k)[1]) for k in range(2, 7)]
     assert counts == sorted(counts) and 40 <= counts[0] <= 70 and 800 <= counts[2] <= 1200 and counts[4] < 25_000
     turned = rectangle(0.3, 0.2) @ rotation_matrix((np.cos(0.3), 0, 0, np.sin(0.3)))[:2, :2].T
-    assert len(quadrature.distributed_points(turned, 1e-3)[1]) == counts[1]  # no slivers where corners share a line
+    assert len(quadrature.distributed_points(turned, 1e-3)[1]) == counts[1]  # no slivers if corners are collinear
