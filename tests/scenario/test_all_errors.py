@@ -1,4 +1,4 @@
-"""All that is wrong in a scenario is told at once, each with its line."""
+"""All errors of a scenario are reported at once, each with its line."""
 
 from __future__ import annotations
 

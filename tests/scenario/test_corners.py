@@ -1,4 +1,4 @@
-"""Walls that meet at corners: what they fill, how they are toothed, on what they stand, and how much that is worth."""
+"""Walls that meet at corners: their volume, their bond, their common slab, and the strength that the bond adds."""
 
 import itertools
 import math
@@ -27,7 +27,7 @@ def scene(*walls, law=ROUGH, axis=(1.0, 0.0, 0.0)):
 
 
 def house(block=BLOCK, blocks=(6, 5), order="senw", **south):
-    """Four walls around a rectangle whose outer faces run from the origin, one block size, written in an order."""
+    """Four walls of one block size around a rectangle with its outer corner at the origin, defined in this order."""
     length, thickness, _ = block
     (wide, deep), half = (length * n for n in blocks), 0.5 * thickness
     common = {"material": "stone", "block": block, "courses": 4}
@@ -41,7 +41,7 @@ def house(block=BLOCK, blocks=(6, 5), order="senw", **south):
 
 
 def boxes(assembly):
-    """Least and greatest corners of the free blocks (m), by name."""
+    """Lower and upper corners of the bounding boxes of the free blocks (m), by name."""
     return {
         name: (corners.min(axis=0), corners.max(axis=0))
         for i, name in enumerate(assembly.names)
@@ -51,7 +51,7 @@ def boxes(assembly):
 
 
 def owner(found, point):
-    """The wall whose block holds a point; fails where there is not one, and only one."""
+    """Name of the wall with a block around the point; fails unless there is exactly one such block."""
     (name,) = [name for name, (low, high) in found.items() if (low < point).all() and (point < high).all()]
     return name.split(".")[0]
 
@@ -70,8 +70,8 @@ SIZES = {
 @pytest.mark.parametrize("order", ["snew", "senw", "wens"])
 @pytest.mark.parametrize("size", SIZES)
 def test_four_walls_fill_their_plan_and_are_toothed(size, order):
-    """The blocks are as large together as the walls are, none lies in another (assembling looks), and the square of
-    each corner belongs to one wall and to the other in turn."""
+    """The blocks have the volume of the walls, none overlap (which assembling checks), and the square of each corner
+    belongs to the two walls in alternating courses."""
     block, blocks = SIZES[size]
     length, thickness, height = block
     wide, deep = (length * n for n in blocks)
@@ -79,7 +79,7 @@ def test_four_walls_fill_their_plan_and_are_toothed(size, order):
     solid = (wide * deep - (wide - 2 * thickness) * (deep - 2 * thickness)) * 4 * height
     assert found.mass[~found.fixed].sum() == pytest.approx(solid * DENSITY, rel=1e-12)
     at, half = boxes(found), 0.5 * thickness
-    for low, high in at.values():  # inside the outline, and not in the yard
+    for low, high in at.values():  # inside the outline and outside the yard
         assert (low[:2] > -1e-12).all() and high[0] < wide + 1e-12 and high[1] < deep + 1e-12
         inside = (thickness - 1e-12 < low[0]) and high[0] < wide - thickness + 1e-12
         assert not (inside and thickness - 1e-12 < low[1] and high[1] < deep - thickness + 1e-12)
@@ -94,8 +94,8 @@ def test_four_walls_fill_their_plan_and_are_toothed(size, order):
 @pytest.mark.parametrize("order", ["snew", "senw"])
 @pytest.mark.parametrize("size", SIZES)
 def test_no_head_joint_lies_above_another(size, order):
-    """Head joints, and faces at which a wall stops for the other, are shifted by a tenth of a block at least from those
-    of the course below."""
+    """Head joints, and faces where a wall ends against the other, are at least a tenth of a block away from those of
+    the course below."""
     block, blocks = SIZES[size]
     at = boxes(assemble(scene(*house(block, blocks=blocks, order=order))))
     for wall, axis, reach in (("south", 0, blocks[0]), ("north", 0, blocks[0]), ("east", 1, blocks[1])):
@@ -111,7 +111,7 @@ def test_no_head_joint_lies_above_another(size, order):
 
 @pytest.mark.parametrize("order", ["snew", "senw"])
 def test_door_and_windows_are_cut_out(order):
-    """A lintel ends at the wall that runs through the corner."""
+    """The missing mass is that of the openings, also if a lintel ends at the wall that runs through the corner."""
     door, window = Opening((0.9, 1.5), (1, 3), lintel=0.3), Opening((0.3, 0.7), (2, 2), lintel=0.2)
     plain = assemble(scene(*house(order=order)))
     found = assemble(scene(*house(order=order, openings=(door, window))))
@@ -155,7 +155,7 @@ def test_a_house_may_head_anywhere():
 
 
 def test_a_wall_goes_on_above_a_lower_one():
-    """Above the lower wall the higher one has the corner to itself, in running bond up to its end."""
+    """Above the lower wall all corner squares belong to the higher one, which is in running bond up to its end."""
     walls = [
         Wall("high", "stone", BLOCK, 6, 4, base=0.2),
         Wall("low", "stone", BLOCK, 3, 3, position=(0.1, -0.1, 0.0), heading=90.0),
@@ -170,7 +170,7 @@ def test_a_wall_goes_on_above_a_lower_one():
 
 
 def test_a_return_is_a_wall_at_the_corner():
-    """The same blocks in the same places, whether the corner is one wall with a return or two walls."""
+    """A wall with a return and two walls that meet at the corner give the same blocks in the same places."""
     (one,) = [assemble(scene(Wall("w", "stone", BLOCK, 5, 4, base=0.2, returns=(Return("left", "back", 3),))))]
     two = assemble(
         scene(
@@ -208,12 +208,12 @@ def test_walls_that_only_touch_share_a_slab_too_and_others_do_not():
     assert volumes == pytest.approx([1.6 * 0.8 * 0.2, 1.6 * 0.6 * 0.2])
 
 
-# --- what the bond is worth -------------------------------------------------------------------------------------------
+# --- strength of the bond ---------------------------------------------------------------------------------------------
 
 
 def facade(bonded: bool, *smooth: str):
     """A front wall of 6 blocks by 5 courses and two cross walls behind it, in bond or with straight joints, tilted
-    towards the front; ``smooth``: cross walls that touch the front without friction."""
+    towards the front; ``smooth``: cross walls whose joints with the front have no friction."""
     common = {"material": "stone", "block": BLOCK, "courses": 5, "heading": 90.0, "base": 0.2}
     start = -0.1 if bonded else 0.1
     walls = (
@@ -226,8 +226,8 @@ def facade(bonded: bool, *smooth: str):
 
 
 def test_a_corner_in_bond_holds_more_than_two_walls_apart():
-    """Apart, the front topples about its foot at t/h and takes nothing along; in bond it has to lift the ends of the
-    cross walls, which is more than friction on straight joints holds. A wall with returns is as strong as three."""
+    """Without friction at the corners the front topples alone at t/h. In bond it must also lift the ends of the cross
+    walls, which resists more than friction on straight joints. A wall with returns is as strong as three walls."""
     apart, straight, bonded = (
         limit(scenario).load_factor for scenario in (facade(False, "left", "right"), facade(False), facade(True))
     )

@@ -1,4 +1,4 @@
-"""The one reader of CSV files: units, separators, records of the PEER data base, and what is refused."""
+"""The reader of CSV files: units, separators, records of the PEER database, and refusals."""
 
 import os
 
@@ -45,7 +45,7 @@ def acceleration(path):
     ],
 )
 def test_an_acceleration_comes_in_the_unit_of_its_title(tmp_path, title, size):
-    """A record in g read as m/s2 moves nothing: 0.35 g are 3.43 m/s2."""
+    """Accelerations are converted from the unit in the column title to m/s2: 0.35 g are 3.43 m/s2."""
     found = acceleration(file(tmp_path, f"time [s], {title}\n0, 0.35\n1, -2\n"))
     np.testing.assert_allclose(found, [0.35 * size, -2.0 * size], rtol=1e-15)
 
@@ -165,7 +165,7 @@ READERS = {
 
 @pytest.mark.parametrize("name", READERS)
 def test_no_reader_waits_or_reads_for_ever(tmp_path, name, monkeypatch):
-    """A device that never ends, a pipe that nobody writes to, a file beyond the bound, a folder, no UTF-8."""
+    """Endless devices, pipes without a writer, folders, oversized files and text that is not UTF-8 are refused."""
     read = READERS[name]
     os.mkfifo(tmp_path / "pipe.csv")
     for path in ("/dev/zero", tmp_path / "pipe.csv"):

@@ -1,4 +1,4 @@
-"""Walls, stacks, arches, domes: how many blocks and joints, where they stand, names and groups, and refusals."""
+"""Walls, stacks, arches, domes: numbers of blocks and joints, positions, names and groups, and refusals."""
 
 import math
 from collections import Counter
@@ -81,7 +81,7 @@ def test_the_walls_of_ferris_and_tin_loi(number):
 
 
 def test_running_bond_closed_with_halves():
-    """10 courses of 10: every second has 9 blocks and two halves; 106 blocks with the slab."""
+    """Of 10 courses of 10 blocks, every second has 9 blocks and two halves; 106 blocks with the slab."""
     wall = Wall("wall", "tuff", (0.3, 0.2, 0.1), courses=10, blocks=10, base=0.1)
     found = laid(wall)
     assert len(found.names) == 106 and wall.count() >= 106
@@ -113,7 +113,7 @@ def test_a_wall_may_stand_anywhere_and_head_anywhere():
     rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     assert turned.position == pytest.approx(straight.position @ rotation.T + (3.0, -2.0, 1.0), abs=1e-12)
     along_y = laid(Wall("w", "tuff", STONE, courses=4, blocks=5, base=0.2, heading=90.0))
-    assert (along_y.position[:, 0] == 0.0).all()  # straight to the last bit
+    assert (along_y.position[:, 0] == 0.0).all()  # exactly straight
 
 
 def test_openings_are_cut_out_and_spanned():
@@ -129,14 +129,14 @@ def test_openings_are_cut_out_and_spanned():
         if course in "23":
             assert high[i] < 0.9 + 1e-12 or low[i] > 1.7 - 1e-12
         if course == "4" and low[i] < 1.3 < high[i]:
-            assert (low[i], high[i]) == pytest.approx((0.7, 1.9))  # the lintel bears 0.2 m on either side
+            assert (low[i], high[i]) == pytest.approx((0.7, 1.9))  # the lintel has a bearing of 0.2 m on either side
     edges = np.array([np.ptp(s.vertices[:, 0]) for s in found.shapes[:-1]])
-    assert edges.min() > 0.24 * 0.4 - 1e-12  # nothing too short to lay
+    assert edges.min() > 0.24 * 0.4 - 1e-12  # no block is too short to lay
 
 
 @pytest.mark.parametrize("thickness", [0.2, 0.13])
 def test_returns_are_bonded_at_the_corner(thickness):
-    """The corner square belongs to the wall in one course and to the return in the next, and no block overlaps."""
+    """The corner square belongs to the wall and to the return in alternating courses, and no blocks overlap."""
     block = (0.4, thickness, 0.175)
     returns = (Return("left", "back", 4), Return("right", "front", 5))
     found = laid(Wall("w", "tuff", block, courses=4, blocks=6, base=0.2, returns=returns))
@@ -155,7 +155,7 @@ def test_returns_are_bonded_at_the_corner(thickness):
 
 @pytest.mark.parametrize("side", ["back", "front"])
 def test_openings_in_a_return_are_cut_out_and_spanned(side):
-    """The window is missing from the volume, nothing stands in it, its lintel bears, and the corner stays bonded."""
+    """The volume lacks the window, no block lies in it, its lintel has a bearing, and the corner stays bonded."""
     window = Opening((0.7, 1.3), (2, 3), lintel=0.25)
     plain, found = (
         laid(Wall("w", "tuff", STONE, courses=5, blocks=4, base=0.2, returns=(Return("right", side, 5, openings),)))
@@ -202,7 +202,7 @@ def test_an_arch_has_radial_joints_and_springs_from_two_more(angle, curved):
     ring = math.radians(angle) * radius * thickness * depth * DENSITY
     chords = n * math.sin(step) * radius * thickness * depth * DENSITY  # trapezia between the radial joints
     assert found.mass[:n].sum() == pytest.approx(ring if curved else chords, rel=1e-12)
-    # joints point to the centre of the arch: their planes hold it
+    # joints are radial: their planes contain the centre of the arch
     for joint in found.joints:
         assert joint.axes[2] @ (joint.origin - (5.0, 1.0, -1.0)) == pytest.approx(0.0, abs=1e-12)
         assert math.dist(joint.origin, (5.0, 1.0, -1.0)) == pytest.approx(radius)
@@ -214,7 +214,7 @@ def test_a_dome_meets_face_to_face_everywhere():
     found = assemble(scene(domes=(Dome("dome", "tuff", radius, thickness, rings, n, key=8.0),)))
     assert len(found.names) == n * rings + 1 + n
     assert len(found.joints) == n * rings * 2 + n and max(abs(j.gap) for j in found.joints) < 1e-12
-    # stones lie on the sphere with their corners, so that they weigh a little less than the shell
+    # the corners of the stones lie on the sphere, so the stones weigh a little less than the shell
     shell = 2.0 / 3.0 * math.pi * (1.05**3 - 0.95**3) * DENSITY
     assert 0.95 * shell < found.mass[~found.fixed].sum() < shell
     finer = assemble(scene(domes=(Dome("dome", "tuff", radius, thickness, 4 * rings, 4 * n, key=2.0),)))
@@ -345,7 +345,7 @@ def test_memory_is_known_on_this_system(monkeypatch):
 
 
 def test_more_blocks_than_anyone_waits_for_are_refused_with_their_key(monkeypatch):
-    """They were built for ten minutes without a word, if memory held them."""
+    """Too many blocks are refused at once, before they are built, even if the memory is not known."""
     monkeypatch.setattr(memory, "available", lambda: None)
     with pytest.raises(ScenarioError, match="walls.w: courses = 100000 and blocks = 10 would make 1100001 blocks"):
         scene(walls=(Wall("w", "tuff", STONE, courses=100_000, blocks=10, ends="half"),))

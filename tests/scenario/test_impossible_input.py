@@ -1,4 +1,4 @@
-"""Assemblies and loads that cannot be meant: one sentence each, which says what is wrong, where, and what to do."""
+"""Meaningless assemblies and loads: each is refused in one sentence that says what is wrong, where, and what to do."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ SLAB = WALL.replace("0.7, 0.0]", "0.7, 0.1]").replace("courses", "base = 0.1\nco
 
 @pytest.mark.parametrize("text", [DYNAMIC + load("block", SINE), SLAB + DYNAMIC + load("wall")])
 def test_what_can_be_meant_is_not(text):
-    """A load that varies while time passes; one on a whole wall, the slab under which is fixed."""
+    """Valid input is not refused: a varying load in a dynamic run, and a load on a whole wall with a fixed slab."""
     simulate(toml.loads(BASE + text))
 
 
@@ -105,7 +105,7 @@ def test_a_mesh_in_another_unit(tmp_path, capsys, factor):
 
 
 def test_a_flat_mesh(tmp_path, capsys):
-    """A box that was pressed flat: its surface is closed, and holds nothing."""
+    """A box flattened onto a plane is refused: its surface is closed but encloses no volume."""
     meshio = pytest.importorskip("meshio")
     corners = np.array([[x, y, 0.0] for _ in range(2) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]) @ np.array(
         [[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]]

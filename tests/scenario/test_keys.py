@@ -1,4 +1,4 @@
-"""The reference of keys: every key of every table, no other, and a JSON schema that holds for the shipped scenarios."""
+"""The reference of keys has exactly the keys of every table, and the JSON schema accepts the shipped scenarios."""
 
 import json
 import math
@@ -41,7 +41,7 @@ CHECKED = [
 
 @pytest.mark.parametrize("table, field", CHECKED)
 def test_what_a_key_declares_is_what_its_check_holds_to(table, field):
-    """A number within the range that is told is taken, one just beyond is refused; a default always is taken."""
+    """Numbers within the declared range are accepted, ones just beyond it refused; defaults are always accepted."""
     key = key_of(field)
     default = keys.default_of(field)
     if default not in (MISSING, None):
@@ -73,7 +73,7 @@ def test_what_a_key_declares_is_what_its_check_holds_to(table, field):
 
 
 def valid(value, schema, where="scenario"):
-    """The few words of JSON schema that ours uses, checked by hand: raises AssertionError where a value breaks one."""
+    """Check a value by the few JSON schema keywords that ours uses; raise AssertionError if it breaks one."""
     if "oneOf" in schema or "anyOf" in schema:
         faults = []
         for option in schema.get("oneOf", schema.get("anyOf")):
@@ -144,7 +144,7 @@ def test_the_command_prints_and_writes_the_schema(folder, capsys):
 
 
 def test_scenarios_name_the_schema_that_ships():
-    """Editors read it; `dembrick schema --out scenarios/scenario.schema.json` writes it again."""
+    """The shipped schema is current; `dembrick schema --out scenarios/scenario.schema.json` rewrites it."""
     kept = shipped.folder() / shipped.SCHEMA
     assert json.loads(kept.read_text(encoding="utf-8")) == keys.json_schema()
     for path in shipped.folder().rglob("*.toml"):

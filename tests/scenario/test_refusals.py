@@ -1,4 +1,4 @@
-"""Scenario files that are refused: by one sentence that names the place, and never by another error."""
+"""Invalid scenario files are refused in one sentence that names the place, and never raise another error."""
 
 import re
 
@@ -248,7 +248,7 @@ def test_windows_text_is_read(tmp_path):
     assert toml.load(file) == toml.loads(BASE)
 
 
-# --- nothing but ScenarioError ---------------------------------------------------------------------------------------
+# --- only ScenarioError ----------------------------------------------------------------------------------------------
 
 TOKENS = ["nan", "-inf", "1e999", "0", "-1", "true", "''", "'upper'", "[]", "{}", "[[0]]", "[0, 0, 0]", "1979-05-27"]
 TOKENS += ["{kind='yield'}", "[{}]", "0x" + "f" * 400, "[joint]", "[[blocks]]", "=", "\n", '"\\u0000"', "\ud800", "\0"]

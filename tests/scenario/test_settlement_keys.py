@@ -1,4 +1,4 @@
-"""Controls of supports that settle: read and written, and refused by one clear sentence."""
+"""Settlement controls: reading, writing, and refusals in one clear sentence."""
 
 import re
 

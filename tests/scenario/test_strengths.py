@@ -1,4 +1,4 @@
-"""Strengths of joints as a scenario says them: what is refused, inherited and warned about."""
+"""Joint strengths in scenarios: refusals, inheritance and warnings."""
 
 import re
 
@@ -61,7 +61,7 @@ def test_a_quasi_static_tilt_knows_friction_alone():
     tilt = 'kind = "tilt"\naxis = [1.0, 0.0, 0.0]'
     with pytest.raises(ScenarioError, match="a tilt with a rate"):
         simulate(given("cohesion = 1.0", control=tilt))
-    # the rear points slip first; then 0.3 (1/2 - x/4) + 0.5 (1/2 + x/4) = x, the weight tipping at half the height
+    # the rear points slip first; then 0.3 (1/2 - x/4) + 0.5 (1/2 + x/4) = x, with the moment of x at half the height
     found = simulate(given("residual_friction = 0.3", control=tilt), record=False)
     assert found.yield_point.V_peak == pytest.approx(8.0 / 19.0, rel=1e-3)
 

@@ -1,4 +1,4 @@
-"""Scenario files: what they say, ``--set``, and text written back."""
+"""Scenario files: their contents, ``--set``, and text written back."""
 
 import math
 import random
@@ -23,7 +23,7 @@ FILES = sorted(FOLDER.glob("*.toml"))
 
 
 def situation(s):
-    """Normal force, torsion and shear per unit V, slenderness of the joint and height of the jacks, by statics."""
+    """Normal force, torsion and shear per unit V, sides of the joint and height of the jacks, by statics."""
     lower, upper = s.blocks
     assert lower.fixed and not upper.fixed
     assert lower.box == upper.box
@@ -155,7 +155,7 @@ def test_bad_joints(entry, fragments):
 
 def changed(*assignments):
     s = toml.loads(BASE, overrides=assignments)
-    assert toml.loads(s.text) == s  # what the history stores is what ran
+    assert toml.loads(s.text) == s  # the history stores the scenario that ran
     return s
 
 
