@@ -1,4 +1,4 @@
-"""The command line: exit codes, one JSON object on standard output, where files go, no tracebacks."""
+"""The command line: exit codes, one JSON object on standard output, places of output files, no tracebacks."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ RUN_KEYS = [
 ]
 
 
-pytestmark = pytest.mark.usefixtures("folder")  # every test works in an empty one
+pytestmark = pytest.mark.usefixtures("folder")  # every test runs in an empty folder
 
 
 @pytest.fixture
 def call(capsys):
-    """Run the command line; returns exit code, standard output and standard error, which never has a traceback."""
+    """Run the command line; return exit code, standard output and standard error, which never has a traceback."""
 
     def run(*arguments: str):
         try:
@@ -83,7 +83,7 @@ def test_run_json(call, folder):
     assert data["yield_point"]["V"] == pytest.approx(216.054938, rel=1e-3)
     assert data["history"] == os.path.join("results", "set4a.h5")
     assert history.read(folder / data["history"]).status == data["status"] == "yield"
-    assert call("run", SET_4A, "--quiet")[0] == 0  # replaces its own earlier output
+    assert call("run", SET_4A, "--quiet")[0] == 0  # it replaces its own earlier output
 
 
 def test_verbose_says_where_the_time_went(call, folder):
@@ -206,7 +206,7 @@ def test_check_describes_an_assembly(call):
     ],
 )
 def test_check_tells_the_kind_of_a_load(call, name, told):
-    """A tilt and a pushover have no actuators: what grows are the body forces of all blocks."""
+    """Tilts and pushovers have no actuators: their driven loads are listed as body forces on the blocks."""
     _, out, _ = call("check", name)
     lines = [line for line in out.splitlines(True) if line[:14].strip() in ("actuators", "pressures", "body forces")]
     assert lines == [] if told is None else len(lines) == 1 and lines[0].startswith(told)

@@ -1,4 +1,4 @@
-"""The builder of the documentation says why a cell of a tutorial failed."""
+"""The documentation build reports why a cell of a tutorial failed."""
 
 from dembrick.scenario import keys
 from helpers.places import tool_module

@@ -1,7 +1,7 @@
-"""What the documentation shows is run: commands, scenarios and Python of the pages that the build does not execute.
+"""Run the commands, scenarios and Python of the documentation pages that its build does not execute.
 
-The tutorials are run when the documentation is built. Here stand the how-to pages and the Python reference: their
-commands run in a folder that holds the files they name, their TOML is read and run, and the gallery is of what ships.
+The tutorials run when the documentation is built. These tests cover the how-to pages and the Python reference: their
+commands run in a folder with the files they name, their TOML is read and run, and the gallery shows what ships.
 """
 
 import json
@@ -28,7 +28,7 @@ STUDY = 'base = "set4a"\n[grid]\n"joint.friction" = [0.5, 0.6]\n'
 
 
 def blocks(path, language=None):
-    """Code of a page: fenced in a language, or indented by four spaces."""
+    """Code blocks of a page: fenced ones in ``language``, or those indented by four spaces."""
     text = path.read_text(encoding="utf-8")
     if language:
         return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
@@ -78,7 +78,7 @@ def test_commands_of_how_to_pages_run(page, command, folder, monkeypatch, capsys
         interrupted_run(monkeypatch)
     if words[:2] == ["plot", "results/study/table.csv"]:
         assert cli.main(["sweep", "study.toml", "--jobs", "1", "--quiet"]) == 0
-        if "--over" in words:  # the study of that page is one of records that nobody has here
+        if "--over" in words:  # the study of that page needs ground motions that are not shipped
             words[words.index("--over") + 1], words[words.index("--answer") + 1] = "joint.friction", "V"
     if "--jobs" in words:
         words[words.index("--jobs") + 1] = "1"
@@ -87,7 +87,7 @@ def test_commands_of_how_to_pages_run(page, command, folder, monkeypatch, capsys
 
 
 def interrupted_run(monkeypatch):
-    """Leave a run that was stopped on its way as run.h5."""
+    """Leave an interrupted run as run.h5."""
     asked = []
     with monkeypatch.context() as patch:
         patch.setattr(interrupts, "requested", lambda: 2 if asked else asked.append(1))
@@ -136,7 +136,7 @@ PARTS = [part for path in HOWTO for part in toml_parts(path) if "=" in part[1]]
 
 @pytest.mark.parametrize("path, text", PARTS, ids=lambda value: getattr(value, "stem", "")[:30])
 def test_scenarios_and_studies_of_how_to_pages_are_right(path, text, tmp_path, monkeypatch):
-    """Studies are planned, and parts of scenarios run in the scenario that they belong in."""
+    """Studies can be planned, and parts of scenarios run within the scenario that they belong to."""
     monkeypatch.chdir(tmp_path)
     document = tomllib.loads(text)
     if "base" in document:
@@ -158,7 +158,7 @@ def test_scenarios_and_studies_of_how_to_pages_are_right(path, text, tmp_path, m
     if "mesh" in text and "models" not in document:
         changes = ["supports=['stone']"]
     if document.get("control", {}).get("kind") == "pushover" and "stages" in document:
-        changes += ["actuators=[]"]  # of the scenario beside, which no stage drives
+        changes += ["actuators=[]"]  # those of the base scenario, which no stage drives
     result = dembrick.simulate(toml.load("scene.toml", changes), record=False)
     assert result.status == (
         "completed" if path.stem == "rig" and "protocol" in text else result.scenario.control.ends_with
@@ -169,7 +169,7 @@ def test_scenarios_and_studies_of_how_to_pages_are_right(path, text, tmp_path, m
 
 @pytest.mark.parametrize("path", [p for p in PAGES if p not in EXECUTED and blocks(p, "python")], ids=lambda p: p.stem)
 def test_python_blocks_run(path, folder, monkeypatch, capsys):
-    """What a line prints is what the remark behind it says, up to a colon."""
+    """Each ``print`` line prints what the comment after it says, up to a colon."""
     monkeypatch.chdir(folder)
     if path.stem == "paraview":
         pytest.importorskip("pyvista")
@@ -206,7 +206,7 @@ def test_the_reference_of_python_has_every_name():
     ],
 )
 def test_a_search_for_a_word_of_the_field_finds_its_page(words, page):
-    """The site's search looks into titles, keywords and text: the word stands in one of the first two."""
+    """The word is in the title or the keywords of the page, which the site's search covers besides the text."""
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
     title = re.search(r"^# (.*)$", text, re.MULTILINE).group(1)
     keywords = re.search(r'^    keywords: "(.*)"$', text, re.MULTILINE)
@@ -215,7 +215,7 @@ def test_a_search_for_a_word_of_the_field_finds_its_page(words, page):
 
 @pytest.mark.parametrize("path", [ROOT / "README.md", *PAGES], ids=lambda p: p.stem)
 def test_links_lead_to_files_of_a_checkout(path):
-    """And not to the pages that only the build of the site makes, by which a checkout has dead links."""
+    """No link leads to a page that only the site build makes, as it would be dead in a checkout."""
     made = {(DOCS / "reference" / name).resolve() for name in tool_module("reference_pages").makers()}
     if path.resolve() in made:
         return
@@ -240,13 +240,13 @@ def test_the_gallery_shows_what_ships():
     page = pages.gallery_page(DOCS / "gallery")
     assert page.count("![") == len(entries)
     told = [name for names in pages.subjects().values() for name in names]
-    assert sorted(told) == sorted(shipped.examples())  # each in one subject
+    assert sorted(told) == sorted(shipped.examples())  # each under one subject
     first = page.split("## ")[0]
     assert [name for name in told if f"![{name}]" in first] == sorted(pages.FIRST, key=told.index)
 
 
 GALLERY = json.loads((DOCS / "gallery" / "gallery.json").read_text(encoding="utf-8"))
-QUICK, BRIEF = 1.0, 30.0  # seconds of a run, up to which it is run with every change, or among the slow tests
+QUICK, BRIEF = 1.0, 30.0  # s: longest runs tested with every change, and among the slow tests
 
 
 def _entries(low, high):

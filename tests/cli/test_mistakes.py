@@ -1,4 +1,4 @@
-"""Mistakes of users: the message says what to write; slips of units are warned of and not refused."""
+"""Mistakes of users: the message says what to write; wrong units cause warnings, not refusals."""
 
 import json
 import re
@@ -52,7 +52,7 @@ def test_a_material_of_a_generated_block_is_named_by_the_line_of_its_generator()
         (["run", "a.toml", "--bounds"], "--bounds; did you mean --bound?"),
         (["run", "a.toml", "--refned", "--tolerence=1e-3"], "did you mean --refine and --tolerance?"),
         (["plot", "a.h5", "--labs", "b.csv"], "--labs b.csv; did you mean --lab?"),
-        (["view", "a.h5", "--bounds"], "unrecognized arguments: --bounds"),  # no option of this command is near
+        (["view", "a.h5", "--bounds"], "unrecognized arguments: --bounds"),  # no option of this command is similar
         (["run", "a.toml", "b.toml"], "unrecognized arguments: b.toml"),
     ],
 )
@@ -168,7 +168,7 @@ def test_a_file_that_is_not_there_is_told_with_the_key_and_line_that_name_it(
 
 
 def test_check_looks_at_every_stage(tmp_path, capsys):
-    """The table of the last stage has no use for the jack of the one before, which lies beside its block."""
+    """A jack outside its block is reported although only an earlier stage than the last, a tilt, uses it."""
     text = SET4A.replace("point     = [0.0", "point     = [9.0").partition("[control]")[0]
     text += '[[stages]]\nkind = "displacement"\nrate = 1e-2\ntravel = 1e-4\n'
     text += '[control]\nkind = "tilt"\naxis = [0.0, 1.0, 0.0]\n'
@@ -220,7 +220,7 @@ ARCH = (SCENARIOS / "arch_filled.toml").read_text()
         ("angle", 2.09, "for 2.09 rad write 119.7"),
         ("heading", -1.5708, "heading of arch 'arch' = -1.5708 is in degrees, -0.0274 rad"),
         ("angle", 180.0, None),
-        ("angle", 6.0, None),  # nearly flat, and no part of a turn
+        ("angle", 6.0, None),  # nearly flat, and no simple fraction of a turn
         ("angle", 31.4, None),
         ("heading", 1.5, None),
         ("heading", 0.0, None),
@@ -228,7 +228,7 @@ ARCH = (SCENARIOS / "arch_filled.toml").read_text()
     ],
 )
 def test_an_angle_in_radians_is_warned_of(key, value, told):
-    """Degrees are what all keys take; plausible ones pass, small as they may be."""
+    """Angles are in degrees: values that look like radians cause a warning, plausible small angles do not."""
     scenario = toml.loads(ARCH.replace("\nangle     = 110.0", f"\n{key} = {value}"))
     said = slips(scenario)
     assert said == [] if told is None else told in said[0] and len(said) == 1
@@ -260,7 +260,7 @@ def test_blocks_of_any_shape_may_be_in_mm(shape, tmp_path):
 
 
 def test_a_scenario_in_mm_is_told_so_before_it_is_called_soft():
-    """Blocks of 300 m close their joints by far more than is accepted; the remedy is not a greater stiffness."""
+    """Blocks of 300 m overload the joint stiffness; the message blames the unit and does not advise a stiffer joint."""
     before, after, said = SLIPS["mm"]
     with pytest.raises(
         ScenarioError, match="is soft for its load.*'upper' is 300 m long: lengths are in metres"
@@ -311,7 +311,7 @@ def test_no_shipped_scenario_looks_like_a_slip(path):
 
 
 def test_a_run_without_a_limit_has_no_yield_point(tmp_path, capsys):
-    """It was called "unlimited", though its travel was too short to tell."""
+    """A run whose travel is too short to reach a limit is reported as such, not as having an unlimited load."""
     path = str(tmp_path / "short.h5")
     assert main(["run", str(SCENARIOS / "set4a_curve.toml"), "--set", "control.travel=1e-6", "--out", path]) == 1
     capsys.readouterr()
@@ -320,7 +320,7 @@ def test_a_run_without_a_limit_has_no_yield_point(tmp_path, capsys):
 
 
 def test_histories_that_ask_for_no_limit_load_are_left_out_of_the_table(tmp_path, capsys):
-    """One of them in results/*.h5 kept all others from the table, with the advice to run it to its end."""
+    """One such history among results/*.h5 is named and skipped; the table shows the others."""
     limit, rest = (str(tmp_path / name) for name in ("limit.h5", "rest.h5"))
     assert main(["run", "set4a", "--out", limit]) == 0
     assert main(["run", "set4a", "--set", 'control={kind="statics"}', "--out", rest]) == 0

@@ -1,4 +1,4 @@
-"""Files that a run or an export writes, each by the ending of its name; what `info` tells who was handed a history."""
+"""Files that runs and exports write, in the format of their ending; what `info` reports about a history."""
 
 import json
 import shlex
@@ -10,18 +10,18 @@ from dembrick import history
 from dembrick.cli import export, main
 from helpers.scenario_text import block, header, jack
 
-BEGINS = {  # of files, by ending
+BEGINS = {  # first bytes of files, by ending
     "png": b"\x89PNG", "gif": b"GIF8", "html": b"<!doctype html", "pdf": b"%PDF", "svg": b"<?xml", "vtkhdf": b"\x89HDF",
     "csv": b"equilibrium",
 }  # fmt: skip
 
 
-pytestmark = pytest.mark.usefixtures("folder")  # every test works in an empty one
+pytestmark = pytest.mark.usefixtures("folder")  # every test runs in an empty folder
 
 
 @pytest.fixture
 def told(capsys):
-    """Exit code, standard output, standard error of a command line."""
+    """Run a command line; return exit code, standard output and standard error."""
 
     def call(*words):
         code = main(list(words))
@@ -115,7 +115,7 @@ def test_a_direction_may_begin_with_a_minus_sign(told):
 
 
 def test_a_history_that_was_not_written_is_not_named(told):
-    """A folder in which nobody may make a file, root neither."""
+    """A history in a folder where not even root may create a file is not reported as written."""
     code, out, err = told("run", "set4a", "--out", "/proc/x.h5")
     assert code == 1 and "cannot be written" in err and "history:" not in err
     code, out, err = told("run", "set4a", "--out", "/proc/x.h5", "--json")
@@ -138,7 +138,7 @@ def test_help_names_every_ending():
 
 
 def test_info_tells_what_a_stranger_asks(told):
-    """What it is, its numbers, what all joints carry at a time, and how to run it again with a change."""
+    """The joint forces at a time, as `joints` prints them, and a command that runs it again with a change."""
     assert told("run", "rocking_push", "--quiet", "--out", "given.h5")[0] == 0
     _, joints, _ = told("joints", "given.h5", "--time", "0.1", "--all")
     code, info, _ = told("info", "given.h5", "--time", "0.1")
@@ -161,7 +161,7 @@ RIG = (
 
 
 def test_what_a_command_reads_is_not_written_over(told):
-    """The scenario, its protocol, and the history that is read, with --force too."""
+    """Scenario, protocol and history that a command reads are not overwritten, not even with --force."""
     Path("rig.toml").write_text(RIG + 'kind = "displacement"\nprotocol = "way.csv"\nlarge_displacements = true\n')
     Path("way.csv").write_text("displacement [m]\n0\n1e-5\n-1e-5\n0\n")
     Path("push.toml").write_text(RIG + 'kind = "yield"\n')

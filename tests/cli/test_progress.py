@@ -1,4 +1,4 @@
-"""What a long command shows while it works, and how it is stopped."""
+"""Progress of long commands, and their interruption."""
 
 import signal
 import subprocess
@@ -34,7 +34,7 @@ def clock(monkeypatch):
 
 
 def test_lines_come_at_growing_intervals_where_there_is_no_terminal(clock, capsys):
-    """After 10 s, then after 20, 40 ... up to 600 s; each with steps, time, pace and time left."""
+    """Intervals of 10, 20, 40 ... up to 600 s; each line has steps, time, pace and time left."""
     meter = Meter(printable, quiet=False)
     came = []
     for second in range(4000):
@@ -125,21 +125,21 @@ def test_a_callback_hears_how_far_a_run_is(make, stage, monkeypatch):
 
 
 def test_a_bar_in_a_notebook():
-    assert notebook_bar() is None  # this is none
+    assert notebook_bar() is None  # this is no notebook
     html = as_html(Progress("step", 5, 20, 0.25, at_most=True))
     assert html == '<progress value="5" max="20"></progress> step 5 of at most 20, t = 0.25 s'
     assert "<script>" not in as_html(Progress("<script>", 1))
 
 
 def test_a_study_that_is_stopped_says_how_to_go_on(tmp_path):
-    """Its workers do not go on with their cases, and every row that was there is kept."""
+    """Its workers stop, finished rows are kept, and the message says how many cases are done."""
     (tmp_path / "base.toml").write_text(dropped())
     study = 'base = "base.toml"\n[grid]\n"control.duration" = [0.01, 1000.0, 1001.0, 1002.0]\n'
     (tmp_path / "study.toml").write_text(study)
     command = [sys.executable, "-m", "dembrick", "sweep", "study.toml", "--jobs", "2", "--out", "out"]
     run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     rows = tmp_path / "out" / "rows_1_of_1.jsonl"
-    while not rows.exists() or rows.read_text().count("\n") < 2:  # the first case is over
+    while not rows.exists() or rows.read_text().count("\n") < 2:  # until the first case is done
         assert run.poll() is None
         time.sleep(0.05)
     time.sleep(1.0)

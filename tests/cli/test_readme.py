@@ -1,4 +1,4 @@
-"""What the README shows is run: its scenario, its Python block, its commands; and it stays a door."""
+"""Run the scenario, the Python block and the commands of the README; and the README stays short."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_the_python_block_runs_and_says_what_it_should(folder, capsys):
 
 
 def test_the_light_install_asks_for_what_the_full_one_does():
-    """The group that README names beside --no-deps: three of the dependencies, with the same bounds."""
+    """The dependency group that README names with --no-deps has three of the dependencies, with the same bounds."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     group = project["dependency-groups"]["solver"]
     assert set(group) < set(project["project"]["dependencies"])
@@ -46,7 +46,7 @@ def test_it_is_a_door_and_no_report():
 
 
 def test_its_scenario_is_complete_and_its_commands_run(folder, capsys):
-    """The scenario as it stands, and every command beside it, in their order."""
+    """Run the scenario unchanged, and all commands in their order."""
     (scenario,) = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)
     (folder / "wall.toml").write_text(scenario)
     commands = re.findall(r"^    dembrick (.*?)(?: {2,}#.*)?$", TEXT, re.MULTILINE)
