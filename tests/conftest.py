@@ -1,4 +1,4 @@
-"""What several test modules ask for by name."""
+"""Settings and fixtures that several test modules share."""
 
 import os
 from pathlib import Path
@@ -10,24 +10,23 @@ from dembrick.simulation.statics import stepper
 
 pytest.register_assert_rewrite("helpers")
 
-# A subprocess takes the package under test, not a checkout that it happens to be started in, which would be compiled
-# once more.
+# A subprocess imports the package under test, not a checkout in its working directory, which would be compiled again.
 os.environ["PYTHONSAFEPATH"] = "1"
 os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(Path(dembrick.__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
 
-# Python's bytecode of the package is made once, not by each of them.
+# Python's bytecode of the package is written once, not by every subprocess.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# A worker a core: threads of the linear algebra would wait for one another, which takes both cores at once. The workers
-# and what they start read it as numpy is imported, which comes later.
+# One worker per core: threads of the linear algebra would compete for both cores. The workers and their subprocesses
+# read this variable when they import numpy, which happens later.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Both cores are busy with tests: no command compiles ahead in a second process (see docs/howto/speed.md).
+# Both cores are busy with tests, so no command compiles ahead in a second process (see docs/howto/speed.md).
 os.environ["DEMBRICK_COMPILE_AHEAD"] = "0"
 
-# What compiles or runs longest goes first, searches beside motions: two workers then compile different kernels.
+# The files that compile or run longest go first, searches and motions in turn: two workers compile different kernels.
 FIRST = (
     "statics/test_batch.py",
     "dynamics/test_closed_form_motions.py",
@@ -48,7 +47,7 @@ FIRST = (
 
 
 def pytest_collection_modifyitems(items):
-    """Order files by `FIRST`, the others after them as they were found."""
+    """Run the files of `FIRST` first, in that order, and the others after them in the order of collection."""
 
     def rank(item) -> int:
         path = item.path.as_posix()
@@ -59,14 +58,14 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder, in which the test works."""
+    """Empty working directory of the test."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture
 def stop_after(monkeypatch):
-    """Chunks of one step, without waiting for the disk; and what has a signal come after so many of them."""
+    """Run in chunks of one step without waiting for the disk; return the context that interrupts after so many."""
     from helpers.restart_cases import signal_at_look
 
     monkeypatch.setattr(os, "fsync", lambda _: None)

@@ -1,4 +1,4 @@
-"""What an editor shows of a class: every attribute is told of where the class is."""
+"""Docstrings that editors show: every attribute of a public dataclass is described in its class."""
 
 import dataclasses
 import re
@@ -12,7 +12,7 @@ CLASSES = [name for name in dembrick.__all__ if dataclasses.is_dataclass(getattr
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_attribute_of_a_dataclass_is_told_of(name):
-    """In its docstring, or in one of a class that it extends."""
+    """The description is in its docstring or in that of a base class."""
     kind = getattr(dembrick, name)
     told = "\n".join(base.__doc__ or "" for base in kind.__mro__ if base is not object)
     public = [field.name for field in dataclasses.fields(kind) if not field.name.startswith("_")]

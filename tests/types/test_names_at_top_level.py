@@ -1,4 +1,4 @@
-"""Names at the top of the package: imported when they are used, and known to type checkers all the same."""
+"""Top-level names of the package: imported on first use, and still known to type checkers."""
 
 import ast
 import subprocess
@@ -29,7 +29,7 @@ def test_the_package_says_that_it_has_types():
 
 def test_every_error_and_every_result_is_at_the_top():
     mine = {name for name, kind in vars(errors).items() if isinstance(kind, type) and issubclass(kind, Exception)}
-    kinds = {kind.__name__ for kind in _below(RunResult)} - {"SearchResult", "RestResult"}  # what they have in common
+    kinds = {kind.__name__ for kind in _below(RunResult)} - {"SearchResult", "RestResult"}  # base classes
     assert len(mine) >= 11 and len(kinds) >= 6
     assert mine | kinds <= set(dembrick.__all__)
 

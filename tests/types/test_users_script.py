@@ -1,4 +1,4 @@
-"""mypy of a user's script against the installed package finds types, not Any: right ones pass, wrong ones do not."""
+"""mypy finds types, not Any, in scripts that use the installed package: correct ones pass, wrong ones are reported."""
 
 import os
 import re
@@ -16,7 +16,7 @@ from helpers.places import ROOT
 
 pytest.importorskip("mypy")
 
-# Packages beside ours are not read, which takes most of the time; the types of ours hold without theirs.
+# Other packages are skipped, as reading them takes most of the time; our types can be checked without theirs.
 SETTINGS = """
 [mypy]
 strict = true
@@ -42,7 +42,7 @@ SAID = ('"courses"', '"refines"', '"friktion"', '"V"', '"mass"')
 
 
 def test_types_are_found_outside_the_checkout(tmp_path):
-    """In a folder of the user's, with no setting but that other packages are passed over."""
+    """mypy in a folder of the user, strict, with other packages skipped."""
     here, right = Path(__file__).parent, tmp_path / "right"
     right.mkdir()
     for script in ("users_script.py", "users_controls.py"):
@@ -55,12 +55,12 @@ def test_types_are_found_outside_the_checkout(tmp_path):
     (tmp_path / "wrong.py").write_text(WRONG)
     home = Path(dembrick.__file__).resolve().parents[1]
     found = {**os.environ}
-    if home not in {Path(folder).resolve() for folder in site.getsitepackages()}:  # a checkout, beside the tests
+    if home not in {Path(folder).resolve() for folder in site.getsitepackages()}:  # a checkout, not an installation
         found["MYPYPATH"] = str(home)
     (tmp_path / "mypy.ini").write_text(SETTINGS)
     command = [sys.executable, "-m", "mypy", "--config-file=mypy.ini", "--cache-dir=cache", "right", "wrong.py"]
     done = subprocess.run(command, cwd=tmp_path, env=found, capture_output=True, text=True, check=False)
-    faults: dict[str, str] = {}  # the first of every line
+    faults: dict[str, str] = {}  # the first fault of every line
     for place, _, fault in (line.partition(": error: ") for line in done.stdout.splitlines() if ": error: " in line):
         faults.setdefault(place, fault)
     assert not [line for line in done.stdout.splitlines() if "right" in line], done.stdout + done.stderr

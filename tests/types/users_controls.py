@@ -1,5 +1,5 @@
-"""Scripts of users, one for each kind of control: what comes of a run follows from it; mypy reads this file, nobody
-runs it."""
+"""User scripts for every kind of control, which determines the type of the result; mypy reads this file, nothing runs
+it."""
 
 from typing import Any, assert_type
 
@@ -75,7 +75,7 @@ def settlement() -> None:
     control = dembrick.SettlementControl(supports=("column.base",), displacement=(0.0, 0.0, -0.01))
     result = dembrick.simulate(dembrick.Scenario("settled", DOWN, LAW, STONE, stacks=COLUMN, control=control))
     assert_type(result, dembrick.SettlementResult | dembrick.MotionResult)
-    if isinstance(result, dembrick.SettlementResult):  # from equilibrium to equilibrium, not in real time
+    if isinstance(result, dembrick.SettlementResult):  # a path of equilibria, not in real time
         print(result.settlement["reaction"], result.reaction_error)
 
 

@@ -1,4 +1,4 @@
-"""What a type checker and an editor know of a user's script; mypy reads this file, nobody runs it."""
+"""A user's script with the types that checkers and editors see; mypy reads this file, nothing runs it."""
 
 from typing import Any, assert_type
 
@@ -9,7 +9,7 @@ assert_type(scenario, dembrick.Scenario)
 assert_type(scenario.control, dembrick.Control)
 
 try:
-    result = dembrick.simulate(scenario, refine=True)  # of a file: its control is not known before it is read
+    result = dembrick.simulate(scenario, refine=True)  # from a file: the type of its control is not known statically
     assert_type(result, dembrick.Result | dembrick.MotionResult | dembrick.StaticsResult)
     if isinstance(result, dembrick.Result):
         assert_type(result.yield_point.V_lower, float)
