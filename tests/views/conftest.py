@@ -1,4 +1,4 @@
-"""What tests of pictures ask for by name."""
+"""Fixtures of the tests of pictures and pages."""
 
 import pytest
 
@@ -12,7 +12,7 @@ from helpers import history_cases as cases
 
 @pytest.fixture
 def drawing():
-    """Skips on a machine that cannot draw."""
+    """Skip the test on a machine that cannot draw."""
     try:
         screen.require_drawing()
     except MissingDependency as error:
@@ -29,7 +29,7 @@ def run(tmp_path):
 
 @pytest.fixture(scope="session")
 def lab_page(tmp_path_factory):
-    """A real run, the constant-rate test of set 4b with corner points, and its page."""
+    """A run of the constant-rate test of set 4b with corner points, and its page."""
     folder = tmp_path_factory.mktemp("page")
     scenario = dembrick.load(shipped.folder() / "set4b_curve.toml")
     text = dembrick.dumps(scenario).replace('"convex"', '"concave"')

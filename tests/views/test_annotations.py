@@ -1,4 +1,4 @@
-"""What is drawn over the blocks: scale bar, names, line of thrust, hinges; runs side by side; the angle of a table."""
+"""Annotations of pictures: scale bar, names, line of thrust, hinges, loads, reactions, angle; runs side by side."""
 
 import math
 
@@ -21,7 +21,7 @@ from helpers.scenario_text import block, header
 
 pyvista = pytest.importorskip("pyvista")
 
-EDGE, COUNT = 0.2, 3  # of a column of cubes
+EDGE, COUNT = 0.2, 3  # edge (m) and number of cubes in a column
 COLUMN = (
     header(title="column", normal_stiffness=1e11)
     + f"""
@@ -58,30 +58,30 @@ def drawn(run, frames=(-1,), size=(400, 300), **look):
 
 
 def test_the_line_of_thrust_of_a_column_leaves_it_at_the_hinge(column, drawing):
-    """A column under its weight W and W tan(angle): z below its middle the thrust is z tan(angle) off the axis."""
+    """Under the weight W and W tan(angle) the thrust is z tan(angle) off the axis of a column, z below its middle."""
     found = drawn(column, view="front", thrust=True, magnification=0.0)
     slope = float(column.load[-1])
     assert slope == pytest.approx(1.0 / COUNT, rel=2e-3)
     line = found.thrust._line
     heights = EDGE * np.arange(COUNT)
-    above = 0.5 * (COUNT * EDGE - heights)  # from a joint up to the middle of what stands on it
+    above = 0.5 * (COUNT * EDGE - heights)  # height of the centroid of the cubes on a joint above it
     order = np.argsort(line.points[:, 2])
     np.testing.assert_allclose(line.points[order, 2], heights, atol=1e-6)
     np.testing.assert_allclose(np.abs(line.points[order, 0]), slope * above, atol=1e-4)
     pairs = {tuple(sorted(order.tolist().index(j) for j in pair)) for pair in line.lines.reshape(-1, 3)[:, 1:].tolist()}
-    assert pairs == {(0, 1), (1, 2)}  # through the two lower cubes; the top one has one joint
+    assert pairs == {(0, 1), (1, 2)}  # through the two lower cubes; the top one has only one joint
     assert found.thrust.hinges == [int(order[0])] and "1 hinge" in found._text.input
 
 
 def test_hinges_drawn_at_a_collapse_are_those_of_the_result(column, drawing, monkeypatch):
-    """Where a result names hinges, also one that carries nothing any more; its dot is where its faces are nearest."""
+    """Hinges named in a result are drawn even if they carry no force, where the faces of the joint are closest."""
     names = column.block_names
     named = [f"{names[joint['block_b']]} / {names[joint['block_a']]}" for joint in column.joints]
     first = drawn(column, frames=(1,), thrust=True).thrust.hinges
     monkeypatch.setitem(column.__dict__, "results", {"collapse": {"hinges": named[:2]}})
     found = drawn(column, thrust=True, magnification=0.0)
     assert found.thrust.hinges == [0, 1] and "2 hinges" in found._text.input
-    assert drawn(column, frames=(1,), thrust=True).thrust.hinges == first  # before the collapse, by the forces
+    assert drawn(column, frames=(1,), thrust=True).thrust.hinges == first  # by the forces, before collapse
     joints = JointMotion(column)
     low = int(np.argmin(joints.origin[:, 2]))
     edge = hinges.closed_edges(joints, column.n_frames - 1)[low] @ joints.axes[low, :2]
@@ -101,7 +101,7 @@ def test_the_picture_of_a_load_without_a_limit_says_so(column, drawing, monkeypa
 
 
 def test_the_scale_bar_is_as_long_as_it_says(column, drawing):
-    """In pixels: the width of a cube, seen from the front, is to the bar as 0.2 m to what is written at it."""
+    """The length of the bar in pixels is that of its label at the scale of the camera, also after zooming."""
     found = drawn(column, size=(1200, 900), view="front", magnification=0.0, color="none")
     shown = found.pixels().astype(int)
     bar, whole = found.bar, 2.0 * found._plotter.camera.parallel_scale * 4.0 / 3.0
@@ -110,7 +110,7 @@ def test_the_scale_bar_is_as_long_as_it_says(column, drawing):
     dark = np.flatnonzero((shown[rows, 960:].sum(axis=2) < 200).any(axis=0))
     assert dark[-1] - dark[0] == pytest.approx(bar.length / whole * 1200, abs=4)
     before = bar.length
-    found._plotter.camera.parallel_scale *= 10.0  # a window that is zoomed
+    found._plotter.camera.parallel_scale *= 10.0  # zoom the window out
     found.pixels()
     assert bar.length == pytest.approx(10.0 * before)
 
@@ -123,11 +123,11 @@ def test_lengths_are_round(longest, text):
 def test_names_stand_at_blocks_and_joints(column, drawing):
     found = drawn(column, names="all", magnification=0.0)
     (blocks, _), (joints, _) = found._names.named
-    moving = moving_blocks(column, column.n_frames - 1)  # the base does not
+    moving = moving_blocks(column, column.n_frames - 1)  # without the base
     at = dict(zip([column.block_names[i] for i in moving], blocks.points, strict=True))
-    for name, place in at.items():  # blocks of 0.2 m on one another
+    for name, place in at.items():  # stacked blocks of 0.2 m
         np.testing.assert_allclose(place, [0.0, 0.0, 0.2 * int(name.rpartition(".")[2]) - 0.1], atol=1e-6)
-    lowest = 0.2 * min(moving)  # of the joints that touch one of them
+    lowest = 0.2 * min(moving)  # of the joints of moving blocks
     np.testing.assert_allclose(joints.points[:, 2].min(), lowest, atol=1e-6)
     assert "column.2" in at and len(joints.points) == round((0.4 - lowest) / 0.2) + 1
     without, named = drawn(column, magnification=0.0).pixels(), found.pixels()
@@ -137,7 +137,7 @@ def test_names_stand_at_blocks_and_joints(column, drawing):
 
 
 def test_two_runs_stand_side_by_side_to_one_scale(column, tmp_path, drawing, capsys):
-    """A column half as high beside it: half as many pixels high, the same colours, and names that tell them apart."""
+    """A column half as high is drawn beside it with half the pixels, the same colours, and different labels."""
     text = COLUMN.replace(f"blocks = {COUNT}", "blocks = 1")
     simulate(toml.loads(text), tmp_path / "cube.h5")
     with history.read(tmp_path / "cube.h5") as cube:
@@ -204,7 +204,7 @@ kind = "yield"
 
 
 def test_a_driven_pressure_presses_on_its_faces_by_what_it_is(tmp_path, drawing):
-    """Of water behind a dam: courses k from the top carry 2 k - 1 parts, two thirds of the way down for the first."""
+    """Water on a dam presses on the k-th course from the top with 2 k - 1 parts; on the first, two thirds down."""
     simulate(toml.loads(DAM), tmp_path / "dam.h5")
     with history.read(tmp_path / "dam.h5") as run:
         scene = drawn(run, view="front", magnification=0.0)
@@ -220,8 +220,8 @@ def test_a_driven_pressure_presses_on_its_faces_by_what_it_is(tmp_path, drawing)
 
 
 def test_reactions_are_drawn_along_their_lines_of_action(tmp_path, drawing):
-    """A beam on two supports, one of which moves out and sinks, so that it rests on the edges to that side: through
-    these go the lines of the arrows, which are as long as the reactions are large."""
+    """A beam rests on the right edges of its two supports after one has moved out and down: the lines of the arrows
+    pass through these edges, and their lengths are proportional to the reactions."""
     text = header(title="beam", normal_stiffness=1e11)
     for name, x in (("left", -0.5), ("right", 0.3)):
         text += block(name, (x, 0.0, -0.1), (0.3, 0.2, 0.2), "fixed = true")
@@ -245,15 +245,15 @@ def test_reactions_are_drawn_along_their_lines_of_action(tmp_path, drawing):
         np.testing.assert_allclose(way, force[k] / size[k], atol=1e-12)
         tip = arrows.points[k] + arrows["vector"][k]
         corners = [(x + i, j, top + k) for i in (-0.15, 0.15) for j in (-0.1, 0.1) for k in (-0.2, 0.0)]
-        assert ((np.array(corners) - tip) @ way).min() == pytest.approx(0.0, abs=1e-9)  # all of the support beyond it
+        assert ((np.array(corners) - tip) @ way).min() == pytest.approx(0.0, abs=1e-9)  # the support is beyond the tip
         assert (tip + (top - tip[2]) / way[2] * way)[0] == pytest.approx(x + 0.15, abs=1e-3)
     assert f"dark: reactions, the longest {size.max():.4g} N" in found._text.input
-    assert len(colours) == 1 and max(colours[0]) < 0.3  # and dark they are: magenta is the colour of ties
+    assert len(colours) == 1 and max(colours[0]) < 0.3  # dark, as magenta is the colour of ties
     assert [row["F_z"] for row in table] == force[:, 2].tolist() and table[1]["support"] == "right"
 
 
 def test_a_fall_is_told_from_an_equilibrium(tmp_path, drawing):
-    """A block on a floor that turns until it overturns: the last frames say that they are of no equilibrium."""
+    """A floor turns until its block overturns: the last frames are labelled as a fall, not as an equilibrium."""
     text = (
         header(title="turn")
         + block("floor", (0.0, 0.0, -0.1), (1.0, 1.0, 0.2), "fixed = true")

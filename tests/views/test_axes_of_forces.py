@@ -1,6 +1,6 @@
-"""Along which axes forces act: in the geometry of the start those of the start, else those that turned with the blocks.
+"""Axes of forces: those of the start in the undeformed geometry, otherwise axes that turn with the blocks.
 
-The oracle is the equilibrium of every block, summed up from what is exported, drawn and listed.
+The reference is the equilibrium of every block under the forces that are exported, drawn and listed.
 """
 
 import re
@@ -49,7 +49,7 @@ POINTS = ["concave", "corrected", "distributed"]
 
 @pytest.fixture
 def pushed(tmp_path):
-    """What runs the push of an arch that stands askew."""
+    """A function that runs the pushover of an arch that is oblique to the axes."""
 
     def run(formulation, control="", channels=ALL, name="run.h5"):
         text = header(formulation) + PUSH.replace("CHANNELS", channels) + control
@@ -60,7 +60,7 @@ def pushed(tmp_path):
 
 
 def equilibria(found):
-    """(frame, its row) of all frames that are equilibria, but those at which blocks have turned by more than 1."""
+    """(frame, its row) of all frames that are equilibria, without those where a block has turned by more than 1 rad."""
     motion = JointMotion(found)
     rows = motion.rows(range(found.n_frames))
     turns = np.abs(found.frame_values("orientation", 0, found.n_frames) - found.orientation0).max(axis=(1, 2))
@@ -78,7 +78,7 @@ def loads_on(found, row):
 
 
 def unbalanced(found, row, joints, forces):
-    """The largest force that is out of balance on a free block, over the largest load, of ``forces`` on b of joints."""
+    """Largest out-of-balance force on a free block over the largest load; ``forces`` act on block b of ``joints``."""
     loads = loads_on(found, row)
     total = loads.copy()
     for j, force in zip(joints, forces, strict=True):
@@ -88,8 +88,8 @@ def unbalanced(found, row, joints, forces):
 
 
 def twisted(found, frame, row, centroid, points, joints, forces):
-    """As `unbalanced`, of the moments about ``centroid`` (n, 3) of ``forces`` at ``points``, and of the torsion of
-    joints without contact points; over the largest load times a block's size."""
+    """Largest out-of-balance moment about ``centroid`` (n, 3), over the largest load times the size of a block, from
+    ``forces`` at ``points`` and the torsion of joints without contact points."""
     loads, total = loads_on(found, row), np.zeros((found.n_block, 3))
     turn = rotation_matrix(found.orientation0 if found.small_displacements else found.frame("orientation", frame))
     for actuator, size in zip(found.actuators, found.series("actuator_force", row, row + 1)[0], strict=True):
@@ -109,14 +109,14 @@ def twisted(found, frame, row, centroid, points, joints, forces):
 
 
 def turned(found):
-    """How far a block has turned in the equilibria (rad): what other axes would be off by."""
+    """Largest rotation of a block in the equilibria (rad), which is the error that wrong axes would cause."""
     last = equilibria(found)[-1][0]
     return 2.0 * np.abs(found.frame("orientation", last) - found.orientation0).max()
 
 
 @pytest.mark.parametrize("formulation", ["convex", *POINTS])
 def test_forces_of_a_search_are_in_balance(tmp_path, pushed, formulation):
-    """Those exported at contact points, those of joints along their axes of the start, and their arrows."""
+    """Contact forces as exported, joint forces along their initial axes, and the arrows are in equilibrium."""
     with pushed(formulation) as found:
         assert found.small_displacements
         motion, normals = JointMotion(found), np.array([joint["axes"][2] for joint in found.joints])
@@ -125,7 +125,7 @@ def test_forces_of_a_search_are_in_balance(tmp_path, pushed, formulation):
         for k, row in equilibria(found):
             joint, force = steps[k]["cells"]["joint"], steps[k]["at_points"]["force"]
             assert unbalanced(found, row, joint, force) < 1e-3
-            if formulation in ("concave", "distributed"):  # others shear elsewhere than they press
+            if formulation in ("concave", "distributed"):  # other points have different places for shear and pressure
                 places = np.concatenate([one["origin"] + one["normal_arms"] @ one["axes"][:2] for one in found.joints])
                 assert twisted(found, k, row, found.position0, places, joint, force) < 1e-3
             _, arrows = drawn.of_joints(k, Poses.read(found, k, k + 1))
@@ -139,7 +139,7 @@ def test_forces_of_a_search_are_in_balance(tmp_path, pushed, formulation):
 
 @pytest.mark.parametrize("formulation", POINTS)
 def test_utilisation_of_a_search_is_that_of_the_forces_along_the_axes_of_the_start(pushed, formulation):
-    """By hand: the limit of friction under the normal forces of the points, along the normals of the start."""
+    """Utilisation equals the friction limit under the normal forces of the points along the initial normals."""
     with pushed(formulation) as found:
         motion = JointMotion(found)
         number, row = equilibria(found)[-1]
@@ -154,7 +154,7 @@ def test_utilisation_of_a_search_is_that_of_the_forces_along_the_axes_of_the_sta
 
 
 def test_friction_in_the_plane_of_a_joint_is_what_it_carries(pushed):
-    """The sum over the contact points, along t1 and t2, against V_1 and V_2 of the row: b gets the opposite."""
+    """Friction on b along t1 and t2, summed over the contact points, is opposite to V_1 and V_2 of the row."""
     with pushed("concave") as found:
         number, row = equilibria(found)[-1]
         for j in range(found.n_joint):
@@ -171,7 +171,7 @@ def test_forces_in_the_deformed_geometry_turn_with_the_blocks(tmp_path, pushed, 
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_forces_at_a_constant_rate_turn_with_the_blocks(tmp_path, formulation):
-    """A block that is pushed aside of its centroid and turns."""
+    """A block pushed off its centroid turns, and its contact forces stay in balance."""
     text = (shipped.folder() / "set4b_curve.toml").read_text(encoding="utf-8").replace('"convex"', f'"{formulation}"')
     text = re.sub(r"(?m)^rate .*", "rate = 2e-2", text)
     text = re.sub(r"(?m)^travel .*", "travel = 8e-3", text)
@@ -181,12 +181,12 @@ def test_forces_at_a_constant_rate_turn_with_the_blocks(tmp_path, formulation):
 
 
 def in_balance(folder, found):
-    """Forces and moments of contacts are in balance, and arrows too, by far less than other axes would be off by."""
+    """Assert the balance of contact forces, moments and arrows within far less than the error of wrong axes."""
     assert not found.small_displacements and turned(found) > 20.0 * NEAR
     _, steps = vtk_steps(export.to_vtkhdf(found, folder / "out.vtkhdf", only=["contacts"])[0])
     drawn = DrawnForces(found, JointMotion(found), 1.0, False)
     frames = equilibria(found)
-    for k, row in frames[len(frames) // 2 :]:  # at a constant rate blocks speed up at first
+    for k, row in frames[len(frames) // 2 :]:  # at a constant rate blocks accelerate at first
         step, centroid = steps[k], found.position0 + found.frame("displacement", k)
         joint, force = step["cells"]["joint"], step["at_points"]["force"]
         assert unbalanced(found, row, joint, force) < NEAR

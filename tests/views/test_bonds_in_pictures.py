@@ -18,7 +18,7 @@ BENDING = (((0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0), ((0.0, 0.0, 0.0), (0.0, -1.0
 
 
 def used(path, formulation, jacks, normal=467.0, **law):
-    """V, utilisation and bonded part of the area, in all frames, of a search that is recorded; and its peak."""
+    """V, utilisation and bonded share of the area in all frames of a recorded search."""
     given = scene(formulation, jacks=jacks, normal=normal)
     result = simulate(dataclasses.replace(given, joint=dataclasses.replace(given.joint, **law)), path)
     with history.read(path) as found:
@@ -29,10 +29,10 @@ def used(path, formulation, jacks, normal=467.0, **law):
 
 @pytest.mark.parametrize("formulation, limit", [("convex", 649.7841), ("concave", 765.6174), ("corrected-shear", None)])
 def test_a_ductile_joint_at_its_limit(tmp_path, formulation, limit):
-    """On the way the convex joint is at V / V_limit; at the limit all of them are at 1."""
+    """The utilisation of the convex joint is V / V_limit throughout; at the limit that of every formulation is 1."""
     V, found, _ = used(tmp_path / "a.h5", formulation, FORCE, cohesion=1e4, residual_cohesion=1e4)
     assert found[-1] == pytest.approx(1.0, rel=2e-3)
-    with history.read(tmp_path / "a.h5") as one:  # and so in the picture of the joint alone
+    with history.read(tmp_path / "a.h5") as one:  # the figure of the joint alone shows the same
         stages = joint_plane(one)
     np.testing.assert_allclose([stage.utilisation for stage in stages], found[[stage.frame for stage in stages]])
     if limit is not None:
@@ -42,7 +42,7 @@ def test_a_ductile_joint_at_its_limit(tmp_path, formulation, limit):
 
 
 def test_a_brittle_joint_before_and_after(tmp_path):
-    """In shear, 898.88 N before, 233.5 N after: it is at its strength in both."""
+    """In shear the utilisation is V over 898.88 N before the bond breaks, and 1 at 233.5 N afterwards."""
     law = {"cohesion": 1e4, "residual_friction": 0.5}
     V, found, held = used(tmp_path / "b.h5", "convex", single((0.0, 0.0)), **law)
     whole = held == 1.0
@@ -53,18 +53,18 @@ def test_a_brittle_joint_before_and_after(tmp_path):
 
 @pytest.mark.parametrize("formulation, crack", [("convex", 555.667), ("concave", 1667.0)])
 def test_tension_is_used_up_at_the_first_crack(tmp_path, formulation, crack):
-    """(f_t + N / A) W of a linear stress, (f_t A + N) b / 2 of corners, over an arm of 0.1 m."""
+    """Cracking moment (f_t + N / A) W for a linear stress, (f_t A + N) b / 2 for corners, over an arm of 0.1 m."""
     law = {"cohesion": 2e4, "tensile_strength": 2e4}
     V, found, held = used(tmp_path / "c.h5", formulation, BENDING, **law)
     pulls = (held == 1.0) & (found > 1e-3)
-    V_0 = 467.0 * 0.2 / (6.0 if formulation == "convex" else 2.0) / 0.1  # where it begins to pull
+    V_0 = 467.0 * 0.2 / (6.0 if formulation == "convex" else 2.0) / 0.1  # onset of tension
     np.testing.assert_allclose(found[pulls], (V[pulls] - V_0) / (crack - V_0), atol=2e-3)
     assert found[pulls].max() > 0.8
 
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_stages_of_a_brittle_joint_show_its_peak_and_what_it_carries_after(tmp_path, formulation):
-    """In shear it bears c A + mu N once, and mu_r N from then on; friction in the picture is in balance with both."""
+    """In shear the peak is c A + mu N and the residual strength mu_r N, which the friction in the figure balances."""
     law = {"cohesion": 1e4, "residual_friction": 0.5}
     used(tmp_path / "b.h5", formulation, single((0.0, 0.0)), **law)
     with history.read(tmp_path / "b.h5") as found:
@@ -81,8 +81,8 @@ def test_stages_of_a_brittle_joint_show_its_peak_and_what_it_carries_after(tmp_p
 
 @pytest.mark.parametrize("recorded", [True, False])
 def test_of_a_joint_that_has_lost_part_of_its_bond_the_next_point_counts(tmp_path, recorded):
-    """A couple breaks 4 rows of points one by one: each is at 1 then, where a linear stress over all of the joint made
-    0.81 of it. Pull over f_t A and shear over c A + mu N of the recorded forces; without these it is not known."""
+    """A couple breaks 4 rows of points one by one, each at a utilisation of 1 (a linear stress over the joint gave
+    0.81): the recorded tension over f_t A or shear over c A + mu N. Without recorded forces it is not known."""
     strength, area = 2e4, A * 0.2 / 24
     law = {"cohesion": strength, "tensile_strength": strength}
     given = scene("distributed", jacks=BENDING, points=(6, 4))
@@ -99,7 +99,7 @@ def test_of_a_joint_that_has_lost_part_of_its_bond_the_next_point_counts(tmp_pat
     if not recorded:
         assert np.isnan(used[apart]).all()
         return
-    force = np.array(frames["contact_force"])[apart]  # world axes are those of the joint
+    force = np.array(frames["contact_force"])[apart]  # the joint axes are the world axes
     pull = -force[..., 2] / (strength * area)
     shear = np.hypot(force[..., 0], force[..., 1]) / (strength * area + 0.64 * np.maximum(force[..., 2], 0.0))
     expected = np.maximum(np.maximum(pull, shear).max(axis=1), 0.0)
@@ -110,7 +110,7 @@ def test_of_a_joint_that_has_lost_part_of_its_bond_the_next_point_counts(tmp_pat
 
 
 def test_the_use_of_points_by_hand():
-    """Two joints of two points: pull over f_t A, and shear over c A + mu N, the greater of each joint's points."""
+    """Two joints of two points: tension over f_t A and shear over c A + mu N, each the maximum over the points."""
     bonds = SimpleNamespace(
         _owner=np.array([0, 0, 1, 1]), tension=np.array([2e4, 1e4]), cohesion=np.array([3e4, 0.0]),
         _friction=np.array([0.5, 0.6]),

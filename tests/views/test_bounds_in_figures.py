@@ -1,4 +1,4 @@
-"""What figures and pages make of a limit that nothing bounds from above, and where their colour scales end."""
+"""Figures and pages of limits without an upper bound, and the ends of their colour scales."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from dembrick.views.page import content
 @pytest.mark.parametrize("upper", [4e4, None])
 @pytest.mark.parametrize("own_axes", [False, True])
 def test_an_open_bracket_is_a_line_at_what_the_limit_has_at_least(run, monkeypatch, upper, own_axes):
-    """Whatever stands for the bound that there is not: the axis is that of the curve."""
+    """An upper bound that is missing or huge leaves the axis at the range of the curve."""
     bare = plot.force_displacement([run], bracket=False).axes[0].get_ylim()
     most = float(np.abs(run.load).max())
     point = {"V": 0.9 * most, "V_lower": 0.9 * most, "V_upper": upper, "bracket": "open"}
@@ -40,7 +40,7 @@ def test_a_closed_bracket_stays_a_band(run, monkeypatch):
 
 
 def test_colours_of_a_page_reach_up_to_what_it_shows_first(run, monkeypatch):
-    """At the limit, in the second frame of four: later ones, of blocks that fall, would leave it a single colour."""
+    """The scale ends at the limit, the second of four frames; the fall after it would leave a single colour there."""
     at = float(run.frame_time[1])
     V = float(np.interp(at, run.time, run.load))
     monkeypatch.setitem(run.__dict__, "searches_limit", True)
@@ -57,7 +57,7 @@ def test_colours_of_a_page_reach_up_to_what_it_shows_first(run, monkeypatch):
 
 
 def test_reactions_that_limit_analysis_allowed_are_lines_with_their_numbers(run, monkeypatch):
-    """An end without a limit has no line; several runs share the words, and the axis reaches up to every line."""
+    """An unbounded end has no line, several runs share one label, and the axis includes every line."""
     allowed = {"least": 0.5, "greatest": 3.0 * float(np.abs(run.load).max())}
     monkeypatch.setitem(run.__dict__, "results", {"title": "spread", "settlement": {"limit_analysis": allowed}})
     axes = plot.force_displacement([run]).axes[0]

@@ -1,4 +1,4 @@
-"""Utilisation of joints that crush: 1 where the strip that bears N at the compressive strength is used up."""
+"""Utilisation of joints that crush: 1 if N stands on an edge strip stressed to the compressive strength."""
 
 import dataclasses
 
@@ -18,7 +18,7 @@ COUPLE = (((0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0), ((0.0, 0.0, 0.0), (0.0, -1.0,
 
 @pytest.mark.parametrize("formulation, points", [("convex", None), ("distributed", (5, 6))])
 def test_a_couple_on_a_joint_of_which_a_third_is_crushed(tmp_path, formulation, points):
-    """M = N (b/2 - N / (2 f_c a)) = N b/3, over an arm of 0.1 m; on the way M over that, and 1/3 from N alone."""
+    """Utilisation is M over its limit N (b/2 - N / (2 f_c a)) = N b/3 (arm 0.1 m), and at least 1/3, from N alone."""
     given = scene(formulation, jacks=COUPLE, points=points)
     law = dataclasses.replace(given.joint, compressive_strength=3.0 * N / (A * B))
     path, limit = tmp_path / "crushed.h5", N * B / 3.0 / 0.1
@@ -45,8 +45,8 @@ def turned(degrees):
 
 @pytest.mark.parametrize("share", [1e-3, 0.2, 0.5, 0.9, 1.0])
 def test_what_a_line_cuts_off(share):
-    """Of a triangle towards a corner, a smaller one: 2/3 of its height, sqrt(share) of the whole, from the corner. Of a
-    rectangle along a side, a strip."""
+    """A line cuts a similar triangle off the corner of a triangle, with its centroid at 2/3 of sqrt(share) of the
+    height from the corner, and a strip off a rectangle."""
     triangle = np.array([[-0.2, -0.1], [0.2, -0.1], [0.0, 0.2]])
     expected = 0.2 - 2.0 / 3.0 * 0.3 * np.sqrt(share)
     assert reach_of(triangle, turned(90.0), np.array([share * 0.06]))[0] == pytest.approx(expected, abs=1e-12)

@@ -1,4 +1,4 @@
-"""Domains in figures are those of the load of their points: its direction in the joint, and where N acts."""
+"""Domains in figures follow the load of their points: its direction in the joint, and the point where N acts."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from dembrick.scenario.model import Load
 from dembrick.views import plot
 from helpers.one_joint import MU, A, B, N, scene, single
 
-BESIDE = (0.0487, 0.0325)  # m: on a rectangle it opens nowhere, and in the core of the corners
+BESIDE = (0.0487, 0.0325)  # m: within the core, also that of the corners, so that nothing opens
 
 
 def pushed(path, formulation="concave", jack=(0.075, 0.0), direction=(0.0, 1.0, 0.0), centre=(0.0, 0.0), z=0.0, **law):
-    """A search with a jack at a point of the joint, under N at ``centre``."""
+    """Run a search with a jack at a point of the joint, under N at ``centre``."""
     given = scene(formulation, jacks=single(jack, direction, z))
     given = dataclasses.replace(
         given, loads=(Load("upper", (0.0, 0.0, -N), (*centre, 0.05)),), joint=dataclasses.replace(given.joint, **law)
@@ -28,8 +28,8 @@ def pushed(path, formulation="concave", jack=(0.075, 0.0), direction=(0.0, 1.0, 
 
 
 def shown(path):
-    """The figure's axes, its point (V, M_T), and how far outside the curve of its formulation that lies, over its
-    distance from the origin."""
+    """Axes of the figure, row of its point (V, M_T), and the relative distance of the point outside the curve of its
+    formulation."""
     with history.read(path) as found:
         (row,) = plot.domain_points([found])
         axes = plot.domains([found]).axes[0]
@@ -65,8 +65,8 @@ def test_a_certified_point_lies_on_the_curve_of_its_formulation(tmp_path, load):
 
 
 def test_corners_under_n_beside_the_middle_turn_as_they_are_pressed(tmp_path):
-    """The couple that turns four corners pressed by N / 4 (1 + 4 e_1 x / a^2 + 4 e_2 y / b^2): the least over all
-    points to turn about."""
+    """The torsion strength of four corners pressed by N / 4 (1 + 4 e_1 x / a^2 + 4 e_2 y / b^2) is the minimum over
+    all centres of rotation."""
     axes, _, _ = shown(pushed(tmp_path / "run.h5", centre=BESIDE))
     (curve,) = (line.get_xydata() for line in axes.lines if line.get_label() == "concave")
     corners = 0.5 * np.array([[-A, -B], [A, -B], [A, B], [-A, B]])
@@ -77,7 +77,7 @@ def test_corners_under_n_beside_the_middle_turn_as_they_are_pressed(tmp_path):
 
 
 def test_n_is_where_it_was_before_a_load_above_the_joint(tmp_path):
-    """The jack shifts the centre of pressure by V z / N: the legend says how high it is."""
+    """The eccentricity of N excludes the shift V z / N from a jack at height z, which is reported separately."""
     _, row, _ = shown(pushed(tmp_path / "run.h5", "convex", centre=(0.02, 0.01), z=0.05))
     assert row["eccentricity"] == pytest.approx((0.02, 0.01), abs=1e-6) and row["load_height"] == pytest.approx(0.05)
 
@@ -102,7 +102,7 @@ def test_loads_with_one_curve_share_a_figure_and_others_are_refused(tmp_path, ca
 
 
 def test_a_bond_that_may_break_under_n_beside_the_middle_is_left_to_paths(tmp_path):
-    """As it holds its corners may pull: their stress is another than that of the curve."""
+    """While it is bonded, corners may be in tension, which the curve does not assume: the domain is refused."""
     path = pushed(tmp_path / "run.h5", centre=BESIDE, cohesion=1e4)
     with history.read(path) as found, pytest.raises(ScenarioError, match="use --kind path"):
         plot.domains([found])

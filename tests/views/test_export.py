@@ -1,4 +1,4 @@
-"""Exports: names of their files, tables, layers, what is refused, and what a break leaves behind."""
+"""Exports: file names, tables, layers, refusals, and files left by an interrupted export."""
 
 import csv
 import os
@@ -20,7 +20,7 @@ from helpers.places import tool_module
 
 @pytest.mark.parametrize("ending", ["vtkhdf", "csv"])
 def test_files_are_named_from_where_they_were_asked_for(tmp_path, monkeypatch, ending):
-    """In the words of the path that was given: relative ones stay so; where a link leads elsewhere, as they are."""
+    """Names follow the path that was given, and relative paths stay relative; links give the name of their target."""
     found = make(tmp_path)
     (tmp_path / "here" / "sub").mkdir(parents=True)
     (tmp_path / "here" / f"link.{ending}").symlink_to(tmp_path / f"there.{ending}")
@@ -115,7 +115,7 @@ def test_an_export_that_breaks_off_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_a_series_that_breaks_off_leaves_an_earlier_one(tmp_path, monkeypatch):
-    """Frames of one export must not be played by the list of another."""
+    """An export that fails half way removes its list, so that it cannot refer to frames of another export."""
     found, write, calls = make(tmp_path, channels=("frames",)), pytest.importorskip("meshio").write, []
     export.export(found, tmp_path / "x.pvd")
     before = sorted(os.listdir(tmp_path))
@@ -135,7 +135,7 @@ def test_a_series_that_breaks_off_leaves_an_earlier_one(tmp_path, monkeypatch):
 
 
 def test_a_list_that_breaks_off_leaves_an_earlier_series(tmp_path, monkeypatch):
-    """The disk is full once all frames are written: the last list finds no room."""
+    """If the disk is full when the last list is written, all files of the earlier series are unchanged."""
     found = make(tmp_path, channels=("frames",))
     export.export(found, tmp_path / "x.pvd")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*") if path.is_file()}
@@ -178,7 +178,7 @@ def test_only_some_layers(tmp_path, capsys, only, names):
 
 
 def test_the_benchmark_of_pictures_makes_up_histories_that_are_exported(tmp_path):
-    """Its smallest walls, of every kind that it measures."""
+    """The smallest walls of every kind that the benchmark measures can be exported."""
     bench = tool_module("bench_pictures")
     assert len(bench.WALLS) == 3
     for name, (formulation, channels) in bench.WALLS.items():

@@ -1,4 +1,4 @@
-"""Exports for VTK, read back by its reader and by meshio; every expected point is computed by Rodrigues' formula."""
+"""Exports for VTK, read back by VTK and by meshio, against points computed by Rodrigues' formula."""
 
 import os
 import xml.etree.ElementTree as ElementTree
@@ -55,7 +55,7 @@ def test_vtk_reads_the_blocks_at_every_step(tmp_path):
         displacement = displacement[0]
         points = expected_points(assembly, k)
         assert step["points"].dtype == np.float64
-        # one block stands at y = 1000 m: a few units in the last place of that number
+        # one block stands at y = 1000 m, which leaves rounding of a few units in its last place
         np.testing.assert_allclose(step["points"], points, rtol=0, atol=5e-13)
         np.testing.assert_allclose(step["points"][:16], points[:16], rtol=0, atol=1e-15)
         assert step["faces"] == faces
@@ -81,7 +81,7 @@ def test_velocities_from_frames_where_they_were_not_recorded(tmp_path):
     written = export.export(found, tmp_path / "out.vtkhdf", remarks.append)
     assert len(remarks) == 2 and all("output.channels" in remark for remark in remarks)
     _, steps = vtk_steps(written[0])
-    # steady translation and spin: 1e-4 s between frames
+    # steady translation and spin, 1e-4 s between frames
     axis = np.array([1.0, 2.0, -2.0]) / 3.0
     for step in steps:
         velocity, spin = step["cells"]["velocity"], step["cells"]["spin"]
@@ -128,14 +128,14 @@ def test_vtk_reads_the_joints_at_every_step(tmp_path, monkeypatch):
         np.testing.assert_allclose(step["cells"]["utilisation"], motion.at([k]).utilisation[0], rtol=1e-6)
         centre = motion.torsion_centre(k)
         np.testing.assert_allclose(step["cells"]["torsion_centre_joint"], centre, rtol=1e-6)
-        # block a of the first joint stands still, with axes along the world's
+        # block a of the first joint does not move, and its axes are the world axes
         np.testing.assert_allclose(step["cells"]["torsion_centre"][0, :2], centre[0], rtol=1e-6)
     assert len({state for step in steps for state in step["cells"]["state"].tolist()}) > 1
     assert np.isfinite(steps[3]["cells"]["torsion_centre"]).any()
 
 
 def test_a_joint_that_is_open_has_no_torsion_centre(tmp_path):
-    """The upper block turns about the vertical through O, first on the lower one, then 1 mm above it."""
+    """A block turning about the vertical through O has its torsion centre there in contact, and none 1 mm above."""
     half = 0.01 * np.arange(6)
     shift, turn = np.zeros((6, 2, 3)), np.zeros((6, 2, 4))
     shift[3:, 1, 2] = 1e-3
@@ -163,8 +163,8 @@ def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
         arms = np.column_stack([assembly.joints[0].polygon, np.full(4, -0.05)])
         world = [0.0, 0.0, 0.05] + displacement[0, 1] + [rotated(orientation[0, 1], p) for p in arms]
         np.testing.assert_allclose(step["points"][:4], world, rtol=0, atol=1e-15)
-        # the convex joint's resultant along the normal of block 1 and the first tangent of block 2 laid into that;
-        # M_1 = -y N, M_2 = x N, from O on the face of block 2, on which the polygon rides, at a constant rate
+        # resultant of the convex joint along the normal of block 1 and the first tangent of block 2 projected on it;
+        # M_1 = -y N, M_2 = x N about O on the face of block 2, to which the polygon is fixed at a constant rate
         N, V_1, V_2, _, M_1, M_2, _ = 10.0 * k + 10.0 + 0.1 * np.arange(7)
 
         def turned(i, vector, now=orientation[0]):
@@ -182,7 +182,7 @@ def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
 
 @pytest.mark.parametrize("together", [1 << 22, 20_000])
 def test_vtk_reads_the_new_contacts_of_every_step(tmp_path, monkeypatch, together):
-    """As many vertices as a step has, also none; two steps at a time, too."""
+    """Every step has its number of vertices, possibly none, also when two steps are written at a time."""
     monkeypatch.setattr(vtkhdf, "_HELD", together)
     written = export.to_vtkhdf(real_time(tmp_path), tmp_path / "out.vtkhdf", only=["contacts"])
     assert [os.path.basename(name) for name in written] == ["out_contacts.vtkhdf", "out_new_contacts.vtkhdf"]
@@ -201,7 +201,7 @@ def test_vtk_reads_the_new_contacts_of_every_step(tmp_path, monkeypatch, togethe
 
 
 def test_contact_points_that_were_cut_are_shown_where_they_are(tmp_path):
-    """One of the four has moved on its block from the third frame on."""
+    """One of the four points has moved on its block from the third frame on."""
     written = export.to_vtkhdf(real_time(tmp_path), tmp_path / "out.vtkhdf", only=["contacts"])
     for k, step in enumerate(vtk_steps(written[0])[1]):
         arms = np.column_stack([cases.assembly().joints[0].polygon, np.full(4, -0.05)])
@@ -269,7 +269,7 @@ def test_pvd_read_back_by_meshio(tmp_path):
             np.testing.assert_array_equal(np.minimum(cells.data[:, 0] // 8, 2), block)
             np.testing.assert_allclose(moved, displacement[block], rtol=1e-7)
         assert total == 17
-    # the lists first, then the frames of all layers
+    # lists first, then the frames of all layers
     assert [os.path.basename(name) for name in written[:3]] == ["out.pvd", "out_joints.pvd", "out_contacts.pvd"]
     assert len(written) == 3 * (1 + N_FRAME)
     contacts = meshio.read(tmp_path / "out_frames" / f"out_contacts_{N_FRAME - 1:05d}.vtu")
@@ -281,7 +281,7 @@ def test_pvd_read_back_by_meshio(tmp_path):
 
 @pytest.mark.parametrize("step", [0.5, 2.0, 3.0])
 def test_a_block_that_spins_fast_has_its_spin(tmp_path, step):
-    """By so many radians from frame to frame: more than half a turn between the two frames that tell the mean."""
+    """The mean spin is right even if the block turns more than half a turn between the two frames it is taken from."""
     axis, angle = np.array([1.0, 2.0, -2.0]) / 3.0, 0.5 * step * np.arange(5.0)
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (5, 2, 1))
     orientation[:, 1] = np.column_stack([np.cos(angle), np.sin(angle)[:, None] * axis])

@@ -1,4 +1,4 @@
-"""What figures and pages say of arches and shaken blocks: quantities that one joint or one actuator does not have."""
+"""Figures and pages of arches and shaken blocks: quantities that tests of one joint or one actuator do not have."""
 
 import math
 
@@ -34,7 +34,7 @@ def blocks(*free: Block, control, friction=0.6, output=None) -> Scenario:
 
 
 def test_the_page_tells_the_greatest_displacement_of_the_run(tmp_path):
-    """A block thrown up comes to lie where it was: v^2 / (2 g) on the way, next to nothing at the end."""
+    """A block thrown upwards reaches v^2 / (2 g) and falls back to its place: the page gives both displacements."""
     v = 1.0
     up = Block("up", "stone", (0.2, 0.2, 0.2), (0.0, 0.0, 0.1), velocity=(0.0, 0.0, v))
     simulate(blocks(up, control=DynamicControl(0.6, 0.2)), tmp_path / "thrown.h5")
@@ -45,7 +45,7 @@ def test_the_page_tells_the_greatest_displacement_of_the_run(tmp_path):
 
 
 def test_a_path_under_a_changing_normal_force_stays_on_its_domain(tmp_path):
-    """A block is shaken up and down and sideways: N changes by half, and friction is never above mu N."""
+    """A block shaken vertically and sideways, with N varying by half: friction never exceeds mu N of the moment."""
     sine = Sine(0.5 * G, 5.0)
     control = BaseMotionControl(duration=0.4, direction=(1.0, 0.0, 0.5), sine=sine)
     block = Block("block", "stone", (0.4, 0.4, 0.1), (0.0, 0.0, 0.05))
@@ -56,7 +56,7 @@ def test_a_path_under_a_changing_normal_force_stays_on_its_domain(tmp_path):
     assert path.strength is not None and np.ptp(path.strength) > 0.1 * path.strength.max()
     along, _ = path.drawn
     assert 0.98 < np.nanmax(np.abs(along)) < 1.02
-    assert np.abs(path.V).max() > 1.1 * 0.3 * path.normal_force  # what one domain at the last N would be left by
+    assert np.abs(path.V).max() > 1.1 * 0.3 * path.normal_force  # beyond a domain for the last N
     assert r"over $\mu N$ [-]" in figure.axes[0].get_xlabel()
 
 

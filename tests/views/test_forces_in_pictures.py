@@ -1,4 +1,4 @@
-"""Forces of joints and new contacts in pictures, and the camera that has them all in view."""
+"""Forces of joints and new contacts in pictures, and a camera view that includes them."""
 
 import numpy as np
 import pytest
@@ -15,11 +15,11 @@ pytest.importorskip("pyvista")
 
 
 def test_forces_of_joints(run, drawing):
-    """The resultant on the upper block, at the centre of pressure on that block's face, as long as it is large."""
+    """The resultant on the upper block is drawn at the centre of pressure on its face, in proportion to its size."""
     with drawn(run, forces=True, magnification=1.0) as found:
         arrows = found.arrows.of_joints
         N, V_1, V_2, _, M_1, M_2, _ = JointMotion(run).at([3]).resultants[0][0]
-        # the axes are those of the upper block, on which the polygon rides, laid into the plane of the lower one
+        # the axes turn with the upper block, to which the polygon is fixed, projected on the plane of the lower one
         axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
         t1 = rodrigues(np.array([[1.0, 0.0, 0.0]]), axis, 0.03)[0] * [1.0, 1.0, 0.0]
         t1 /= np.linalg.norm(t1)
@@ -31,7 +31,7 @@ def test_forces_of_joints(run, drawing):
         np.testing.assert_allclose(arrows.points[0], place, atol=1e-12)
         assert arrows["length"][0] == pytest.approx(0.6 * 0.3)
         assert f"green: joint forces, the longest {np.sqrt(V_1**2 + V_2**2 + N**2):.4g} N" in found._text.input
-        # blocks shine through: two faces on white, in the bar too
+        # blocks are translucent: the bar too has the colour of two faces on white
         colour, bar = found._meshes[0], next(iter(found._plotter.scalar_bars.values())).GetLookupTable()
         solid = np.array(next(a for a in found._plotter.actors.values() if a.mapper.dataset is colour).mapper.
                          lookup_table.GetTableValue(255)[:3])  # fmt: skip
@@ -39,7 +39,7 @@ def test_forces_of_joints(run, drawing):
 
 
 def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
-    """The second joint of three blocks, whose polygon rides on the third: ten times as far in the picture."""
+    """The force of a joint moves with the magnified block to which its polygon is fixed, the third of three."""
     assembly = cases.mixed_assembly()
     assembly.orientation[2] = [1.0, 0.0, 0.0, 0.0]
     written = cases.written(
@@ -59,7 +59,7 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
 
 @pytest.mark.parametrize("factor", [1.0, 3.0])
 def test_forces_of_new_contacts(tmp_path, drawing, factor):
-    """As many arrows as the frame has, riding on the second block where that is drawn; the others have no length."""
+    """Each new contact of a frame has an arrow that moves with the drawn second block; spare arrows have no length."""
     with cases.open_writer(tmp_path / "run.h5", channels=CHANNELS, control=cases.MOTION) as writer:
         writer.append(cases.moving_record(0, 5))
         still = {"joint_shift": np.zeros((4, 1, 2)), "contact_arm": np.zeros((4, 4, 2))}
@@ -75,7 +75,7 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
             shown.show(frame)
             arrows, met = shown.arrows.of_new_contacts, cases.new_contacts(frame, frame + 1)
             moved = found.frame("displacement", frame)[1]
-            # back to where the block stood, and on as far as it is drawn
+            # back to the initial position of the block, then forward by the magnified motion
             start = rodrigues(met["point"] - middle - moved, axis, -0.01 * frame)
             place = middle + factor * moved + rodrigues(start, axis, factor * 0.01 * frame)
             np.testing.assert_allclose(arrows.points[:frame], place, atol=1e-5)
@@ -89,7 +89,7 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
 
 
 def test_an_impact_leaves_the_other_forces_to_be_seen(tmp_path, drawing):
-    """A hundred times the weight in one frame of seven: its arrow is cut, and the picture says so."""
+    """A force of a hundred times the weight in one frame of seven is drawn shortened, and the legend says so."""
     rows = cases.record(0, 7)
     rows["joint"][..., 0, :] = [10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     rows["joint"][4, 0, 0] = 1000.0
@@ -118,7 +118,7 @@ def test_torsion_centre_is_marked_where_it_is(run, drawing):
 
 @pytest.mark.parametrize("view", ["front", "side"])
 def test_the_arrows_of_the_forces_fit_too(tmp_path, view, drawing):
-    """As long as the blocks that can move are large, whatever the size of what they stand on."""
+    """Arrows are scaled to the size of the movable blocks, whatever the size of their supports, and fit the picture."""
     assembly = cases.assembly()
     assembly.shapes = (box((3.0, 2.0, 0.1)), assembly.shapes[1])
     rows = cases.record(0, 5)

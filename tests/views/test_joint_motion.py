@@ -1,4 +1,4 @@
-"""Motion of joints: known rotations and shifts of two blocks, their openings, centres and forces in closed form."""
+"""Motion of joints: openings, torsion centres and forces for known motions of two blocks, in closed form."""
 
 from types import SimpleNamespace
 
@@ -15,7 +15,7 @@ from helpers import history_cases as cases
 
 A, B = 0.3, 0.2
 CORNERS = 0.5 * np.array([[-A, -B], [A, -B], [A, B], [-A, B]])
-SKEW = np.array([0.5, 0.1, -0.7, 0.5])  # how both blocks stand at the start
+SKEW = np.array([0.5, 0.1, -0.7, 0.5])  # initial orientation of both blocks
 SKEW = SKEW / np.linalg.norm(SKEW)
 
 
@@ -50,8 +50,8 @@ def run(
     start=SKEW,
     forces=None,
 ):
-    """Two blocks and a joint whose axes are skew in the world; ``motions``: for each frame ((shift, rotation vector) of
-    a, the same of b), both in the joint's axes and about O of the joint at the start."""
+    """Two blocks and a joint with axes oblique to the world axes; ``motions``: for each frame ((shift, rotation vector)
+    of a, the same of b), both in the axes of the joint and about its initial O."""
     axes = matrix([0.3, -0.4, 0.9])
     origin, position0 = np.array([2.0, -1.0, 0.5]), np.array([[2.1, -1.2, 0.4], [1.9, -1.1, 0.7]])
     displacement, orientation = np.zeros((len(motions), 2, 3)), np.zeros((len(motions), 2, 4))
@@ -91,11 +91,11 @@ def run(
 
 
 STILL = ((0, 0, 0), (0, 0, 0))
-CARRIED = ((0.4, -0.3, 0.2), (0.5, 1.1, -0.8))  # a large motion of a, which must not be seen in the joint
+CARRIED = ((0.4, -0.3, 0.2), (0.5, 1.1, -0.8))  # a large motion of a, which must not affect the joint
 
 
 def carried(shift, vector):
-    """b's motion when it moves by (shift, vector) as seen from a, and a moves by CARRIED."""
+    """Motion of b if it moves by (shift, vector) relative to a, and a moves by CARRIED."""
     of_a = matrix(CARRIED[1])
     whole = of_a @ matrix(vector)
     angle = np.arccos(np.clip((np.trace(whole) - 1) / 2, -1, 1))
@@ -126,7 +126,7 @@ def test_opening_is_the_distance_of_the_faces(host):
     found = JointMotion(run([(STILL, (shift, vector))], host=host)).at([0]).relative[0]
     turn = matrix(vector)
     flat = np.column_stack([CORNERS, np.zeros(4)])
-    # b's corner above the plane z = 0 of a; b's plane above a's corner
+    # corner of b above the plane z = 0 of a, or plane of b above a corner of a
     expected = (shift + flat @ turn.T)[:, 2] if host == 1 else (shift - flat) @ turn[:, 2]
     np.testing.assert_allclose(found.opening[0], expected, rtol=0, atol=1e-15)
     np.testing.assert_allclose(found.distance(np.asarray(CORNERS[::-1], float), 0), expected[::-1], rtol=0, atol=1e-15)
@@ -134,7 +134,7 @@ def test_opening_is_the_distance_of_the_faces(host):
 
 @pytest.mark.parametrize("host", [0, 1])
 def test_resultants_act_about_the_point_that_rides_on_the_host(host):
-    """O goes with the block that the polygon rides on, by what that block is moved at O, however it turns."""
+    """O moves with the block to which the polygon is fixed, by the displacement of that block at O."""
     pair = (CARRIED, ((0.01, -0.02, 0.003), (0.15, -0.1, 0.3)))
     given = run([pair], host=host)
     axes, origin = given.joints[0]["axes"], given.joints[0]["origin"]
@@ -175,14 +175,14 @@ def test_open_share_of_a_triangle_among_rectangles():
     history.joints.append(other)
     found = JointMotion(history).at([0]).relative[0]
     assert found.joints.n_corner.tolist() == [3, 4]
-    # open where x < 0.05: what is left is the corner at x = 0.2, half as wide as the whole
+    # open at x < 0.05: the corner at x = 0.2 remains closed, half as wide as the whole
     np.testing.assert_allclose(found.open_share, [0.75, 0.5 + 0.05 / 0.3], rtol=0, atol=1e-7)
     grid = JointMotion(history).grid(0, along=30)
     assert abs(len(grid) * 0.3 * 0.15 / 450 / 0.0225 - 1) < 0.05  # cells of 1 cm over half a rectangle
 
 
 def about(centre, angle):
-    """Shift and rotation vector of a turn by ``angle`` about a centre in the joint's plane."""
+    """Shift and rotation vector of a rotation by ``angle`` about a centre in the plane of the joint."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = centre
     return np.array([x - c * x + s * y, y - s * x - c * y, 0.0]), np.array([0.0, 0.0, angle])
@@ -197,7 +197,7 @@ def test_torsion_centre_of_a_turn(centre, angle):
 
 
 def test_torsion_centre_of_an_increment():
-    """First about one centre, then about another, while a carries both away."""
+    """Rotations about one centre and then about another, the second with a large motion of both blocks."""
     first, second = (0.05, 0.02), (-0.1, -0.08)
     shift_1, turn_1 = about(first, 0.1)
     c, s = np.cos(0.2), np.sin(0.2)
@@ -233,7 +233,7 @@ def test_slip_at_points_and_on_a_grid():
 
 
 def test_utilisation_of_a_convex_joint():
-    """Sets 4a and 4b: the limit load of the exact surface is utilisation 1."""
+    """Utilisation is 1 at the limit loads of sets 4a and 4b on the exact surface."""
     N, limit = 467.0, {0.075: 216.054938, 0.135: 161.9025}
     forces = [[N, 0, V, V * e, 0, 0, 0] for e, V in limit.items()]
     forces += [[2 * N, 0, V, V * e, 0, 0, 0] for e, V in limit.items()]
@@ -247,7 +247,7 @@ def test_utilisation_of_a_convex_joint():
 
 @pytest.mark.parametrize("pressure", ["full", "effective", "linear"])
 def test_utilisation_of_a_convex_joint_whose_friction_follows_the_bending(pressure):
-    """Torsion under an eccentric N, e_y = 0.35 b: the strengths that the physics tables give for 0.3 x 0.2."""
+    """Torsion under an eccentric N, e_y = 0.35 b, on 0.3 x 0.2: utilisation is 1 at the tabulated strengths."""
     N, e = 100.0, 0.35 * B
     strength = 0.64 * N * 0.09681061 * {"full": 1.0, "effective": 0.8071, "linear": 0.8190}[pressure]
     # N at y = e: M_1 = -e N; the no-tension wedge over 3 (b/2 - e), zero penetration at its end
@@ -258,14 +258,14 @@ def test_utilisation_of_a_convex_joint_whose_friction_follows_the_bending(pressu
 
 
 def test_utilisation_at_points_under_their_own_normal_forces():
-    """Only two points carry: V along x is mu N, torsion mu N times their half distance."""
+    """If only two points are pressed, the strengths are mu N for V along x and mu N times half their distance."""
     N = 100.0
     axes = matrix([0.3, -0.4, 0.9])
     normals = np.array([[25.0, 25, 25, 25], [50.0, 50, 0, 0]])
     forces = normals[:, :, None] * axes[2] + 3.0 * axes[0]
     arm = np.hypot(A, B) / 2
     rows = np.array([[N, 0, 0, 0.64 * N * arm, 0, 0, 0], [N, 0, 0, 0.32 * N * A, 0, 0, 0]])[:, None, :]
-    rows[1, 0, 1] = 0.64 * N * 0.3  # with M_T about the middle of the two points
+    rows[1, 0, 1] = 0.64 * N * 0.3  # with no torsion about the middle of the two points
     rows[1, 0, 3] = 0.64 * N * 0.3 * B / 2
     history = run([(STILL, STILL)] * 2, formulation="concave", rows=rows, forces=forces)
     joints = JointMotion(history)
@@ -274,7 +274,7 @@ def test_utilisation_at_points_under_their_own_normal_forces():
 
 
 def test_normal_forces_follow_the_penetration_where_they_are_not_recorded():
-    """dn = -1 um, opening at y > 0.05: the points at y = +0.1 are open; a tilt about t2 gives the rest by springs."""
+    """At dn = -1 um a tilt that opens y > 0.05 unloads the points at y = 0.1; one about t2 follows the springs."""
     motions = [(STILL, STILL), (STILL, ((0, 0, -1e-6), (0, 0, 0))), (STILL, ((0, 0, -1e-6), (0, 4e-6, 0)))]
     motions.append((STILL, ((0, 0, -1e-6), (2e-5, 0, 0))))
     joints = JointMotion(run(motions, formulation="concave"))
@@ -301,7 +301,7 @@ def test_resultants_of_one_frame_and_of_several():
 
 
 def test_moments_about_the_start_of_a_joint_that_was_cut():
-    """b acts on a by (V_1, V_2, -N) at r: recorded moments are (r - s) x F, those about O of the start r x F."""
+    """With F = (V_1, V_2, -N) on a at r, recorded moments are (r - s) x F, and those about the initial O r x F."""
     F, r, s = np.array([30.0, -20.0, -100.0]), np.array([0.04, 0.03, 0.0]), np.array([-0.02, 0.01, 0.0])
     (m_1, m_2, m_t), expected = np.cross(r - s, F), np.cross(r, F)
     given = run([(STILL, STILL)], rows=np.array([[[100.0, 30.0, -20.0, m_t, m_1, m_2, 0.0]]]))
@@ -313,7 +313,7 @@ def test_moments_about_the_start_of_a_joint_that_was_cut():
 
 
 def test_gauge_of_points_against_theory():
-    """Random loads on random points, some of them turning about a point that sticks; 1, 2, 4 and 12 points."""
+    """Random loads on 1, 2, 4 and 12 points agree with theory, also if the mechanism turns about a sticking point."""
     random = np.random.default_rng(3)
     worst, kinks = 0.0, 0
     for n in (2, 4, 4, 4, 12):
@@ -343,9 +343,9 @@ def test_gauge_of_a_single_point():
 
 
 def test_a_hinge_in_small_displacements_opens_linearly():
-    """Block b turns by 0.02 about the edge y = -B/2: the edge stays closed, the other opens by 0.02 B, to rounding.
+    """Block b turns by 0.02 about the edge y = -B/2: that edge stays closed and the other opens by exactly 0.02 B.
 
-    Read by exact rotations, an arm of 0.3 m alone would show 60 um more: everything open.
+    With exact rotations an arm of 0.3 m would add 60 um, and the whole joint would appear open.
     """
     vector = np.array([0.02, 0.0, 0.0])
     history = run([(STILL, STILL)], formulation="concave")
@@ -371,7 +371,7 @@ def test_a_hinge_in_small_displacements_opens_linearly():
 
 @pytest.mark.parametrize("formulation, shrink", [("convex", 1.0), ("concave", 1.0), ("corrected", 0.8)])
 def test_a_hinge_uses_all_of_its_joint(formulation, shrink):
-    """The centre of pressure on an edge is 1, half way to it 0.5, and friction counts where it is more."""
+    """Utilisation is 1 with the centre of pressure on an edge, 0.5 half way to it, or that of friction if greater."""
     N = 100.0
     edge = shrink * B / 2
     rows = np.array([[N, 0, 0, 0, -edge * N, 0, 0], [N, 0, 0, 0, 0, 0.5 * shrink * A / 2 * N, 0],
@@ -384,7 +384,7 @@ def test_a_hinge_uses_all_of_its_joint(formulation, shrink):
 
 
 def test_one_joint_alone_is_as_among_all(tmp_path):
-    """The second of two joints, and its contact points, which stand behind those of the first."""
+    """Reading only the second of two joints, with its contact points, gives the values from reading all joints."""
     poses, blocks = cases.frames(0, 4, 3), cases.mixed_assembly()
     with cases.written(tmp_path / "run.h5", cases.record(0, 31, 2, 0), poses, blocks) as three:
         alone, among = JointMotion(three, 1), JointMotion(three)

@@ -1,4 +1,4 @@
-"""The table of what joints carry at one moment, against statics."""
+"""The table of joint forces at one time, compared with statics."""
 
 import csv
 import json
@@ -26,7 +26,7 @@ def arch(tmp_path_factory):
 
 
 def test_eccentricity_of_a_weight_beside_the_middle(tmp_path):
-    """378.71 N at x = 0.02, y = -0.01 m and 88.29 N of the block itself in the middle: e = 0.811 of that point."""
+    """378.71 N at x = 0.02, y = -0.01 m and the block's 88.29 N in the middle give e = 0.811 times that position."""
     text = (SCENARIOS / "set4a.toml").read_text()
     text = text.replace("force = [0.0, 0.0, -378.71]", "force = [0.0, 0.0, -378.71]\npoint = [0.02, -0.01, 0.1]")
     assert "point = [0.02, -0.01, 0.1]" in text
@@ -49,7 +49,7 @@ def test_eccentricity_of_a_weight_beside_the_middle(tmp_path):
 
 
 def test_the_hinges_of_an_arch(arch):
-    """The mechanism of a pushed arch has four: there the thrust leaves through the edge, half of 0.15 m from O."""
+    """The mechanism of a pushed arch has four hinges, with the thrust at an edge, half of 0.15 m from O."""
     with history.read(arch) as found:
         rows = joint_table(found)
     edge = [row for row in rows if max(abs(row["e_1"]), abs(row["e_2"])) > 0.0749]
@@ -59,7 +59,7 @@ def test_the_hinges_of_an_arch(arch):
 
 
 def test_on_the_command_line(arch, tmp_path, capsys):
-    """The most utilised joint comes first; CSV and JSON have them all, in the order of the assembly."""
+    """The text starts with the most utilised joint; CSV and JSON have all joints in the order of the assembly."""
     assert main(["joints", arch, "--csv", str(tmp_path / "joints.csv"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     rows, reactions = told["joints"], told["reactions"]
@@ -88,7 +88,7 @@ def test_a_history_without_joint_forces(tmp_path, capsys):
 
 
 def test_signs_are_those_that_docs_symbols_draws(tmp_path):
-    """A jack pushes the upper block by V along +y at x = 0.075 m, 0.05 m above the joint: what the lower feels."""
+    """Signs of the forces on the lower block from V along +y on the upper one, at x = 0.075 m and 0.05 m above."""
     for control in ({}, {"control": '{kind="displacement", rate=1e-5, travel=3e-5}'}):
         changes = ["actuators.0.point=[0.075, 0.0, 0.05]", *(f"{key}={value}" for key, value in control.items())]
         scenario = scenarios.load(SCENARIOS / "set4a.toml", changes)
@@ -99,7 +99,7 @@ def test_signs_are_those_that_docs_symbols_draws(tmp_path):
         assert V > 100.0 and row["N"] == pytest.approx(467.0, rel=1e-6)
         assert (row["M_T"], row["M_1"]) == (pytest.approx(0.075 * V, rel=1e-3), pytest.approx(-0.05 * V, rel=1e-3))
         assert (row["e_1"], row["e_2"]) == (
-            pytest.approx(row["M_2"] / row["N"], abs=1e-10),  # a turn of 1e-7, by which the face leans
+            pytest.approx(row["M_2"] / row["N"], abs=1e-10),  # the face is tilted by 1e-7
             pytest.approx(-row["M_1"] / row["N"], rel=1e-5),
         )
 
@@ -132,7 +132,8 @@ large_displacements = true
 
 
 def test_the_last_equilibrium_at_a_time_of_the_collapse(tmp_path, capsys):
-    """12 kg slide at a load factor of 0.5: 117.72 N and 58.86 N. A row is given by a time, and zero where none is."""
+    """12 kg slide at a load factor of 0.5, with 117.72 N and 58.86 N. A time in the collapse gives the last
+    equilibrium, a frame of the collapse gives zeros."""
     path = str(tmp_path / "slides.h5")
     simulate(scenarios.loads(PUSHED_OFF), path)
     with history.read(path) as found:
@@ -152,7 +153,7 @@ def test_the_last_equilibrium_at_a_time_of_the_collapse(tmp_path, capsys):
 
 @pytest.mark.parametrize("recorded", [True, False])
 def test_a_joint_that_was_handed_over_and_the_contact_in_its_place(tmp_path, capsys, recorded):
-    """12 kg slide by v^2 / (2 mu g) = 65 mm over a block that bears them by half: 117.72 N, which the joint has not."""
+    """12 kg slide by v^2 / (2 mu g) = 65 mm; then the new contact carries their 117.72 N and the joint nothing."""
     blocks = (
         Block("lower", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
         Block("upper", "stone", (0.3, 0.2, 0.1), (0.08, 0.05, 0.05), velocity=(-0.8, 0.0, 0.0)),
@@ -185,7 +186,7 @@ def test_a_joint_that_was_handed_over_and_the_contact_in_its_place(tmp_path, cap
 
 @pytest.mark.parametrize("formulation", ["convex", "concave", "corrected", "distributed"])
 def test_a_block_that_has_slid_over_an_edge_still_presses_below_its_middle(tmp_path, formulation):
-    """It rests 25 mm over the edge. O of the start rides on its face, so that e and M are 0 whatever was cut off."""
+    """A block that overhangs by 25 mm has e = 0 and M = 0, as the initial O stays fixed to its face."""
     blocks = (
         Block("lower", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
         Block("upper", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(0.5, 0.0, 0.0)),
@@ -204,6 +205,6 @@ def test_a_block_that_has_slid_over_an_edge_still_presses_below_its_middle(tmp_p
 
 
 def test_places_of_new_contacts_hold_no_rounding():
-    """A contact in the plane y = 0, to 1e-16 m, and 0.1 mm below z = 0."""
+    """A coordinate y of 1e-16 m prints as 0, while z = -0.14 mm is kept."""
     row = dict.fromkeys(CONTACT, 1.0) | {"contact": "a/b", "x": 0.1, "y": 4.3e-16, "z": -1.4e-4}
     assert joints_command._text_of_contacts([row], 5).split()[-3:] == ["0.1", "0", "-0.00014"]

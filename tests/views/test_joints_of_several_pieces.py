@@ -1,6 +1,6 @@
-"""Views of a joint of several polygons in one plane, on which blocks of several parts touch.
+"""Views of a joint of several polygons in one plane, as between blocks of several parts.
 
-A joint of a history strings its pieces together in one walk; each piece is seen as a polygon of its own.
+A history stores the pieces of a joint as one closed chain of corners; views show each piece as a separate polygon.
 """
 
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ from dembrick.views.plot.joint_plane import joint_plane
 from helpers.exported import EVERYTHING, vtk_steps
 from helpers.scenario_text import block, header, jack
 
-# pieces (x0, y0, x1, y1) m: they touch along an edge or stand apart
+# pieces (x0, y0, x1, y1) in m, which touch along an edge or are separate
 FEET = {
     "L": [(-0.3, -0.2, 0.3, 0.2), (0.3, 0.0, 0.7, 0.2)],
     "apart": [(-0.3, -0.2, 0.0, 0.2), (0.4, -0.1, 0.7, 0.2)],
@@ -39,7 +39,7 @@ def foot(request):
 
 @pytest.fixture
 def pushed(tmp_path, foot):
-    """What pushes a block with such a foot, on a floor beside a plain one, until the foot slides."""
+    """A function that pushes a block with such a foot, beside a plain block on a floor, until it slides."""
 
     def run(formulation="convex"):
         parts = ", ".join(
@@ -58,13 +58,13 @@ def pushed(tmp_path, foot):
 
 
 def number_of(found):
-    """The number of the joint of the foot."""
+    """Number of the joint under the foot."""
     (number,) = (j for j, joint in enumerate(found.joints) if "foot" in found.block_names[joint["block_b"]])
     return number
 
 
 def area_of(points, faces):
-    """The sum of the areas of some faces, each by its vector area, m2."""
+    """Sum of the areas of faces, from their vector areas (m2)."""
     total = 0.0
     for face in faces:
         own = points[list(face)] - points[face[0]]
@@ -90,7 +90,7 @@ def test_every_piece_is_a_cell_with_what_its_joint_carries(tmp_path, pushed, foo
 
 
 def test_programs_find_the_area_of_a_joint_in_its_cells(tmp_path, pushed, foot, drawing):
-    """In pyvista, of either format; and in its picture, seen from above."""
+    """The cells have the area of the joint in pyvista, from both formats, and in a picture seen from above."""
     pyvista = pytest.importorskip("pyvista")
     with pushed() as found:
         number = number_of(found)
@@ -128,7 +128,7 @@ def test_pieces_of_a_joint_are_taken_apart_again(pushed, foot, formulation):
 
 
 def test_the_plane_of_a_joint_shows_its_pieces(pushed, foot):
-    """Points of the grid lie in the pieces, some in each, and friction is at its limit all over them."""
+    """Every piece contains points of the grid, none lie elsewhere, and friction is at its limit at all of them."""
     with pushed() as found:
         number = number_of(found)
         joint = found.joints[number]
@@ -158,7 +158,7 @@ def test_utilisation_and_open_share_are_those_of_all_pieces(pushed, foot):
         law = theory.convex(parts, joint["friction"], N)
         used = 1.0 / theory.limit_load(law, (V_1, V_2, M_T)).V
         assert now.friction_utilisation[0, number] == pytest.approx(used, rel=1e-3)
-        # a plane that is open beyond a line: cells of a fine grid count
+        # a plane that opens beyond a line, against a count of cells in a fine grid
         relative = now.relative[0]
         for slope in ((1.0, 0.3), (-0.4, 1.0), (0.0, -1.0)):
             plane = relative.plane.copy()
@@ -170,7 +170,7 @@ def test_utilisation_and_open_share_are_those_of_all_pieces(pushed, foot):
 
 
 def test_a_hinge_is_half_way_along_the_edge_about_which_the_pieces_turn(pushed, foot, monkeypatch):
-    """Turned about the edges with the least y, and about those with the greatest."""
+    """Rotations about the edges of least y and about those of greatest y give the middle of these edges."""
     with pushed() as found:
         number, joints = number_of(found), JointMotion(found)
         joint = found.joints[number]

@@ -1,4 +1,4 @@
-"""Loads in pictures: arrows outside the stone that end where they act; names of what moves; a camera behind."""
+"""Loads in pictures: arrows outside the stone that end at the point of application; names; a view from behind."""
 
 import base64
 import json
@@ -19,7 +19,7 @@ from dembrick.views.render.look import VIEWS
 from helpers.scenario_text import block, header, jack
 
 G = 9.81
-PLACE = (0.1, 0.2, 0.3)  # half edges
+PLACE = (0.1, 0.2, 0.3)  # half the edges (m)
 TEXT = header(friction=0.6, title="loads all round")
 TEXT += block("ground", (0.0, 0.0, -0.1), (1.0, 1.0, 0.2), "fixed = true")
 TEXT += block("stone", (0.0, 0.0, 0.3), (0.2, 0.4, 0.6))
@@ -46,8 +46,8 @@ def built(text):
 
 
 def test_arrows_end_at_their_points_outside_the_stone():
-    """A weight on top, a jack on a side, a force at the centroid, and a light fluid on the other side: 981 N/m3 over
-    0.6 m times 0.4 m press with 70.632 N, 0.2 m above the foot."""
+    """Arrows of a weight on top, a jack on one side, a force at the centroid and a light fluid on the other side, whose
+    981 N/m3 over 0.6 m x 0.4 m give 70.632 N at 0.2 m above the foot."""
     with built(TEXT + PUSHED) as run:
         drawn = DrawnLoads(run, 1.0, 0.6, 1.0)
         poses = Poses.read(run, 0, 1)
@@ -57,19 +57,19 @@ def test_arrows_end_at_their_points_outside_the_stone():
         assert drawn.words() == ["orange: actuators", "violet: dead loads, the longest 300 N"]
     np.testing.assert_allclose(sizes, [300.0, 50.0, 0.5 * 981 * 0.6**2 * 0.4], rtol=1e-12)
     np.testing.assert_allclose(tips[0], [0.0, 0.0, 0.6], atol=1e-12)
-    np.testing.assert_allclose(tips[1], [0.0, 0.2, 0.3], atol=1e-12)  # where its line enters the stone
+    np.testing.assert_allclose(tips[1], [0.0, 0.2, 0.3], atol=1e-12)  # where the line of action enters the stone
     np.testing.assert_allclose(points[1], [0.0, 0.0, 0.3], atol=1e-12)
     np.testing.assert_allclose(tips[2], [0.1, 0.0, 0.2], atol=1e-12)
     np.testing.assert_allclose((tips - tails)[0], [0.0, 0.0, -0.3], atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(tips - tails, axis=1) / 0.3, np.array(sizes) / sizes[0], rtol=1e-12)
     np.testing.assert_allclose(jack_tip, [-0.1, 0.0, 0.4], atol=1e-12)
     assert jack_tip == pytest.approx(jack_point) and jack_tail[0] < -0.1
-    for tail in (*tails, jack_tail):  # no arrow begins in the stone
+    for tail in (*tails, jack_tail):  # no arrow starts inside the stone
         assert (np.abs(tail - [0.0, 0.0, 0.3]) > np.array(PLACE)).any()
 
 
 def test_forces_on_all_blocks_are_one_arrow_before_the_structure():
-    """Of a push along x: at the height of the centroid, 0.3 m, outside the stone, and none where they balance."""
+    """The body forces of a push along x are one arrow at the height of the centroid, 0.3 m, outside the stone."""
     with built(TEXT + '[control]\nkind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n') as run:
         drawn = DrawnLoads(run, 1.0, 0.6, 1.0)
         assert drawn.words()[0] == "orange: resultant of the body forces"
@@ -85,7 +85,7 @@ def test_a_force_that_draws_begins_at_its_face():
 
 
 def test_slanting_forces_and_faces():
-    """Along a face it counts as within the stone; a slanting line enters where a ray through the box does."""
+    """A force along a face is treated as inside the stone; an oblique one enters where its ray enters the box."""
     with built(TEXT + PUSHED) as run:
         along = arrow_place(run, 1, np.array([0.0, 0.0, 0.3]), np.array([0.0, 1.0, 0.0]))  # over the top face
         assert along == pytest.approx((-0.2, False))
@@ -108,7 +108,7 @@ def test_a_history_of_a_run_keeps_its_dead_loads(tmp_path):
 
 
 def test_only_what_moves_is_named(tmp_path):
-    """Of two stones side by side one is pushed away."""
+    """Of two stones side by side only the one that is pushed away is named."""
     text = header(friction=0.3, title="two") + block("ground", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
     text += block("still", (-0.6, 0.0, 0.1), (0.2, 0.2, 0.2)) + block("gone", (0.2, 0.0, 0.1), (0.2, 0.2, 0.2))
     text += '[[loads]]\nblock = "gone"\nforce = [200.0, 0.0, 0.0]\n[control]\nkind = "dynamic"\nduration = 0.1\n'

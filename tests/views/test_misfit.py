@@ -13,7 +13,7 @@ from dembrick.views import misfit, plot
 
 
 def test_the_misfit_by_its_closed_forms():
-    """Ours rises at 2 N/mm to a plateau of 10 N; measured at 1 N/mm to 8 N: areas over 20 mm are 175 and 128 mJ."""
+    """Ours rises at 2 N/mm to 10 N, the measured curve at 1 N/mm to 8 N: areas over 20 mm are 175 and 128 mJ."""
     ours = plot.MeasuredCurve("ours", np.array([0.0, 5e-3, 20e-3]), np.array([0.0, 10.0, 10.0]))
     lab = plot.MeasuredCurve("lab", 1e-3 * np.array([0.0, 4.0, 8.0, 12.0, 20.0]), np.array([0.0, 4.0, 8.0, 8.0, 8.0]))
     found = misfit.between(ours, lab)
@@ -26,8 +26,8 @@ def test_the_misfit_by_its_closed_forms():
 
 
 def test_a_misfit_is_of_what_both_curves_have():
-    """A measured curve that begins above a third of its peak has no initial stiffness; what lies beyond the end of the
-    run is not compared."""
+    """A measured curve that begins above a third of its peak has no initial stiffness; the part beyond the end of the
+    run is ignored."""
     ours = plot.MeasuredCurve("ours", np.array([0.0, 1e-3, 2e-3]), np.array([0.0, 10.0, 10.0]))
     lab = plot.MeasuredCurve("lab", np.array([1e-3, 2e-3, 3e-3]), np.array([9.0, 9.0, 30.0]))
     found = misfit.between(ours, lab)
@@ -55,7 +55,7 @@ def test_what_has_no_misfit(displacement, load, said):
 
 
 def test_loops_that_begin_the_other_way_have_no_misfit():
-    """Ways are compared one by one: the first out with the first back would be any number."""
+    """Half cycles are compared in order, so loops that begin in opposite directions are refused."""
     u = 1e-3 * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
     ours, lab = (plot.MeasuredCurve(name, sign * u, sign * 1e4 * u) for name, sign in (("ours", 1.0), ("rig", -1.0)))
     with pytest.raises(ScenarioError, match="rig first moves opposite to the run"):
@@ -65,8 +65,8 @@ def test_loops_that_begin_the_other_way_have_no_misfit():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_loops_are_compared_at_the_points_of_both(sign):
-    """Elastic up to 10 N at 1 mm, then plastic to 5 mm, and back: a loop of 4 (5 mm - 1 mm) 10 N = 160 mJ. Between its
-    turning points by straight lines there is no area; measured at its corners it is the same curve."""
+    """An elastic-plastic loop, 10 N at 1 mm to 5 mm and back, dissipates 4 (5 mm - 1 mm) 10 N = 160 mJ. Straight lines
+    between turning points enclose no area; a curve measured only at the corners of the loop is the same curve."""
     corners = sign * 1e-3 * np.array([0.0, 1.0, 5.0, 3.0, -5.0, -3.0, 5.0])
     force = sign * np.array([0.0, 10.0, 10.0, -10.0, -10.0, 10.0, 10.0])
     fine = [np.interp(np.linspace(0.0, 6.0, 601), np.arange(7.0), column) for column in (corners, force)]
@@ -75,12 +75,12 @@ def test_loops_are_compared_at_the_points_of_both(sign):
     assert (found.peak, found.stiffness, found.energy) == pytest.approx((0.25, 0.25, 0.25), rel=1e-9)
     turned = plot.MeasuredCurve("turns", corners[[0, 2, 4, 6]], 0.8 * force[[0, 2, 4, 6]])
     assert misfit.between(ours, turned).peak == pytest.approx(0.25, rel=1e-9)
-    coarse = plot.MeasuredCurve("ours", corners, force)  # and the other way round: the measured points are many
+    coarse = plot.MeasuredCurve("ours", corners, force)  # conversely, the measured curve has many points
     assert misfit.between(coarse, plot.MeasuredCurve("lab", fine[0], 0.8 * fine[1])).energy == pytest.approx(0.25)
 
 
 def test_a_run_that_turns_before_the_measured_curve_keeps_its_last_force():
-    """It was said to have been compared up to 5.2 mm, as it ended at 5."""
+    """The remark says that the run turns at 5 mm and is compared up to 5.2 mm with its last force."""
     ours = plot.MeasuredCurve("ours", 1e-3 * np.array([0.0, 5.0, -5.0, 5.0]), np.array([0.0, 10.0, -10.0, 10.0]))
     further = 1e-3 * np.array([0.0, 5.2, 6.0, -6.0, 6.0])
     lab = plot.MeasuredCurve("lab", further, np.array([0.0, 10.0, 10.0, -10.0, 10.0]))
@@ -90,14 +90,14 @@ def test_a_run_that_turns_before_the_measured_curve_keeps_its_last_force():
 
 
 def test_the_initial_stiffness_is_of_what_both_curves_have():
-    """A measured curve that goes on beyond the run, and rises there: its third is that of the part compared."""
+    """The stiffness uses a third of the peak within the compared part, although the measured curve rises beyond it."""
     ours = plot.MeasuredCurve("ours", np.array([0.0, 1e-3, 2e-3]), np.array([0.0, 10.0, 10.0]))
     lab = plot.MeasuredCurve("lab", 1e-3 * np.array([0.0, 1.0, 2.0, 9.0]), np.array([0.0, 8.0, 8.0, 200.0]))
     assert misfit.between(ours, lab).stiffness == pytest.approx(0.25, rel=1e-9)
 
 
 def test_the_command_says_the_misfit(tmp_path, capsys):
-    """A measured curve a tenth above ours, at our own points: all errors are 1 / 1.1 - 1."""
+    """For a measured curve 10 % above ours, at our own points, all errors are 1 / 1.1 - 1."""
     run = dembrick.simulate(shipped.folder() / "set4a_curve.toml", tmp_path / "run.h5")
     load, travel = 1.1 * np.asarray(run.rows["load"]), np.asarray(run.rows["displacement"])
     rows = "\n".join(f"{u:.17g},{V:.17g}" for u, V in zip(travel, load, strict=True))
@@ -114,7 +114,7 @@ def test_the_command_says_the_misfit(tmp_path, capsys):
     lab.write_text(
         f"displacement [m],force [N]\n0,0\n{0.5 * travel.max()},5\n{2.0 * travel.max()},6\n", encoding="utf-8"
     )
-    assert cli.main([*command, "--json"]) == 0  # the measured curve goes on beyond the run, which ends half way
+    assert cli.main([*command, "--json"]) == 0  # the measured curve is twice as long as the run
     assert json.loads(capsys.readouterr().out)["misfit"]["compared"] == pytest.approx([0.0, travel.max()], rel=1e-9)
     lab.write_text("displacement [m],force [N]\n0,0\n1,5\n-1,-5\n", encoding="utf-8")
     assert cli.main([*command, "--json"]) == 0

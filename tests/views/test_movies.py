@@ -1,4 +1,4 @@
-"""Movies, the choice of their frames, and the slider of a window."""
+"""Movies, the selection of their frames, and the slider of a window."""
 
 from types import SimpleNamespace
 
@@ -19,21 +19,21 @@ pyvista = pytest.importorskip("pyvista")
 
 
 def at_times(times, **more):
-    """As much of a history as the choice of frames looks at."""
+    """A stand-in for a history with the attributes that the selection of frames reads."""
     return SimpleNamespace(n_frames=len(times), frame_time=np.array(times), counts_equilibria=False, path="-", **more)
 
 
 def test_a_movie_takes_its_frames_evenly_in_time():
-    """Whatever the frames were recorded by; a frame is held as long as it is the nearest one."""
+    """Frames are chosen at even times, however they were recorded; each is shown while it is the nearest in time."""
     even = np.append(0.01 * np.arange(41), 0.403)
-    assert render.movie_frames(at_times(even), 100) == list(range(42))  # the last comes when the run ends
+    assert render.movie_frames(at_times(even), 100) == list(range(42))  # the last one is at the end of the run
     chosen = render.movie_frames(at_times(0.01 * np.arange(401)), 101)
     assert chosen == list(range(0, 401, 4))
-    # taken every so much of an angle that grows with the square of time
+    # recorded at equal steps of an angle that grows with the square of time
     times = np.sqrt(np.linspace(0.0, 4.0, 1001))
     chosen = render.movie_frames(at_times(times), 51)
     assert len(chosen) == 51 and chosen[0] == 0 and chosen[-1] == 1000
-    # as evenly as the frames allow: none is further away than half of the gap that it lies in
+    # as even as possible: none is further from the wanted time than half the gap between frames there
     wanted = np.linspace(0.0, 2.0, 51)
     gap = np.interp(wanted, times[1:], np.diff(times))
     assert (np.abs(times[chosen] - wanted) <= 0.5 * np.maximum(gap, 1e-12) + 0.02 * (wanted < 0.1)).all()
@@ -43,7 +43,7 @@ def test_a_movie_takes_its_frames_evenly_in_time():
 
 
 def test_equilibria_are_no_times(tmp_path, drawing):
-    """Of a push that is not lived through: the picture, the diagrams, the text and the file say what it counts."""
+    """In a run of equilibria, not in real time, picture, diagrams, table and file count equilibria, not seconds."""
     result = simulate(SCENARIOS / "oppenheim.toml", tmp_path / "run.h5")
     assert result.counts_equilibria
     with history.read(tmp_path / "run.h5") as found:
@@ -85,7 +85,7 @@ def test_movies_move(run, tmp_path, ending, drawing):
 
 
 def test_a_movie_takes_the_ffmpeg_of_the_path(run, tmp_path, monkeypatch, drawing):
-    """As `apt install ffmpeg` gives it, without imageio-ffmpeg; what it says of a failure is told."""
+    """A system ffmpeg on the PATH is used without imageio-ffmpeg, and its error message is passed on."""
     ours = pytest.importorskip("imageio_ffmpeg")
     folder = tmp_path / "bin"
     folder.mkdir()
@@ -146,7 +146,7 @@ def test_the_slider_moves_the_block(run, drawing):
     try:
         found = render.with_slider(plotter, run, render.Look(magnification=1.0))
         assert found.frame == 3
-        # nothing is drawn behind the slider, which stands at less than 0.17 of the height
+        # nothing is drawn behind the slider, which lies below 0.17 of the height
         corner = np.concatenate([np.concatenate([m.points for m in render.meshes(run, k)]) for k in range(4)])
         assert 0.17 < in_picture(plotter, corner)[1].min() < 0.25
         slider = plotter.widgets.slider_widgets[0]

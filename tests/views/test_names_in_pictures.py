@@ -1,4 +1,4 @@
-"""Names in pictures: none covers another one, and how many are left out is said."""
+"""Names in pictures do not overlap, and the number of omitted names is reported."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ direction = [1.0, 0.0, 0.0]
 
 
 def shown(board):
-    """The boxes (k, 4) of all names that are drawn, in pixels: low and high corners."""
+    """Boxes (k, 4) of all drawn names: low and high corners, in pixels."""
     boxes = []
     for own, _ in board.named:
         cloud = own._mapper.GetInput()
@@ -45,7 +45,7 @@ def shown(board):
 
 
 def overlaps(boxes):
-    """How many pairs of boxes have pixels in common."""
+    """Number of pairs of boxes that overlap."""
     low, high = np.maximum(boxes[:, None, :2], boxes[:, :2]), np.minimum(boxes[:, None, 2:], boxes[:, 2:])
     return int(np.triu((high - low > 0.0).all(axis=2), 1).sum())
 
@@ -59,11 +59,11 @@ def test_names_of_an_arch_do_not_overlap_at_its_crown(tmp_path, drawing):
             board = found._names
             (blocks, _), (joints, _) = board.named
             assert overlaps(shown(board)) == 0
-            assert len(blocks.drawn) == len(blocks.points)  # blocks come first, and have room
+            assert len(blocks.drawn) == len(blocks.points)  # blocks come first and all fit
             assert 0 < board.left_out == len(joints.points) - len(joints.drawn) < len(joints.points)
             assert f"{board.left_out} names left out for lack of space" in found._text.input
             before = board.left_out
-            plotter.camera.parallel_scale *= 0.25  # nearer, in a window: all have room
+            plotter.camera.parallel_scale *= 0.25  # after zooming in, all fit
             found.pixels()
             assert board.left_out == 0 < before and "left out" not in found._text.input
             assert overlaps(shown(board)) == 0

@@ -1,4 +1,4 @@
-"""A joint goes by its two blocks, in whichever order and with or without spaces."""
+"""A joint is named by its two blocks, in either order and with or without spaces."""
 
 import pytest
 

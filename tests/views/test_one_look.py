@@ -1,4 +1,4 @@
-"""Figures that agree: a colour and a mark for each formulation, legends that say what differs, units that suit."""
+"""Consistent figures: a colour and a mark per formulation, legends with what differs, suitable units."""
 
 from types import SimpleNamespace
 
@@ -25,7 +25,7 @@ TITLE = "Granite blocks, jack at 0.12 m"
 
 
 def result(formulation, title=TITLE, size=100.0, path="run.h5", travel=1e-4):
-    """A made-up run up to ``size`` (N), with what figures ask of one."""
+    """A made-up run up to ``size`` (N), with the attributes that figures read."""
     rows = {"time": np.arange(3.0), "load": size * np.arange(3.0) / 2.0, "displacement": travel * np.arange(3.0) / 2.0}
     point = {"V": 0.9 * size, "V_lower": 0.89 * size, "V_upper": 0.91 * size, "bracket": "certified"}
     results = {"title": title, "formulation": formulation, "yield_point": point}
@@ -45,7 +45,7 @@ def test_a_formulation_has_its_colour_whatever_stands_beside_it():
     for names in (["concave", "convex"], ["corrected", "concave", "distributed"], ["corrected-shear"]):
         lines = plot.force_displacement([result(name) for name in names]).axes[0].lines
         assert [line.get_color() for line in lines] == [style.FORMULATION[name][0] for name in names]
-        for name in set(names) - {"distributed"}:  # whose domain depends on its points
+        for name in set(names) - {"distributed"}:  # its domain depends on its points
             (line,) = plot.domains(joint=(0.3, 0.2, 0.6, 467.0), formulations=[name], experiments={}).axes[0].lines
             assert line.get_color() == style.FORMULATION[name][0]
 
@@ -142,7 +142,7 @@ def flying(tmp_path_factory):
 
 
 def test_components_of_points_have_their_signs(flying):
-    """Thrown to the left and upwards, it follows a parabola; y stays at rest and is left out."""
+    """A block thrown left and upwards follows a parabola; the component y, which stays 0, is left out."""
     lines = {line.get_label(): line.get_xydata() for line in plot.control_points(flying).axes[0].lines}
     assert list(lines) == ["top, $u_x$", "top, $u_z$"]
     t = flying.time
@@ -206,7 +206,7 @@ def test_a_cloud_over_formulations_has_their_colours(tmp_path):
     axes = plot.study(table_of(tmp_path, head, rows), over=["joint.formulation"]).axes[0]
     assert [own[0].get_color() for own in axes.containers] == [style.FORMULATION[name][0] for name in names]
     assert [len(own[0].get_xdata()) for own in axes.containers] == [12, 12, 12]
-    assert axes.get_legend() is None  # the axis names them
+    assert axes.get_legend() is None  # the axis labels them
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_keys_in_the_legend_of_a_study_are_told_apart(tmp_path):
 
 
 def test_a_settled_figure_is_the_one_that_saving_lays_out(tmp_path):
-    """To the last byte, and without an engine that would lay it out again."""
+    """The saved files are equal to the last byte, and the settled figure has no layout engine any more."""
     for name, settled in (("own.png", False), ("settled.png", True)):
         figure = plot.force_displacement([result("convex"), result("concave")])
         if settled:
@@ -273,7 +273,7 @@ def test_a_settled_figure_is_the_one_that_saving_lays_out(tmp_path):
 
 def test_a_study_is_drawn_under_its_title(tmp_path):
     head, rows = "case,joint.friction,status,V", ["0,0.5,yield,200", "1,0.6,yield,240"]
-    assert plot.study(table_of(tmp_path, head, rows)).get_suptitle() == ""  # a table that stands alone
+    assert plot.study(table_of(tmp_path, head, rows)).get_suptitle() == ""  # a table without its study
     (tmp_path / "table.h5").write_bytes(b"no table")
     assert plot.study(table_of(tmp_path, head, rows)).get_suptitle() == ""
     with h5py.File(tmp_path / "table.h5", "w") as file:

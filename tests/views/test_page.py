@@ -1,4 +1,4 @@
-"""The page of a run: what it holds, and that nothing in a history can act in it."""
+"""The page of a run: its contents, and that nothing in a history is executed in it."""
 
 import re
 
@@ -64,8 +64,8 @@ def test_diagrams_follow_the_record(tmp_path):
         # frames are 10 rows apart
         assert data["curve"]["y"] == pytest.approx(run.load[[0, 10, 20, 30]])
         *sections, path = data["path"]["lines"]
-        # N grows from row to row, so all is over the strength mu N of its moment: the joint is open in the first row,
-        # and four equal points, pressed in the middle, resist a torsion at their distance from O
+        # N grows from row to row, so each row is divided by its own strength mu N; the joint is open in the first row,
+        # and four equal points, pressed in the middle, resist torsion at their distance from O
         assert [line["look"] for line in sections] == ["concave", "convex"]
         size = np.hypot(run.joint("V_1")[:, 0], run.joint("V_2")[:, 0])
         direction = np.array([run.joint("V_1")[-1, 0], run.joint("V_2")[-1, 0]]) / size[-1]
@@ -100,12 +100,12 @@ def test_key_results_stand_in_the_page_with_error_bars(lab_page):
     assert V == pytest.approx(point.V, abs=0.05 * point.half_width) and bar < 1.15 * point.half_width
     assert V - bar <= point.V_lower and point.V_upper <= V + bar
     assert "certified" in text and run.scenario.title in text
-    told = re.sub(r'"[A-Za-z0-9+/]{16,}=*"', "", text.replace("http://www.w3.org/2000/svg", ""))  # no packed numbers
+    told = re.sub(r'"[A-Za-z0-9+/]{16,}=*"', "", text.replace("http://www.w3.org/2000/svg", ""))  # no packed data
     assert not re.findall(r"(?:https?:)?//[a-z]", told), "an outside address"
 
 
 def test_torsion_centre_moves_from_the_elastic_to_the_plastic_one(lab_page):
-    """Elastic: at -(sum k r^2 / sum k) / e = -c^2 / e, with four corners at c and the force at e = 0.135 m."""
+    """The elastic centre is at -(sum k r^2 / sum k) / e = -c^2 / e for four corners at c and a force at e = 0.135 m."""
     run, path = lab_page
     data = data_of(path.read_text(encoding="utf-8"))
     x = np.array([place[0] for place in data["centre"]["places"] if place])
@@ -123,7 +123,7 @@ def test_torsion_centres_are_those_between_the_frames_shown(lab_page, monkeypatc
         places = data["centre"]["places"]
         assert places[0] is None and len(places) == 7
         for k, since, place in zip(frames[1:], frames[:-1], places[1:], strict=True):
-            # the joint lies in the plane z = 0 about the middle of the scene
+            # the joint lies in the plane z = 0 with its centre at the origin of the scene
             assert place == pytest.approx([*motion.torsion_centre(k, since)[0], 0.0], rel=1e-9, abs=1e-12)
 
 
@@ -133,7 +133,7 @@ def test_text_of_a_history_is_escaped(tmp_path):
     text = (tmp_path / "evil.html").read_text(encoding="utf-8")
     assert text.count("<script") == text.count("</script") == 2
     assert "<img" not in text and "<!--" not in text
-    assert "$title ${data}" in text  # shown as it is, not filled in
+    assert "$title ${data}" in text  # shown literally, not substituted
     data_of(text)
 
 
@@ -174,7 +174,7 @@ def test_the_command_writes_it(tmp_path, capsys):
 
 
 def test_the_slider_of_the_magnification_reaches_what_comes_before_a_limit(tmp_path):
-    """A block that moves by 10 um, and then by 10 mm at the limit: twice as far suits the one, 2000 times the other."""
+    """For 10 um before the limit and 10 mm at it, the slider starts at a factor of 2 and reaches more than 2000."""
     displacement, turns = np.zeros((3, 2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (3, 2, 1))
     displacement[1, 1, 0], displacement[2, 1, 0] = 1e-5, 1e-2
     poses = np.arange(3.0), displacement, turns

@@ -121,7 +121,7 @@ def choose(window, name, value):
 
 
 def test_colours_are_chosen(opened):
-    """Of a joint at its limit both blocks are at the end of the scale; without a colour nothing is yellow."""
+    """Both blocks of a joint at its limit have the last colour of the scale; without colours nothing is yellow."""
     options = opened.run("[...document.getElementById('colour').options].map(o => o.textContent)")
     assert options == ["displacement", "utilisation", "slip", "none"]
     views = {}
@@ -129,14 +129,14 @@ def test_colours_are_chosen(opened):
         choose(opened, "colour", i)
         pixels = opened.pixels("#view")
         views[name] = ((pixels[..., 0] - pixels[..., 2]) > 90).mean()
-    assert views["utilisation"] > 1.2 * views["displacement"] > 0.0 and views["none"] < 0.01  # the arrow is left
+    assert views["utilisation"] > 1.2 * views["displacement"] > 0.0 and views["none"] < 0.01  # only the arrow remains
     assert opened.run("document.getElementById('ramp').hidden")
     choose(opened, "colour", 1)
     assert opened.run("document.getElementById('scale-high').textContent").startswith("1: slides")
 
 
 def test_the_record_can_be_taken_away(opened, lab_page):
-    """As CSV in SI units, whose numbers are those of the history."""
+    """The downloaded CSV is in SI units and has the numbers of the history."""
     text = opened.run(
         "(() => { let taken; const before = URL.createObjectURL;"
         "URL.createObjectURL = (blob) => { taken = blob; return '#'; };"
@@ -154,7 +154,7 @@ def test_the_record_can_be_taken_away(opened, lab_page):
 
 
 def test_joints_are_chosen(chromium, tmp_path):
-    """The second diagram is that of the joint asked for, and so is what is taken away."""
+    """The second diagram and the data for download are those of the selected joint."""
     page.write(written(tmp_path / "three.h5", assembly=cases.mixed_assembly()), tmp_path / "three.html")
     data = data_of((tmp_path / "three.html").read_text(encoding="utf-8"))
     assert len(data["joints"]) == 2 and data["joints"][0]["chart"] is None
@@ -178,7 +178,7 @@ def test_joints_are_chosen(chromium, tmp_path):
 
 @pytest.mark.parametrize("width", [380, 1280])
 def test_no_label_of_a_diagram_is_cut(chromium, tmp_path, width):
-    """The longest names there are stay inside their diagram, on a phone too."""
+    """The longest labels stay inside their diagram, also on the width of a phone."""
     written(tmp_path / "moving.h5", control=cases.MOTION, status="completed", results={})
     page.write(tmp_path / "moving.h5", tmp_path / "moving.html")
     chromium.size(width, 900)
@@ -271,7 +271,7 @@ def test_a_history_cannot_act_in_its_page(chromium, tmp_path):
     assert chromium.run("document.querySelectorAll('img').length + document.querySelectorAll('script').length") == 2
     assert chromium.run("document.querySelector('pre').textContent") == EVIL
     assert chromium.problems == []
-    # and were one thing to slip through, the page's policy would stop it
+    # the security policy of the page also blocks a script that is inserted
     chromium.run(
         "(() => { const s = document.createElement('script'); s.textContent = 'document.title = \"hacked\"';"
         "document.body.append(s); })()"
@@ -297,8 +297,8 @@ def test_without_webgl_a_sentence_stands_in(lab_page, tmp_path):
 
 
 def test_a_block_that_turns_on_and_on_never_spins_back(chromium, tmp_path):
-    """Steps of 20 degrees about one axis, beyond a whole turn, and about another one each: halfway it has turned by 10
-    more. Five times magnified it turns by half a turn at most, and jumps nowhere."""
+    """A block turns about an axis in steps of 20 degrees, beyond a whole turn: half way between frames it has turned by
+    10 more. Magnified five times, its rotation is continuous."""
     frames, axis = 25, np.array([0.6, 0.0, 0.8])
     angle = np.radians(20.0) * np.arange(frames)
     turned = np.concatenate([np.cos(angle / 2)[:, None], np.sin(angle / 2)[:, None] * axis], axis=1)

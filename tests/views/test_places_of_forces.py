@@ -1,4 +1,4 @@
-"""Where forces are drawn and exported when blocks have turned far: at the toe of a block that rocks, in closed form."""
+"""Places of drawn and exported forces after large rotations: at the toe of a rocking block, in closed form."""
 
 import math
 from dataclasses import replace
@@ -21,13 +21,13 @@ from helpers import history_cases as cases
 from helpers.exported import vtk_steps
 from helpers.scenario_text import block, header, jack
 
-TOE = 0.15  # m: half of the width of the joint
+TOE = 0.15  # m: half the width of the joint
 N = 400.0
 
 
 def rocked(path, angle, across, host):
-    """A history of the two blocks, the upper one turned by ``angle`` about its toe on the lower one, where ``across``
-    times N and N press on it; one joint without contact points, whose polygon rides on the block ``host``."""
+    """A history of two blocks, the upper one turned by ``angle`` about its toe, where N and ``across`` times N act on
+    it; the joint has no contact points, and its polygon is fixed to the block ``host``."""
     blocks, side = cases.assembly(), math.copysign(TOE, angle)
     blocks.joints = JointTable.of((replace(cases.joint(0, 1, "convex"), host=host),))
     blocks.contact_points = PointTable.of((None,))
@@ -38,13 +38,13 @@ def rocked(path, angle, across, host):
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (2, 2, 1))
     orientation[1, 1] = [math.cos(angle / 2), 0.0, math.sin(angle / 2), 0.0]
     rows = cases.moving_record(0, 2)
-    # t1 of the block that the polygon rides on, laid into the face of the other one, of which the normal is
+    # t1 of the host block, projected on the face of the other block, which gives the normal
     t1, normal = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     force, origin = np.array([across * N, 0.0, N]), np.array([side * (1.0 - c), 0.0, side * s])
     if host == 0:
         t1, normal, origin = np.array([c, 0.0, -s]), np.array([s, 0.0, c]), np.zeros(3)
     toe = np.array([side, 0.0, 0.0])
-    moment = np.cross(toe - origin, force) @ np.cross(normal, t1)  # on b; the record has those of b on a
+    moment = np.cross(toe - origin, force) @ np.cross(normal, t1)  # on b; the record has the moments of b on a
     rows["joint"][1] = [[force @ normal, -force @ t1, 0.0, 0.0, 0.0, -moment, 0.0]]
     poses = rows["time"], displacement, orientation
     moving = {"joint_shift": np.zeros((2, 1, 2)), "contact_arm": np.zeros((2, 0, 2)), "contact_area": np.zeros((2, 0))}
@@ -70,7 +70,7 @@ def test_the_force_of_a_block_that_rocks_is_at_its_toe(tmp_path, angle, across, 
 
 
 def test_the_toe_of_a_test_at_a_constant_rate(tmp_path):
-    """A block rocks by .02 rad on contact points: b / 2 from O, where its joint takes slopes for small."""
+    """A block that rocks by 0.02 rad on contact points has its pressure at b / 2 from O."""
     text = header("concave", 0.6, 1e8) + block("base", (0.0, 0.0, -0.1), (4.0, 4.0, 0.2), "fixed = true")
     text += block("b", (0.0, 0.0, 0.25), (2.0 * TOE, 0.2, 0.5)) + jack("b", (-TOE, 0.0, 0.45))
     text += '[control]\nkind = "displacement"\nrate = 1e-2\ntravel = 1e-2\n'

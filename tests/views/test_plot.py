@@ -1,4 +1,4 @@
-"""Figures hold the numbers of their histories, and are written whole or not at all."""
+"""Figures show the numbers of their histories, and are written completely or not at all."""
 
 import dataclasses
 import json
@@ -17,7 +17,7 @@ from dembrick.views.plot import subject
 from helpers import history_cases as cases
 from helpers.scenario_text import block, header
 
-joint_plane_module = sys.modules["dembrick.views.plot.joint_plane"]  # the package has the function under this name
+joint_plane_module = sys.modules["dembrick.views.plot.joint_plane"]  # in the package this name is the function
 
 POINT = {"V": 216.0, "V_lower": 215.0, "V_upper": 218.0, "bracket": "certified", "V_1": 0.0, "V_2": 216.0}
 POINT |= {"M_T": 16.2, "N": 467.0, "torsion_centre": [-0.12, 0.0]}
@@ -43,8 +43,8 @@ def test_the_curve_is_that_of_the_history_in_micrometres(run):
     np.testing.assert_array_equal(line.get_ydata(), run.load)
     assert texts(figure) == ["one", "two", "bands: brackets of the limits", "theory: 216.05 N"]
     assert figure.axes[0].lines[2].get_ydata()[0] == 216.05
-    bands = [own for own in figure.axes[0].patches if isinstance(own, Rectangle)]  # the other one is for the legend
-    for band in bands:  # of the bracket
+    bands = [own for own in figure.axes[0].patches if isinstance(own, Rectangle)]  # other patches belong to the legend
+    for band in bands:  # the bracket
         assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((215.0, 218.0))
     assert len(bands) == 2
 
@@ -74,7 +74,7 @@ def test_domains_mark_simulated_and_measured_points(run):
     lab = next(line for line in ax.lines if line.get_label() == "experiment")
     np.testing.assert_allclose(lab.get_xdata(), [0.0, 0.0, 216.0, 166.0])
     np.testing.assert_allclose(lab.get_ydata(), [0.27 * 108, 0.15 * 205, 0.075 * 216, 0.135 * 166])
-    assert marker[0].get_zorder() > lab.get_zorder()  # at the same place, and smaller
+    assert marker[0].get_zorder() > lab.get_zorder()  # in the same place, and smaller
     convex = next(line for line in ax.lines if line.get_label() == "convex")
     assert convex.get_ydata().max() == pytest.approx(0.64 * 467 * 0.09681061, rel=1e-7)
     assert convex.get_xdata().max() == pytest.approx(0.64 * 467, rel=1e-12)
@@ -136,8 +136,8 @@ def test_no_energies_is_said(tmp_path):
 
 @pytest.fixture(scope="module", params=["concave", "convex", "effective"])
 def pushed(request, tmp_path_factory):
-    """Set 4a at a constant rate, V at e = 0.075 m: corner points with their forces, the exact surface, and the pressure
-    that follows a load at mid-height."""
+    """Set 4a at a constant rate, V at e = 0.075 m: corner points with recorded forces, the exact surface, and the
+    effective pressure under a load at mid-height."""
     name = "set4a_mid_curve" if request.param == "effective" else "set4a_curve"
     scenario = dembrick.load(shipped.folder() / f"{name}.toml")
     law = {"pressure": "effective"} if request.param == "effective" else {"formulation": request.param}
@@ -155,19 +155,19 @@ def moment(stage):
 
 
 def test_a_joint_turns_about_its_elastic_centre_first(pushed):
-    """-J / (A e) of what is elastic: four corners at c, or the whole area."""
+    """The elastic centre is at -J / (A e), with J / A of four corners at c or of the whole area."""
     kind, run, _ = pushed
     stage = plot.joint_plane(run)[0]
     square = 0.15**2 + 0.1**2 if kind == "concave" else (0.3**2 + 0.2**2) / 12.0
     np.testing.assert_allclose(stage.centre, [-square / 0.075, 0.0], rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(stage.load, 0.5 * run.load[-1], rtol=0.1)
-    for later in plot.joint_plane(run)[1:]:  # each turns about its own, from stage to stage
+    for later in plot.joint_plane(run)[1:]:  # the movement since the last stage is a rotation about its own centre
         across = np.array([[0.0, -1.0], [1.0, 0.0]]) @ (later.points - later.centre).T
         angle = (later.movement.T * across).sum() / (across * across).sum()
         np.testing.assert_allclose(later.movement, angle * across.T, rtol=1e-3, atol=1e-3 * abs(later.movement).max())
     turned = stage.movement[:, 1] / (stage.points[:, 0] - stage.centre[0])
     np.testing.assert_allclose(turned, turned[0], rtol=1e-4)  # a plane rotation about it
-    # by M_T over the elastic stiffness ks A c^2, or ks J
+    # rotation M_T over the elastic stiffness ks A c^2, or ks J
     assert turned.mean() == pytest.approx(0.075 * stage.load / (4.0e9 * 0.06 * square), rel=2e-3)
 
 
@@ -178,7 +178,7 @@ def test_a_joint_slides_about_the_centre_of_the_limit_surface(pushed):
     own, carried = run.joints[0], subject.carried_by(run, 0)
     law = subject.limit_surface(own, carried)
     centre = theory.limit_load(law, [carried["V_1"], carried["V_2"], carried["M_T"]]).torsion_centre
-    # a path over the end of the run, not one increment
+    # the movement of a whole stage at the end of the run, not one increment
     np.testing.assert_allclose(stages[-1].centre, centre, rtol=2e-2 if kind != "concave" else 0.3, atol=1e-3)
     (last,) = plot.joint_plane(run, frames=[run.n_frames - 1])
     assert last.frame == run.n_frames - 1 and (last.movement != stages[-1].movement).any()
@@ -202,13 +202,13 @@ def test_friction_that_was_not_recorded_is_that_of_the_limit_surface(pushed, mon
     monkeypatch.setattr(history.History, "frame_values", without)
     monkeypatch.setattr(joint_plane_module, "_GRID", 120)
     first, *_, last = plot.joint_plane(run)
-    assert first.friction is None  # the joint sticks: what its points carry is not known
+    assert first.friction is None  # the joint sticks: the forces of its points are not known
     area = 1.0 if kind == "concave" else 0.06 / len(last.points)
     carried = subject.carried_by(run, 0)
-    tolerance = {"concave": 1e-5, "convex": 3e-3, "effective": 1e-2}[kind]  # the edge of a strip cuts the grid
+    tolerance = {"concave": 1e-5, "convex": 3e-3, "effective": 1e-2}[kind]  # the edge of a strip cuts grid cells
     assert area * last.friction.sum(axis=0)[1] == pytest.approx(-carried["V_2"], rel=tolerance)
     assert area * moment(last) == pytest.approx(-carried["M_T"], rel=tolerance)
-    if kind == "effective":  # the strip on the side that the load leaves carries nothing
+    if kind == "effective":  # the strip on the unloaded side carries nothing
         free = last.points[:, 1] < -0.1 + 2.0 * subject.pressure_centre(carried)[1]
         assert not last.friction[free].any() and last.friction[~free].any(axis=1).all()
     elif kind == "convex":
@@ -367,7 +367,7 @@ def test_the_command_says_what_is_wrong(run, capsys, words, said):
 
 
 def test_names_from_anywhere_are_no_formulas(run, tmp_path):
-    """matplotlib takes text between dollar signs for a formula, and hides labels that begin with an underscore."""
+    """Labels stay literal: matplotlib reads text in dollar signs as formulas and hides labels with a leading _."""
     figure = plot.force_displacement([run, run], labels=[r"$\nonsense{", "_hidden"], references={"$x$": 1.0})
     plot.save(figure, tmp_path / "figure.svg")
     assert texts(figure)[1] == " _hidden"
@@ -382,7 +382,7 @@ def test_several_energies_stand_side_by_side(run):
         plot.energies([run, run], ax=figure.axes[0])
 
 
-# --- what moves in time ---
+# --- motion in time -------
 
 TILT = header(friction=0.3, title="a block on a table")
 TILT += block("table", (0.0, 0.0, -0.05), (0.6, 0.4, 0.1), "fixed = true")

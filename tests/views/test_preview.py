@@ -1,4 +1,4 @@
-"""A scenario drawn before anything runs: the blocks as they are described, by `render` and by `check --picture`."""
+"""Pictures of a scenario before its run, from `render` and from `check --picture`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_these_are_all_shipped_scenarios_with_bonds():
 
 @pytest.mark.parametrize("name", BONDED)
 def test_what_has_bonds_is_drawn_without_a_run_and_its_bonds_hold(tmp_path, capsys, drawing, name):
-    """Before a run, and as the mechanism of limit analysis, which counts on all bonds."""
+    """It can be drawn before a run, and as the mechanism of limit analysis, where all bonds are intact."""
     path, png = str(shipped.folder() / f"{name}.toml"), tmp_path / "start.png"
     assert cli.main(["check", path, "--picture", str(png)]) == 0
     assert png.read_bytes().startswith(b"\x89PNG")
@@ -65,12 +65,12 @@ def test_what_has_bonds_is_drawn_without_a_run_and_its_bonds_hold(tmp_path, caps
     with history.read(tmp_path / "mechanism.h5") as found:
         np.testing.assert_array_equal(found.frame("bond", 1), bonded)
         used = JointMotion(found).at([1]).friction_utilisation[0]
-    assert 0.0 < used.max() <= 1.0 + 1e-3  # of a strength with cohesion; of friction alone the triplet uses 4.8
+    assert 0.0 < used.max() <= 1.0 + 1e-3  # with cohesion; over friction alone the triplet would have 4.8
 
 
 @pytest.mark.parametrize("name, support, way", [("arch_spread", "arch.right", 0), ("pier_settles", "right strip", 2)])
 def test_a_settlement_before_its_run_shows_what_moves_and_claims_nothing(drawing, name, support, way):
-    """An arrow out of the support that settles, along its motion; no reaction, no equilibrium, nothing that moved."""
+    """An arrow points from the settling support along its motion; no reaction, equilibrium or motion is shown."""
     pyvista = pytest.importorskip("pyvista")
     scenario = dembrick.load(name)
     with mechanism_history.before_a_run(scenario, assemble(scenario)) as found:
@@ -86,12 +86,12 @@ def test_a_settlement_before_its_run_shows_what_moves_and_claims_nothing(drawing
     np.testing.assert_allclose(arrow, moved / np.linalg.norm(moved), atol=1e-12)
     assert (tail - centre) @ arrow > 0.0
     neutral, sandy = (red < 240) & (np.abs(red - blue) < 9), (red > 120) & (red - blue > 20)
-    assert "grey: fixed" in said and neutral.sum() > 5000 < sandy.sum()  # pixels of supports and of free blocks
+    assert "grey: fixed" in said and neutral.sum() > 5000 < sandy.sum()  # pixels of supports and free blocks
 
 
 @pytest.mark.parametrize("name", ["arch_spread", "set4a"])
 def test_a_page_before_the_run_claims_nothing(name):
-    """No load of 0 N, no equilibrium, no curve of a point; actuators are shown, as long as they ever get."""
+    """The page has no load, equilibrium or curve, and shows actuators at full length."""
     scenario = dembrick.load(name)
     with mechanism_history.before_a_run(scenario, assemble(scenario)) as found:
         data, text = content.collect(found), page.document(found)
@@ -114,7 +114,7 @@ def test_a_scenario_that_is_wrong_is_not_drawn(tmp_path, capsys):
 
 
 def test_blocks_that_overlap_are_drawn_in_red(folder, capsys, drawing):
-    """Nothing else is: the picture of the same blocks without an overlap has no red in it."""
+    """Overlapping blocks are red; the picture of the same blocks without an overlap has no red."""
     from PIL import Image
 
     stray = '{name="stray", material="stone", box=[0.4, 0.4, 0.4], position=[0.1, 0.1, %s]}'

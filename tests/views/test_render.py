@@ -1,4 +1,4 @@
-"""Pictures of blocks: geometry of the meshes, files, and what is said where nothing can be drawn."""
+"""Pictures of blocks: geometry of the meshes, files, and messages if nothing can be drawn."""
 
 from contextlib import nullcontext
 
@@ -44,12 +44,12 @@ def test_meshes_are_the_moved_blocks(run, factor):
 def test_magnification_makes_motion_visible_and_never_shrinks_it(run):
     assert render.automatic_magnification(run, 0) == 1.0
     factor = render.automatic_magnification(run, 3)
-    assert factor == 2.0  # 0.12 x 0.3 m over 10.2 mm is 3.5
+    assert factor == 2.0  # rounded down from 0.12 x 0.3 m / 10.2 mm = 3.5
     assert frame_number(run, time=2.1e-4) == 2
 
 
 def test_what_comes_back_is_magnified_by_its_greatest_motion_in_the_frames_that_are_drawn(tmp_path, drawing):
-    """The farthest corner goes 10.2 mm, 1.02 mm and 0.0102 mm: 0.12 x 0.3 m are 3.5, 35 and 3,500 times as much."""
+    """The largest displacements 10.2, 1.02 and 0.0102 mm give 3.5, 35 and 3,500 up to 0.12 x 0.3 m, rounded down."""
     rows, poses = cases.record(0, 5), cases.to_and_fro()
     with cases.written(tmp_path / "run.h5", rows, poses, status="yield") as found:
         expected = {(0, 1, 2, 3): 2.0, (0, 2, 3): 20.0, (3,): 2000.0, (0,): 1.0}
@@ -71,7 +71,7 @@ def test_frames_that_are_not_finite_are_not_magnified(tmp_path):
 
 
 def test_joints_are_not_shown_compressed_by_more_than_a_quarter_of_a_block(tmp_path):
-    """Slabs 0.1 m thick whose motion at the limit is compression for the greater part, on a slope of 3 m."""
+    """Slabs 0.1 m thick on a slope of 3 m, whose motion at the limit is mostly compression of the joints."""
     path = tmp_path / "slope.h5"
     simulate(toml.load(SCENARIOS / "slope_weak_joints.toml"), path)
     with history.read(path) as found:
@@ -117,7 +117,7 @@ def test_a_trial_that_was_begun_ahead_is_the_one_that_counts(monkeypatch, probe,
     monkeypatch.setattr(screen, "PROBE", probe)
     screen.require_drawing.cache_clear()
     screen.expect_drawing()
-    monkeypatch.setattr(screen, "PROBE", "pass" if not works else "import os; os.abort()")  # of a second trial
+    monkeypatch.setattr(screen, "PROBE", "pass" if not works else "import os; os.abort()")  # outcome of a second trial
     with nullcontext() if works else pytest.raises(MissingDependency, match="libegl1 libgl1-mesa-dri"):
         screen.require_drawing()
     screen.require_drawing.cache_clear()
@@ -147,8 +147,8 @@ def test_a_scene_is_moved_in_place(run, drawing):
         assert found._scale.top == pytest.approx(1e3 * top)
         (bar,) = found._plotter.scalar_bars.values()
         assert bar.GetLookupTable().GetTableRange() == pytest.approx((0.0, 1e3 * top), rel=1e-12)
-        # the jack pushes along y at a point in the joint under the upper block, which moves with it: the arrow ends
-        # where its line of action meets the block, 0.1 m before
+        # the jack pushes along y at a point in the joint that moves with the upper block: the arrow ends where its
+        # line of action meets the block, 0.1 m before that point
         turned = rodrigues(np.array([[0.075, 0.0, -0.05]]), np.array([1.0, 2.0, -2.0]) / 3.0, 10.0 * 0.02)[0]
         tip = np.array([0.0, 0.0, 0.05]) + 10.0 * run.frame("displacement", 2)[1] + turned
         arrows = found._loads.driven.arrows
@@ -182,10 +182,10 @@ def test_units_follow_the_size(run, drawing):
 @pytest.mark.parametrize(
     "view, right, up",
     [
-        ("front", (1, 0, 0), (0, 0, 1)),  # from where y is negative
-        ("side", (0, 1, 0), (0, 0, 1)),  # from where x is positive
+        ("front", (1, 0, 0), (0, 0, 1)),  # from negative y
+        ("side", (0, 1, 0), (0, 0, 1)),  # from positive x
         ("top", (1, 0, 0), (0, 1, 0)),
-        ("iso", (-1.5, 1, 0), None),  # from where all are positive
+        ("iso", (-1.5, 1, 0), None),  # from positive x, y and z
     ],
 )
 def test_the_camera_stands_where_its_name_says(run, view, right, up, drawing):
@@ -208,7 +208,7 @@ def test_a_png_holds_the_pixels_it_was_given(tmp_path):
 
 @pytest.mark.parametrize("view", list(VIEWS))
 def test_the_motion_fits_into_the_picture(run, view, drawing):
-    """All corners, at the start and in every frame, lie in the part left for them."""
+    """All corners, at the start and in every frame, lie in the part of the picture reserved for them."""
     with drawn(run, frames=range(4), view=view, magnification=20.0) as found:
         corner = np.concatenate([np.concatenate([m.points for m in render.meshes(run, k, 20.0)]) for k in range(4)])
         x, y = in_picture(found._plotter, corner)
@@ -248,7 +248,7 @@ def test_view_without_a_display_says_so(run, monkeypatch, capsys):
 
 @pytest.mark.parametrize("written", [False, True])
 def test_meshes_of_a_result_in_one_call(tmp_path, written):
-    """The upper block of set 4a turns about a centre behind O: one corner moves more than another."""
+    """The upper block of set 4a turns about a centre at negative x, so corners at positive x move more."""
     path = tmp_path / "set4a.h5" if written else None
     result = simulate(SCENARIOS / "set4a.toml", path)
     blocks = result.meshes()

@@ -1,4 +1,4 @@
-"""Key numbers as words: error bars to two digits, and nothing taken for granted."""
+"""Key numbers as text: error bars with two digits, and results that lack some quantities."""
 
 import math
 
@@ -30,7 +30,7 @@ def test_an_error_bar_has_two_digits(value, half, text):
 
 
 def test_what_is_printed_holds_all_that_is_meant():
-    """Drawn values and errors: the bar that is shown holds the one that is meant, and is hardly wider."""
+    """For random values and errors the printed error bar contains the true one and is hardly wider."""
     rng = np.random.default_rng(7)
     for value, error in zip(rng.normal(0.0, 1e3, 2000), 10.0 ** rng.uniform(-5.0, 3.0, 2000), strict=True):
         shown, bar = map(float, summary.barred(value, error))
@@ -51,7 +51,7 @@ POINT = {"V": 216.0, "V_lower": 215.0, "V_upper": 217.0, "bracket": "certified",
 
 
 def test_the_peaks_of_a_cycle_have_no_more_digits_than_a_limit():
-    """They had fifteen where nothing but rounding lay between their bounds."""
+    """Bounds that differ only by rounding do not print with fifteen digits."""
     cycle = {"peak": [-5652.28124814606, 6124.7], "V_lower": [-5652.28124814644, 6123.7], "dissipated": 1.9}
     cycle["V_upper"] = [-5652.28124814606, 6125.7]
     assert names({"yield_point": POINT, "cycles": [cycle]})["cycle 1"].value == "peaks -5652.281 and 6124.7 ± 1.0 N"
@@ -82,7 +82,7 @@ def test_theory_and_collapse():
 
 
 def test_a_load_factor_has_no_newtons():
-    """A quasi-static tilt has a bracket; its V is a load factor."""
+    """The V of a quasi-static tilt is a load factor, printed with its bracket and without a unit."""
     point = {"V": 0.37001, "V_lower": 0.37, "V_upper": 0.37002, "bracket": "indicator", "V_peak": 0.38, "N": 900.0}
     results = {"yield_point": point, "collapse": {"angle": 20.305, "load_factor": 0.37001, "mechanism": "rocking"}}
     lines = key_numbers(results)
@@ -96,7 +96,7 @@ def test_a_load_factor_has_no_newtons():
 
 
 def test_a_structure_tells_what_else_its_run_printed():
-    """Stages, ties, reactions, blocks and hinges, and what other paths bear."""
+    """Key numbers include stages, ties, reactions, blocks, hinges, and the loads of other paths."""
     stage = {"stage": 1, "kind": "displacement", "status": "completed", "yield_point": POINT, "path": None}
     ties = [
         {"between": ["a", "b"], "tension": 200.0, "yielded": 1.8e-3},
@@ -184,11 +184,11 @@ def test_an_error_is_never_rounded_down(error, text):
 
 
 def test_bars_of_refined_runs_are_those_of_the_limit():
-    """One bracket for all who ask: that of the refined runs, where it is wider than that of the path."""
+    """The bracket is that of the refined runs if it is wider than that of the path."""
     refined = {"yield_point": POINT | {"bracket": "indicator"}, "error_estimate": 5.0}
     point = summary.yield_point(refined)
     assert (point["V_lower"], point["V_upper"], point["bracket"]) == (point["V"] - 5.0, point["V"] + 5.0, "refined")
-    assert summary.yield_point(refined | {"yield_point": POINT})["bracket"] == POINT["bracket"]  # a theorem stays one
+    assert summary.yield_point(refined | {"yield_point": POINT})["bracket"] == POINT["bracket"]  # stays certified
 
 
 def test_a_value_is_cut_at_the_second_digit_of_a_great_bar():

@@ -1,5 +1,5 @@
-"""Limit surfaces in figures of joints and on pages: with the cohesion of the joint, over the strength of what is drawn,
-and of one joint under one normal force."""
+"""Limit surfaces in figures of joints and on pages: with the cohesion of the joint, scaled by the strength of what is
+drawn, and only for joints of one kind under one normal force."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BONDED = COHESION * A * B + MU * N
 
 
 def pushed(path, formulation="concave", normal=N, a=A, friction=MU, **law):
-    """A search with a jack beside the middle of a joint with cohesion."""
+    """Run a search with an eccentric jack on a joint with cohesion."""
     given = scene(formulation, a=a, normal=normal, friction=friction, jacks=single((0.075, 0.0)))
     simulate(dataclasses.replace(given, joint=dataclasses.replace(given.joint, **{"cohesion": COHESION} | law)), path)
     return path
@@ -41,7 +41,7 @@ def test_a_brittle_joint_has_the_surface_of_its_bond_and_that_of_what_is_left(tm
     assert whole.M_T[-1] == pytest.approx(theory.torsion_strength(law), rel=1e-6)
     peak, order = int(np.argmax(path.V)), np.argsort(whole.V)
     share = path.M_T[peak] / np.interp(path.V[peak], whole.V[order], whole.M_T[order])
-    assert 0.98 < share < 1.01 if formulation == "convex" else share < 1.0  # corners break one by one, areas at once
+    assert 0.98 < share < 1.01 if formulation == "convex" else share < 1.0  # corners break one by one, an area at once
     names = [line.get_label() for line in plot.load_path(run).axes[0].lines]
     assert any(name.endswith(", bonded") for name in names) and any(name.endswith(", bond broken") for name in names)
     with history.read(run) as found:
@@ -94,13 +94,13 @@ def test_points_over_strengths_must_be_of_joints_of_one_shape(tmp_path):
     made = [{}, {"normal": 2.0 * N}, {"a": 0.4}]
     one, pressed, wide = (history.read(pushed(tmp_path / f"{i}.h5", **own)) for i, own in enumerate(made))
     with one, pressed, wide:
-        assert plot.interaction([one, pressed]).axes  # each over its own strength
+        assert plot.interaction([one, pressed]).axes  # each is scaled by its own strength
         with pytest.raises(ScenarioError, match="the ratio of its edges a/b is 2 there and 1.5 here"):
             plot.interaction([one, wide])
 
 
 def shaken(path, **law):
-    """A block that is shaken up and down and sideways: N changes by half."""
+    """Run a block that is shaken vertically and sideways, with N varying by half."""
     control = BaseMotionControl(duration=0.4, direction=(1.0, 0.0, 0.5), sine=Sine(0.5 * G, 5.0))
     joint = JointLaw(
         **{"formulation": "concave", "friction": 0.3, "normal_stiffness": 1e9, "shear_stiffness": 4e8} | law
@@ -112,7 +112,7 @@ def shaken(path, **law):
 
 
 def test_torsion_under_a_changing_normal_force_is_over_the_strength_that_is_drawn(tmp_path):
-    """The surface of each formulation begins and ends at 1, and the axis says whose strength that is."""
+    """The scaled surface of each formulation begins and ends at 1, and the axis names the strength used."""
     runs = {name: shaken(tmp_path / f"{name}.h5", formulation=name) for name in ("convex", "concave")}
     for name, run in runs.items():
         own = plot.joint_path(run).sections[0]
@@ -128,7 +128,7 @@ def test_torsion_under_a_changing_normal_force_is_over_the_strength_that_is_draw
 
 
 def test_a_bonded_joint_under_a_changing_normal_force_is_drawn_over_what_it_may_carry(tmp_path):
-    """It has cohesion enough to stick: friction alone is overcome, c A + mu N is not."""
+    """The joint sticks by its cohesion: V exceeds mu N but not c A + mu N, by which the figure scales it."""
     run = shaken(tmp_path / "run.h5", cohesion=500.0)
     path = plot.joint_path(run)
     along = np.abs(path.drawn[0])

@@ -1,4 +1,4 @@
-"""Views of a history that is named by its path are those of the history."""
+"""Views of a history given by its path equal those of the opened history."""
 
 import numpy as np
 import pytest
