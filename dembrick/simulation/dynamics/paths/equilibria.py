@@ -222,9 +222,8 @@ class EquilibriumPath(ABC):
                     self.record_collapse_frame(1.0)
                     return None
         raise UndecidedError(
-            f"undecided at {self.said(parameter)}, neither in equilibrium nor falling: after "
-            f"{ROUNDS * CHUNK * chunks} steps of relaxation {of_joint_forces(ratio)} are still out of balance; "
-            f"{self.slow}"
+            f"undecided at {self.said(parameter)}, neither in equilibrium nor falling: {of_joint_forces(ratio)} are "
+            f"still out of balance after {ROUNDS * CHUNK * chunks} steps of relaxation; {self.slow}"
         )
 
     def down(self, before: np.ndarray) -> float:
