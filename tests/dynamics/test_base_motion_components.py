@@ -1,4 +1,4 @@
-"""Supports that shake in two and three directions, against the closed forms of a block that slides on them."""
+"""Supports that shake in two and three directions, against closed forms of a block that slides on them."""
 
 import math
 
@@ -18,7 +18,7 @@ X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def sliding(control, friction):
-    """A block on a floor, its joint stiff enough that slip is all that is seen."""
+    """A block on a floor, its joint so stiff that its elastic displacement is negligible beside the slip."""
     return of_stone(
         law("concave", friction, 1e11),
         control,
@@ -31,7 +31,7 @@ def sliding(control, friction):
 
 
 def way(control, friction):
-    """How far (3,) the block has slid over its floor at the end (m)."""
+    """Displacement (3,) of the block relative to its floor at the end (m)."""
     return simulate(sliding(control, friction)).frames["displacement"][-1, 1]
 
 
@@ -46,14 +46,15 @@ def record(path, seconds=1.2, **columns):
 
 @pytest.mark.parametrize("vertical, expected", [(0.0, 0.147150), (0.3, 0.1035936), (-0.3, 0.1977696)])
 def test_a_pulse_with_a_vertical_part(tmp_path, vertical, expected):
-    """A = 0.5 g for 0.2 s with a constant a_z: N = m (g + a_z); slip A_1 t^2/2 + (A_1 t)^2 / (2 mu g)."""
+    """A = 0.5 g for 0.2 s with a constant a_z: N = m (g + a_z); A_1 = A - mu (g + a_z) gives a slip of A_1 t^2 / 2 +
+    (A_1 t)^2 / (2 mu g)."""
 
     def pulse(size):
         return lambda t: np.where(t < 0.2 - 1e-9, size, 0.0)
 
     file = record(tmp_path / "both.csv", across=pulse(0.5), up=pulse(vertical))
     control = BaseMotionControl(0.9, (X, Z), file=file, columns=("time", "across", "up"))
-    # between samples the record is straight, so the pulse ends half a millisecond later: 1 % of the slip
+    # the record is linear between samples, so the pulse ends half a millisecond later, which is 1 % of the slip
     lasts, mu = 0.2 - 0.5e-3, 0.2
     beyond = 0.5 * G - mu * (1.0 + vertical) * G
     exact = 0.5 * beyond * 0.2**2 + (beyond * 0.2) ** 2 / (2.0 * mu * G)
@@ -67,8 +68,8 @@ def test_a_pulse_with_a_vertical_part(tmp_path, vertical, expected):
     [(0.0, 0.0, -0.0019270), (0.2, 0.0, 0.0918147), (0.0, 0.2, -0.0010574), (-0.2, 0.0, -0.0971288)],
 )
 def test_a_vertical_part_in_phase_makes_a_block_drift(tmp_path, sine, cosine, expected):
-    """.5 g along x at 2 Hz, friction .3, 2 s from rest: numbers of an independent integration, here to 0.3 mm of slides
-    of some 0.1 m."""
+    """0.5 g along x at 2 Hz, friction 0.3, 2 s from rest: the block ends where an independent integration puts it, to
+    0.3 mm of slips of some 0.1 m."""
     unit, turn = G / 9.80665, 4.0 * np.pi
     file = record(
         tmp_path / "both.csv",
@@ -82,8 +83,8 @@ def test_a_vertical_part_in_phase_makes_a_block_drift(tmp_path, sine, cosine, ex
 
 @pytest.mark.parametrize("friction, moves", [(0.431, True), (0.437, False)])
 def test_three_components_move_a_block_beyond_their_threshold(tmp_path, friction, moves):
-    """hypot(a_x, a_y) = mu (g + a_z): (.3, .25, -.1) g at mu = .433903, of g = 9.80665 m/s2 in the record. They grow
-    slowly, so that the springs do not swing."""
+    """The block slides if hypot(a_x, a_y) > mu (g + a_z): (.3, .25, -.1) g at mu = .433903, with g = 9.80665 m/s2 in
+    the record. The accelerations grow slowly, so that the springs do not swing."""
     found = math.hypot(0.3, 0.25) / (G / 9.80665 - 0.1)
     assert math.hypot(0.3, 0.25) / 0.9 == pytest.approx(0.433903, rel=1e-6)
     columns = {
@@ -96,7 +97,7 @@ def test_three_components_move_a_block_beyond_their_threshold(tmp_path, friction
 
 
 def test_three_components_pull_along_their_sum(tmp_path):
-    """(.3, .25, -.1) g at mu .3: a_rel = 1.182227 m/s2 along (-.768221, -.640184); at mu .44 nothing moves."""
+    """(.3, .25, -.1) g at mu = .3: a_rel = 1.182227 m/s2 along (-.768221, -.640184); at mu = .44 nothing moves."""
     file = record(
         tmp_path / "three.csv",
         a=lambda t: np.full_like(t, 0.3),
@@ -110,7 +111,7 @@ def test_three_components_pull_along_their_sum(tmp_path):
 
 
 def test_files_of_their_own_scaled_and_in_other_units(tmp_path):
-    """A PEER record for each direction, times ``scale``, is the one CSV of both."""
+    """PEER records, one per direction and multiplied by ``scale``, give the same motion as one CSV of both."""
     time = np.arange(0.0, 0.6, 2e-3)
     across, up = np.sin(9.0 * time), 0.4 * np.cos(7.0 * time)
     files = []

@@ -1,4 +1,4 @@
-"""Bonded joints in real time: a block on a base that takes a pulse, against closed forms."""
+"""Bonded joints in real time: a block on a base that moves by a pulse, against closed forms."""
 
 import numpy as np
 import pytest
@@ -31,14 +31,14 @@ def shaken(formulation, keys, shake=PULSE):
 
 
 def bond(threshold):
-    """Keys of a bond that slides at an acceleration of the base (m/s2), apart from friction 0.2."""
+    """Keys of a bond that, with friction 0.2, slides at this acceleration of the base (m/s2)."""
     c = (threshold - 0.2 * G) * MASS / AREA
     return f"cohesion = {c!r}\ntensile_strength = {c!r}"
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_broken_bond_slides_as_a_dry_joint(formulation):
-    """Newmark's block: (A - mu g) t^2 / 2 + ((A - mu g) t)^2 / (2 mu g) = 0.147150 m, from when the bond breaks."""
+    """Newmark's block slides (A - mu g) t^2 / 2 + ((A - mu g) t)^2 / (2 mu g) = 0.147150 m once its bond has broken."""
     result = simulate(shaken(formulation, bond(0.3 * G)))
     assert result.rows["displacement"][-1] == pytest.approx(0.147150, rel=5e-3)
     held = result.frames["bond"][:, 0]
@@ -47,7 +47,7 @@ def test_a_broken_bond_slides_as_a_dry_joint(formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_bond_that_holds_lets_nothing_slide(formulation):
-    """A sudden pulse makes the springs swing to twice the force: a bond for 1.1 g bears 0.5 g."""
+    """A sudden pulse makes the springs swing to twice the static force, so a bond for 1.1 g withstands 0.5 g."""
     result = simulate(shaken(formulation, bond(1.1 * G)))
     assert result.rows["displacement"][-1] < 1e-5
     assert np.all(result.frames["bond"] == 1.0)
@@ -55,7 +55,7 @@ def test_a_bond_that_holds_lets_nothing_slide(formulation):
 
 
 def test_residual_friction_in_real_time():
-    """Friction 0.2, 0.1 after the first slip: 0.4 g t^2 / 2 + (0.4 g t)^2 / (0.2 g) = 0.39240 m."""
+    """Friction 0.2, and 0.1 after the first slip: the slip is 0.4 g t^2 / 2 + (0.4 g t)^2 / (0.2 g) = 0.39240 m."""
     scenario = shaken("convex", "residual_friction = 0.1")
     slip = 0.4 * G * 0.04 / 2.0 + (0.4 * G * 0.2) ** 2 / (0.2 * G)
     longer = toml.loads(toml.dumps(scenario), overrides=["control.duration=1.2"])
@@ -85,7 +85,7 @@ def test_a_joint_that_dilates_lifts_the_block_as_it_slides(formulation, dilation
 
 
 def test_a_joint_that_dilates_opens_if_its_block_jumps():
-    """Thrown up by a downward blow of the base, the block flies, and lands where it left."""
+    """Thrown up by a downward jerk of the base, the block flies and lands where it left."""
     shake = "sine = { amplitude = 15.0, frequency = 20.0 }"
     text = toml.dumps(shaken("concave", "dilation = 0.1", shake)).replace("[1.0, 0.0, 0.0]", "[0.0, 0.0, 1.0]", 1)
     result = simulate(toml.loads(text.replace('"energy", ', "")))
@@ -108,7 +108,7 @@ position = [0.0, 0.0, 0.0]
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_mortar_without_strength_is_the_dry_wall_bit_for_bit(formulation):
-    """Shaken until it slides: f_t = c = 0 is the same law, kernel and memory."""
+    """A joint with f_t = c = 0, shaken until it slides, uses the same law, kernel and memory as a dry joint."""
     mortar = "cohesion = 0.0\ntensile_strength = 0.0\nresidual_cohesion = 0.0\nresidual_friction = 0.2\ndilation = 0.0"
     floor = block("base", (0.5, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
     control = CONTROL.format(shake=PULSE).replace("duration = 0.5", "duration = 0.05")
@@ -122,7 +122,7 @@ def test_a_mortar_without_strength_is_the_dry_wall_bit_for_bit(formulation):
 
 
 def test_what_breaks_and_crushes_is_restarted_to_the_last_bit(tmp_path):
-    """A run of points that break and crush goes on from its checkpoint as if it had never stopped."""
+    """A run in which points break and crush, restarted from a checkpoint, equals the uninterrupted one bit for bit."""
     scenario = shaken("concave", bond(0.3 * G) + "\ncompressive_strength = 810.0")
     whole, stopped = tmp_path / "whole.h5", tmp_path / "stopped.h5"
     result = simulate(scenario, whole)
@@ -133,7 +133,7 @@ def test_what_breaks_and_crushes_is_restarted_to_the_last_bit(tmp_path):
 
 
 def thrown(formulation, speed, c, thick):
-    """A plate of that thickness on a bond of cohesion c (Pa), thrown along it."""
+    """A plate of this thickness on a bond of cohesion c (Pa), thrown along its joint."""
     text = header(formulation, 0.2, 1e8, keys=f"cohesion = {c}\ntensile_strength = {c}")
     text += block("base", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
     text += block("block", (0.0, 0.0, 0.5 * thick), (0.3, 0.2, thick), f"velocity = [{float(speed)!r}, 0.0, 0.0]")
@@ -142,8 +142,8 @@ def thrown(formulation, speed, c, thick):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_dashpots_break_no_bond(formulation):
-    """m x'' + 2 z w m x' + k x = 0 from x' = v: the spring is stretched to k v / w exp(-z atan(s / z) / s) at the most,
-    s = sqrt(1 - z^2). The bond breaks by that, whatever the dashpot bears beside it."""
+    """m x'' + 2 z w m x' + k x = 0 from x' = v: the spring force reaches at most k v / w exp(-z atan(s / z) / s) with s
+    = sqrt(1 - z^2). The bond breaks at that force, whatever the dashpot carries beside the spring."""
     c, thick = 3000.0, 0.002
     mass, k = 2000.0 * AREA * thick, 4e7 * AREA
     moving = simulate(thrown(formulation, 1e-3, c, thick)).run.motion
@@ -153,4 +153,4 @@ def test_dashpots_break_no_bond(formulation):
     for share, held in ((0.995, 1.0), (1.005, 0.0)):
         result = simulate(thrown(formulation, share * speed, c, thick))
         assert result.frames["bond"][-1, 0] == held
-    assert result.rows["energy"]["fracture"][-1] > 0.3 * 0.5 * mass * speed**2  # what its springs held
+    assert result.rows["energy"]["fracture"][-1] > 0.3 * 0.5 * mass * speed**2  # the elastic energy of its springs

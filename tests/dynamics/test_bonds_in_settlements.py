@@ -16,7 +16,7 @@ W, K = 3000.0, 1e8  # N, N/m
 
 
 def beam(sinks, formulation, bond=500.0, **law) -> Scenario:
-    """A block of 3000 N on three supports of 100 MN/m each, whose middle one goes down; bonds of so many newtons."""
+    """A block of 3000 N on three supports of 100 MN/m each, the middle one of which sinks; ``bond``: strength (N)."""
     width, depth = 0.2, 0.5
     area, height = width * depth, W / (2000.0 * G * 2.4 * depth)
     blocks = [Block("beam", "stone", box=(2.4, depth, height), position=(0.0, 0.0, 0.5 * height))]
@@ -30,7 +30,8 @@ def beam(sinks, formulation, bond=500.0, **law) -> Scenario:
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_a_bonded_beam_hangs_its_middle_support_until_the_bond_breaks(formulation):
-    """Middle W / 3 - 2 k s / 3, down to minus the bond at s = (W + 3 f_t A) / (2 k); then W / 2 at both ends."""
+    """The middle support carries W / 3 - 2 k s / 3, down to minus the bond strength at s = (W + 3 f_t A) / (2 k); then
+    both ends carry W / 2."""
     brink = (W + 3.0 * 500.0) / (2.0 * K)
     result = simulate(beam(1.1 * brink, formulation))
     rows, bonded = result.rows, result.frames["bond"]
@@ -60,7 +61,7 @@ def turning(angle):
 
 @pytest.mark.parametrize("formulation, lever", [("convex", 1.0 / 6.0), ("concave", 0.5)])
 def test_a_bonded_block_on_a_floor_that_turns(formulation, lever):
-    """It overturns as its bond tears: W h sin th = (f_t A + W cos th) b / 6 of a linear stress, b / 2 of corners."""
+    """It overturns as its bond tears: W h sin th = (f_t A + W cos th) b / 6 for a linear stress, b / 2 for corners."""
     f_t, b, h, A = 6e3 if formulation == "concave" else 8e4, 0.2, 0.5, 0.08
     weight = 2000.0 * A * 2.0 * h * G
     law = {"cohesion": 1e6, "tensile_strength": f_t}
@@ -72,13 +73,13 @@ def test_a_bonded_block_on_a_floor_that_turns(formulation, lever):
         low, high = (low, th) if torn else (th, high)
     assert result.status == "collapse"
     assert result.collapse["settlement"] / math.hypot(0.5, 0.2) == pytest.approx(low, rel=3e-3)
-    assert low > 1.15 * math.atan(0.2)  # a dry block overturns long before
+    assert low > 1.15 * math.atan(0.2)  # a dry block overturns much earlier
 
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_a_bonded_block_that_would_slide(formulation):
-    """c A + mu W cos th = W sin th; at corners the upper pair goes first, by the elastic forces: its N is less by
-    W sin th h / b."""
+    """The block slides when c A + mu W cos th = W sin th. With corner points the upper pair slips first, by the elastic
+    forces: its N is less by W sin th h / b."""
     A, weight = 0.08, 2000.0 * 0.08 * 0.4 * G
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.4, 0.2, 0.4), (0.0, 0.0, 0.2))
@@ -97,8 +98,8 @@ def test_a_bonded_block_that_would_slide(formulation):
 
 
 def test_a_toe_that_crushes_under_a_block_on_a_floor_that_turns():
-    """Eight rows of points, two at Gauss's places of each quarter, carry f_c A / 8 each at the most, from the toe on:
-    W h sin th is their moment about O."""
+    """Eight rows of points, two at the Gauss points of each quarter, carry at most f_c A / 8 each, filled from the toe
+    on: W h sin th equals their moment about O."""
     f_c, rows, b, h, A = 1e5, 8, 0.2, 0.5, 0.08
     weight = 2000.0 * A * 2.0 * h * G
     arms = [middle + off for middle in (0.375, 0.125, -0.125, -0.375) for off in (0.125 / 3**0.5, -0.125 / 3**0.5)]
@@ -123,7 +124,7 @@ def test_a_toe_that_crushes_under_a_block_on_a_floor_that_turns():
 @pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
 @pytest.mark.parametrize("dilation", [pytest.param(0.1, marks=pytest.mark.slow), 0.3])
 def test_a_block_that_is_pushed_over_a_joint_that_dilates(formulation, dilation):
-    """Behind a smooth support that moves: V = mu W, and tan psi of its slip higher than it stood."""
+    """Pushed by a smooth support that moves: V = mu W, and the block rises by tan psi of its slip."""
     floor = Block("floor", "stone", (2.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     pusher = Block("pusher", "stone", (0.1, 0.2, 0.1), (-0.25, 0.0, 0.07), fixed=True)
     block = Block("block", "stone", (0.4, 0.3, 0.1), (0.0, 0.0, 0.05))
@@ -137,5 +138,5 @@ def test_a_block_that_is_pushed_over_a_joint_that_dilates(formulation, dilation)
     assert result.status == "completed"
     assert -result.rows["load"][-1] == pytest.approx(0.4 * weight, rel=control.tolerance)
     moved = result.frames["displacement"][-1, -1]
-    elastic = 0.4 * weight / (4e8 * area)  # of the slip, which lifts nothing
+    elastic = 0.4 * weight / (4e8 * area)  # elastic displacement, which lifts nothing
     assert moved[2] == pytest.approx(dilation * (moved[0] - elastic) - weight / (1e9 * area), rel=1e-3)

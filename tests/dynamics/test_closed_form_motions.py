@@ -1,4 +1,4 @@
-"""Dynamic runs against motions that have a closed form, or an ordinary integral: the numbers of the literature."""
+"""Dynamic runs against motions known in closed form or by a one-dimensional integral, as given in the literature."""
 
 import math
 
@@ -54,7 +54,7 @@ def turned_about(result, axis):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_slope(formulation):
-    """a = g (sin psi - mu cos psi); below the friction angle it stays where it is."""
+    """a = g (sin psi - mu cos psi); below the friction angle the block stays where it is."""
     psi, friction = math.radians(40.0), math.tan(math.radians(20.0))
     gravity = (10.0 * math.sin(psi), 0.0, -10.0 * math.cos(psi))
     result = simulate(scenario(DynamicControl(0.3), formulation, friction=friction, gravity=gravity))
@@ -84,7 +84,7 @@ def test_stop(formulation):
 
 
 def test_harmonic_push():
-    """m = 1, mu = .8, F = 8 cos t from x = 3: slips, sticks, comes back; 3.004349, 2.991303, 3.004349 at 2, 5, 8 s."""
+    """m = 1, mu = .8, F = 8 cos t from x = 3: slips, sticks and returns; 3.004349, 2.991303, 3.004349 at 2, 5, 8 s."""
     mass = DENSITY * 0.3 * 0.2 * 0.1
     push = Load("block", (8.0 * mass, 0.0, 0.0), sine=Sine(1.0, 1.0 / (2.0 * math.pi), math.pi / 2.0))
     result = simulate(scenario(DynamicControl(8.0), "convex", friction=0.8, loads=(push,), stiffness=1e9))
@@ -95,7 +95,7 @@ def test_harmonic_push():
 
 @pytest.mark.parametrize("formulation, angle", [("convex", 0.8912), ("corrected", 0.8912), ("concave", 0.4786)])
 def test_spin_down(formulation, angle):
-    """From 10 rad/s flat on the floor: 12 mu g arm/(a^2 + b^2) against it, 56.106 or 104.479 rad/s^2."""
+    """A spin of 10 rad/s, flat on the floor, slows down by 12 mu g arm/(a^2 + b^2): 56.106 or 104.479 rad/s^2."""
     result = simulate(scenario(DynamicControl(0.25), formulation, angular_velocity=(0.0, 0.0, 10.0)))
     assert turned_about(result, 2)[-1] == pytest.approx(angle, rel=1e-3)
     np.testing.assert_allclose(result.displacement[1, :2], 0.0, atol=1e-7)
@@ -113,7 +113,7 @@ PLATE = {
 
 @pytest.mark.parametrize("formulation, spin", PLATE, ids=str)
 def test_plate_sliding_and_spinning(formulation, spin):
-    """1 m/s along y and a spin; the plate is 1 mm thick, so nothing overturns it."""
+    """A plate that slides at 1 m/s along y and spins; at 1 mm thickness nothing overturns it."""
     control = DynamicControl(0.3)
     start = {"velocity": (0.0, 1.0, 0.0), "angular_velocity": (0.0, 0.0, spin)}
     result = simulate(scenario(control, formulation, box=(0.3, 0.2, 0.001), stiffness=1e9, **start))
@@ -126,9 +126,10 @@ def test_plate_sliding_and_spinning(formulation, spin):
 
 @pytest.mark.parametrize("ratio, period", [(0.3, 0.94481), (0.5, 1.38837)])
 def test_free_rocking(ratio, period):
-    """0.2 x 1.0 m, set going upright so that it turns by ratio alpha on its toe: it is back after half a period.
+    """A block of 0.2 x 1.0 m, set rotating from upright, rocks on its toe up to ratio alpha and is back after half a
+    period.
 
-    The rotation about the toe is exact: the period of the linearised equation is 0.2 % shorter.
+    The reference is exact: the period of the linearised equation is 0.2 % shorter.
     """
     b, h = 0.2, 1.0
     alpha, p = math.atan2(b, h), theory.rocking_frequency(b, h)
@@ -143,7 +144,7 @@ def test_free_rocking(ratio, period):
     crossing = np.interp(0.0, -angle[[back - 1, back]], time[[back - 1, back]])
     assert 2.0 * crossing == pytest.approx(period, rel=5e-4)
     assert theory.rocking_period(b, h, ratio) == pytest.approx(period, rel=1e-5)
-    # Housner's loss at the impact, which contact damping decides: the bottom of the next swing tells the energy left
+    # Housner's loss at the impact, set here by the contact damping: the peak of the next swing gives the energy left
     swing = angle[back : back + int(0.9 * (len(angle) - back))].min()
     left = (math.cos(alpha + swing) - math.cos(alpha)) / (math.cos(alpha - ratio * alpha) - math.cos(alpha))
     assert 0.8 < math.sqrt(left) / theory.housner_restitution(b, h) < 1.1 or back > 0.85 * len(angle)
@@ -152,16 +153,16 @@ def test_free_rocking(ratio, period):
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.9])
 @pytest.mark.parametrize(("formulation", "within"), [("concave", 0.008), ("convex", 0.035)])
 def test_bounce(formulation, within, restitution):
-    """A block thrown up from the floor, flat, comes back with the stated part of the speed that it lands with, wherever
-    in a step it lands; the convex joint, softer in rotation, has longer steps."""
+    """A block thrown up flat from the floor rebounds at the given restitution, wherever in a step it lands; the convex
+    joint, softer in rotation, has longer steps."""
     for speed in (0.50, 0.51, 0.52, 0.53, 0.54):
         assert bounced(formulation, restitution, speed) == pytest.approx(restitution, rel=within)
     assert bounced(formulation, restitution, 0.5, step_factor=0.3) == pytest.approx(restitution, rel=0.005)
 
 
 def bounced(formulation, restitution, speed, step_factor=0.9):
-    """Speed after over speed before the first impact of a block thrown up at that speed; looked at in every step from
-    shortly before it lands until it has left."""
+    """Speed after over speed before the first impact of a block thrown up at this speed; observed in every step from
+    shortly before it lands until it has left the floor."""
     built = assemble(scenario(DynamicControl(1.0, restitution), formulation))
     moving = motion(built, damping_of_restitution(restitution), step_factor, IMPACTS)
     driving, no_limit = Driving(built.gravity), Limits(NO_LIMIT, NO_LIMIT)
@@ -179,7 +180,7 @@ def bounced(formulation, restitution, speed, step_factor=0.9):
 
 
 def test_dashpots_of_steps():
-    """The eigenvalues of a stepped oscillator: with its dashpot half a step late it damps as asked for."""
+    """The eigenvalues of a stepped oscillator have the damping asked for, though the dashpot acts half a step late."""
     for ratio in (0.05, 0.3, 0.7):
         for swing in (1e-4, 0.1, 0.5, 0.9):
             C = float(stepped_dashpots(np.array([swing]), ratio)[0]) * swing**2
@@ -199,7 +200,7 @@ def test_damping_and_restitution_are_inverse():
 
 
 def test_free_fall_without_joints():
-    """No contact, no damping: exactly g t^2 / 2."""
+    """No contact and no damping: the block falls by exactly g t^2 / 2."""
     result = simulate(
         of_stone(
             JointLaw("concave", 0.6, 1e9, 1e9),
@@ -226,4 +227,4 @@ def test_a_tilting_table_turns_gravity_and_loads_the_other_way():
         back = rotation_matrix([math.cos(rate * t / 2), *(-math.sin(rate * t / 2) * axis)])
         np.testing.assert_allclose(found_gravity[i], back @ gravity, atol=1e-14)
         np.testing.assert_allclose(found_force[i], [back @ force[0], (1.0 + t) * back @ force[1]], atol=1e-13)
-    np.testing.assert_array_equal(growing.force, force)  # a driving is not changed by what is asked of it
+    np.testing.assert_array_equal(growing.force, force)  # evaluating a driving does not change it

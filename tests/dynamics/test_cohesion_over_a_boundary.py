@@ -1,8 +1,8 @@
-"""A block has the cohesion of what it covers: one that slides over the edges of its base, and a plank that slides from
-one fixed block onto its neighbour.
+"""Cohesion acts on the covered area of a block: one that slides over the edges of its base, and a plank that slides
+from one fixed block onto its neighbour.
 
-The two joints of the plank are parts of its face: as it slides they are handed over to contacts of the surfaces. All of
-it stays covered, so that it takes mu N + c A, by hand.
+The two joints of the plank are parts of its face; as it slides they are handed over to new contacts. The whole face
+stays covered, so that its resistance is mu N + c A, by hand.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from helpers.stone_scenes import of_stone
 
 FRICTION, COHESION, WEIGHT, AREA = 0.6, 4000.0, 0.2 * 0.2 * 0.1 * 2000.0 * 9.81, 0.04
 THIN = 0.02  # m
-TRAVEL = 0.018  # m: 0.16 of the way from the middle of a joint to its corner, where all is handed over
+TRAVEL = 0.018  # m: 0.16 of the distance from the middle of a joint to its corner, by which all is handed over
 
 
 @pytest.mark.parametrize(
@@ -34,8 +34,8 @@ TRAVEL = 0.018  # m: 0.16 of the way from the middle of a joint to its corner, w
     ],
 )
 def test_cohesion_goes_with_the_area_that_both_blocks_share(formulation, points, way):
-    """V = mu N + c (a - x) (b - y) of a guided block that slides by (x, y), which is known to a fraction of a
-    thousandth of its short side."""
+    """V = mu N + c (a - x) (b - y) of a guided block that slides by (x, y): the overlap is known to a fraction of a
+    thousandth of the short side."""
     a, b, N = 0.4, 0.2, 0.4 * 0.2 * 0.1 * 2000.0 * 9.81
     law = JointLaw(
         formulation,
@@ -75,7 +75,7 @@ def plank(formulation: str, cohesion: float, kept: float) -> Scenario:
 
 
 def thrown(still: Scenario, speed: float) -> Scenario:
-    """A thinner plank that has a speed."""
+    """A thinner plank with an initial speed."""
     floors, own = still.blocks[:2], still.blocks[2]
     own = replace(own, box=(0.2, 0.2, THIN), position=(0.0, 0.0, 0.5 * THIN), velocity=(speed, 0.0, 0.0))
     return replace(still, blocks=(*floors, own), actuators=())
@@ -89,14 +89,14 @@ def test_what_a_bond_keeps_is_handed_over(formulation, kept):
     assert moved[-1] > 0.99 * TRAVEL
     sliding = load[moved > 0.1 * TRAVEL] / (FRICTION * WEIGHT + kept * AREA)
     assert sliding.max() < 1.0 + 1e-4
-    assert sliding.min() > 0.97  # meanwhile what one joint has lost the other one has not found: 8 mm of 200
+    assert sliding.min() > 0.97  # meanwhile the area lost by one joint is not yet taken up by the other: 8 mm of 200
     assert sliding[-1] == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_thin_plank_that_is_thrown_stops_where_its_energy_is_spent(formulation):
-    """In real time: v^2 / 2 = (mu g + c A / m) s. It is so thin that all of it stays pressed, and the energy audit of
-    the run judges the work of the contacts."""
+    """In real time: v^2 / 2 = (mu g + c A / m) s. The plank is so thin that all of it stays pressed; the energy audit
+    of the run checks the work of the contacts."""
     kept, speed = COHESION / 8.0, 0.85
     braking = FRICTION * 9.81 + kept / (2000.0 * THIN)
     scene = replace(thrown(plank(formulation, kept, kept), speed), control=DynamicControl(0.06))
@@ -119,7 +119,7 @@ def test_a_result_says_what_contacts_leave_of_a_law(key, value, left):
     said = [(one["law"], one["joints"]) for one in result.as_dict().get("left_out", [])]
     assert said == ([(key, 2)] if left else [])
     assert ("left out" in result.text()) == bool(left) and left in result.text()
-    short = replace(still.control, travel=1e-4)  # both joints still carry all
+    short = replace(still.control, travel=1e-4)  # both joints still carry on their whole area
     assert "left_out" not in simulate(replace(still, joint=joint, control=short)).as_dict()
 
 

@@ -1,4 +1,4 @@
-"""The record of new contacts: with the joints' contact points and gravity they are what moves the blocks."""
+"""The record of new contacts: with the joints' contact points and gravity it accounts for the motion of the blocks."""
 
 import dataclasses
 
@@ -36,8 +36,8 @@ def scene(*blocks, duration, rows=100_000, formulation="concave", gravity=(0.0, 
 
 
 def thrown(**more):
-    """A block that turns off another, which lies on the floor, while a third one falls on both: joints are handed over
-    to new contacts, and there are two of these at once."""
+    """A block that rotates off another, which lies on the floor, while a third one falls on both: joints are handed
+    over to new contacts, and two of these exist at once."""
     lower = Block("lower", "stone", BOX, (0.0, 0.0, 0.05))
     upper = Block("upper", "stone", BOX, (0.0, 0.0, 0.15), velocity=(0.3, 0.0, 0.1), angular_velocity=(0.5, 6.0, 1.0))
     third = Block("third", "stone", BOX, (0.1, 0.05, 0.36), OBLIQUE, velocity=(0.0, 0.0, -2.0))
@@ -63,8 +63,8 @@ def forces_on_blocks(result):
 
 
 def test_recorded_forces_change_the_momentum_of_every_block():
-    """Every step a frame: m (v - v before) / dt is the mean of the recorded forces of both, and the weight; to rounding
-    but in steps in which polygons are cut or contacts are found, which a frame does not know yet."""
+    """With a frame every step, m (v - v before) / dt is the mean of the recorded forces of both frames plus the weight;
+    to rounding, except in steps in which polygons are cut or contacts are found, which a frame does not include yet."""
     result = simulate(thrown())
     frames, mass, dt = result.frames, result.assembly.mass, result.run.motion.time_step
     np.testing.assert_allclose(np.diff(frames["time"]), dt, rtol=1e-9)
@@ -72,16 +72,16 @@ def test_recorded_forces_change_the_momentum_of_every_block():
     change = mass[1:, None] * np.diff(frames["velocity"], axis=0)[:, 1:] / dt
     weight = mass[1:, None] * [0.0, 0.0, -G]
     size = np.abs(force).max()
-    # the forces in a frame are those of a step before
+    # the forces of a frame are those of the step before
     error = np.abs(0.5 * (force[1:-1, 1:] + force[2:, 1:]) + weight - change[:-1]).max(axis=(1, 2)) / size
     assert (error < 1e-9).mean() > 0.75 and error.max() < 0.02
     met = frames["new_contacts"]
     assert size > 25.0 * np.abs(weight).max() and met["count"].max() >= 2
-    # joints and new contacts take turns, and share a pair of blocks while it is handed over
+    # joints and new contacts alternate, and both act on a pair of blocks while it is handed over
     both = (np.abs(new).max(axis=(1, 2)) > 1.0) & (np.abs(force - new).max(axis=(1, 2)) > 1.0)
     assert both.sum() > 100
-    # the normal leads from the first block to the second; friction lies across it, but for a contact over an edge,
-    # whose pressure is not all along the mean normal
+    # the normal leads from the first block to the second; friction is orthogonal to it, except for a contact over an
+    # edge, whose pressure is not all along the mean normal
     along = (met["force"] * met["normal"]).sum(axis=1)
     across = np.linalg.norm(met["force"] - along[:, None] * met["normal"], axis=1)
     np.testing.assert_allclose(np.linalg.norm(met["normal"], axis=1), 1.0, rtol=1e-12)
@@ -90,8 +90,8 @@ def test_recorded_forces_change_the_momentum_of_every_block():
 
 
 def test_recorded_contacts_turn_the_blocks():
-    """In free fall of three blocks against each other, with no joint: torques about the centroids, from points, forces
-    and couples as recorded, change the angular momenta."""
+    """Three blocks collide in free flight, without joints: the torques about the centroids, from the recorded points,
+    forces and couples, equal the change of the angular momenta."""
     one = Block("one", "stone", BOX, (0.0, 0.0, 0.0), angular_velocity=(3.0, 0.0, 2.0))
     two = Block("two", "stone", BOX, (0.05, 0.02, 0.31), OBLIQUE, velocity=(0.0, 0.1, -2.0))
     far = Block("far", "stone", BOX, (0.0, 0.0, -9.0), fixed=True)
@@ -101,7 +101,7 @@ def test_recorded_contacts_turn_the_blocks():
     of = np.repeat(np.arange(count), met["count"])
     place = result.assembly.position + frames["displacement"]
     torque = np.zeros((count, 3, 3))
-    # forces are of where the blocks were a step before
+    # forces belong to the positions of the step before
     for side, sign in ((0, -1.0), (1, 1.0)):
         block = met["blocks"][:, side]
         arm = met["point"] - place[of - 1, block]
@@ -119,7 +119,7 @@ def test_recorded_contacts_turn_the_blocks():
 
 
 def test_what_a_landed_block_stands_on_carries_its_weight(tmp_path, capsys):
-    """Read back from the file: the new contact of a block that has come to rest on a fixed plate."""
+    """The new contact of a block that came to rest on a fixed plate carries its weight, as read from the file."""
     dropped = Block("block", "stone", BOX, (0.1, 0.0, 0.06))
     result = simulate(scene(FLOOR, dropped, duration=0.6, rows=60), tmp_path / "run.h5")
     weight = G * result.assembly.mass[1]
@@ -127,7 +127,7 @@ def test_what_a_landed_block_stands_on_carries_its_weight(tmp_path, capsys):
         starts, met = found.frame_new_contacts(found.n_frames - 1, found.n_frames)
         assert starts.tolist() == [0, 1] and met["blocks"].tolist() == [[0, 1]]
         np.testing.assert_allclose(met["force"], [[0.0, 0.0, weight]], atol=1e-6 * weight)
-        # the middle of the overlap, which is as deep as the springs of this stiffness are pressed
+        # the middle of the overlap, whose depth is the compression of springs of this stiffness
         np.testing.assert_allclose(met["point"], [[0.1, 0.0, -0.5 * weight / (0.06 * 2e8)]], atol=1e-9)
         np.testing.assert_allclose(met["normal"], [[0.0, 0.0, 1.0]], atol=1e-9)
         assert met["area"][0] == pytest.approx(0.06, rel=1e-4)
@@ -159,7 +159,7 @@ def test_a_run_that_was_stopped_records_the_same_contacts(tmp_path):
 
 
 def slid_over_the_edge(formulation, speed):
-    """A plate that slides over the edge of its floor until 42 % of it hang over at 1.15 m/s, 26 % at 1, 16 % at .9."""
+    """A plate that slides over the edge of its floor: at the end 42 % hang over at 1.15 m/s, 26 % at 1, 16 % at 0.9."""
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     plate = Block("plate", "stone", (0.2, 0.16, 0.02), (0.35, 0.0, 0.01), velocity=(speed, 0.0, 0.0))
     return scene(floor, plate, duration=0.25, rows=60, formulation=formulation)
@@ -167,28 +167,28 @@ def slid_over_the_edge(formulation, speed):
 
 @pytest.mark.parametrize(
     "formulation, speed",
-    # points of `distributed` joints carry until the edge has passed through their cells, which takes further
+    # points of `distributed` joints carry until the edge has passed through their cells, which takes a longer slide
     [("concave", 1.0), ("corrected", 1.0), ("corrected-shear", 1.0), ("distributed", 1.15), ("convex", 1.0)],
 )
 def test_contacts_of_a_plate_over_the_edge_stay_on_both_faces(tmp_path, formulation, speed):
-    """In every frame the exported points lie on the floor and under the plate, and what acts there, point by point,
-    has the moment about the centroid that the joint's resultants have."""
+    """In every frame the exported points lie on the floor and under the plate, and the forces at them have the same
+    moment about the centroid as the resultants of the joint."""
     result = simulate(slid_over_the_edge(formulation, speed), tmp_path / "run.h5")
     over = result.frames["displacement"][:, 1, 0] + 0.35 + 0.1 - 0.5
     assert over[-1] == pytest.approx(speed**2 / G - 0.05, abs=5e-4)
     with history.read(tmp_path / "run.h5") as found:
         joints, count = JointMotion(found), found.n_frames
         shown = Contacts(found, joints, True).frames(Picture(found).span(0, count))
-        # polygons are cut where they have moved by a little, and forces are of a step before the frame
+        # polygons are cut only after they have moved a little, and forces are of the step before the frame
         slack = 2e-4 * 0.16 + 2.0 * speed * result.run.motion.time_step
         if formulation == "distributed":  # a point carries until the edge has passed through its cell
-            slack += 0.6 * np.sqrt(joints.points[2].max())  # which is longer than wide
+            slack += 0.6 * np.sqrt(joints.points[2].max())  # cells are longer than wide
         points, force = shown.points, shown.at_points["force"].astype(float)
         pressed = shown.at_points["normal_force"] > 0.0
         assert points[pressed][:, 0].max() <= 0.5 + slack and np.abs(points[pressed][:, 2]).max() < 5e-5
         aside = points - found.frame_values("position", 0, count)[:, 1:]
         assert np.abs(aside[..., 0]).max() <= 0.1 + 1e-6 and np.abs(aside[..., 1]).max() <= 0.08 + 1e-6
-        assert over[-1] > 10.0 * slack  # and this far beyond the edge are those of the start
+        assert over[-1] > 10.0 * slack  # the points of the start would lie this far beyond the edge
         acting = joints.at(range(count)).acting_origin[:, 0]
         if formulation != "distributed":
             expected = found.frame_values("position", 0, count)[:, 1, 0] + np.where(over > 0.0, -0.5 * over, 0.0)
@@ -196,20 +196,20 @@ def test_contacts_of_a_plate_over_the_edge_stay_on_both_faces(tmp_path, formulat
         moment = np.cross(aside, force).sum(axis=1)
         rows = joints.at(range(count)).resultants[:, 0]
         lever = acting - found.frame_values("position", 0, count)[:, 1]
-        if formulation != "corrected-shear":  # its friction acts nearer to O than its pressure
+        if formulation != "corrected-shear":  # friction of `corrected-shear` acts nearer to O than its pressure
             now = joints.at(range(count)).acting_axes[:, 0]
             carried = np.einsum("fi,fij->fj", np.stack([-rows[:, 1], -rows[:, 2], rows[:, 0]], axis=1), now)
             couple = -np.einsum("fi,fij->fj", rows[:, [4, 5, 3]], now)
             whole = np.cross(lever, carried) + couple
-            # friction acts in the plane of the floor, below its points by how deep they are pressed in
+            # friction acts in the plane of the floor, which lies above its points by the penetration
             np.testing.assert_allclose(moment[:, :2], whole[:, :2], atol=2e-3 * np.abs(whole).max())
 
 
 @pytest.mark.parametrize("cohesion", [0.0, pytest.param(100.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "corrected-shear", "distributed", "convex"])
 def test_utilisation_of_a_plate_that_slides_and_spins_over_the_edge(tmp_path, formulation, cohesion):
-    """While every point slides the joint is on the edge of its yield domain, that of the points where they are now,
-    with a cohesion that stays on the area that they have now."""
+    """While every point slides, the joint is on the limit of the yield domain of its points at their present positions,
+    with a cohesion that acts on their present area."""
     given = slid_over_the_edge(formulation, 0.9 + 0.1 * (cohesion > 0.0))
     floor, plate = given.blocks
     plate = dataclasses.replace(plate, angular_velocity=(0.0, 0.0, 6.0))

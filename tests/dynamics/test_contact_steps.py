@@ -1,5 +1,5 @@
-"""What new contacts do to their blocks in a time step: bounded in the loop, looked at closely, and said where it is too
-much."""
+"""Stability of new contacts in a time step: their load is bounded in the loop, examined closely if need be, and
+reported if it is too great."""
 
 import dataclasses
 import math
@@ -29,7 +29,7 @@ DT = 1e-6
 
 
 def stiffness_by_differences(pair):
-    """(12, 12) from small motions of both blocks, about their centroids, to the forces on them."""
+    """(12, 12) forces on both blocks per small motion of both, about their centroids, by central differences."""
     columns = []
     start = pair.bodies.position.copy(), pair.bodies.orientation.copy()
     for block in (0, 1):
@@ -51,7 +51,7 @@ def stiffness_by_differences(pair):
 
 
 def masses(pair):
-    """(12, 12), world axes."""
+    """Mass matrix (12, 12) of both blocks in world axes."""
     matrix = np.zeros((12, 12))
     for b in (0, 1):
         turn, at = pair.bodies.rotation[b], 6 * b
@@ -61,7 +61,7 @@ def masses(pair):
 
 
 def looked_at(pair):
-    """What a closer look finds of the last step, and the bounds of both blocks."""
+    """Load of the last step by the close examination, and the bounds of both blocks."""
     none = moving_ties(NO_TIES, np.zeros((2, 3)), np.zeros((2, 3, 3)))
     state = MovingState(pair.bodies, no_joints(), None, None, none, np.zeros(3))
     return time_step.load_of_contacts(state, pair.contact, np.zeros(0), DT), pair.contact.load.copy()
@@ -69,7 +69,7 @@ def looked_at(pair):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_springs_are_those_that_forces_show(name):
-    """Edges and corners press softer than the sum of their springs, sharp ones by a third: none is underrated."""
+    """Edges and corners are softer than the sum of their springs, sharp ones by a third: the bound underrates none."""
     pair = set_up(name, friction=0.0)
     pair.contact.k_s[:] = 0.0
     k = stiffness_by_differences(pair)
@@ -82,7 +82,7 @@ def test_springs_are_those_that_forces_show(name):
 
 @pytest.mark.parametrize("ratio", [0.0, 0.2])
 def test_a_block_on_its_face_swings_as_the_time_step_expects(ratio):
-    """Normal, shear, bending and torsion of a flat contact, with dashpots: those of the face itself."""
+    """Normal, shear, bending and torsional stiffness and dashpots of a flat contact are those of the face itself."""
     pair = Pair(box((1.0, 1.0, 0.2)), BLOCK, ratio=ratio)
     pair.contact.free[0] = 0.0
     pair.bodies = pair.bodies._replace(free=np.array([1], np.uint32))
@@ -100,11 +100,11 @@ def test_a_block_on_its_face_swings_as_the_time_step_expects(ratio):
     trace = K_N * (0.06 / mass + inverse[:2] @ arms)
     trace += K_S * (2.0 * 0.06 / mass + 0.06 * 0.05**2 * inverse[:2].sum() + arms.sum() * inverse[2])
     assert bounds[1] == pytest.approx(DT**2 * trace * (1.0 + 2.0 * dashpot), rel=2e-3)
-    assert bounds[0] == 0.0  # a block that cannot move
+    assert bounds[0] == 0.0  # a fixed block
 
 
 def ball():
-    """200 points spread evenly on a sphere of 0.1 m, by the golden angle."""
+    """200 points spread evenly on a sphere of 0.1 m radius by the golden angle."""
     k = np.arange(200) + 0.5
     z, turn = 1.0 - 2.0 * k / 200, math.pi * (1.0 + math.sqrt(5.0)) * k
     wide = np.sqrt(1.0 - z * z)
@@ -112,7 +112,7 @@ def ball():
 
 
 def squeezed(step_factor=0.9, duration=0.4):
-    """A ball of 396 small faces, pressed into the floor by more and more, far beyond the area of any one of them."""
+    """A ball of 396 small faces, pressed into the floor until far more than the area of any one face is in contact."""
     floor = Block("floor", "stone", (1.0, 1.0, 0.4), (0.0, 0.0, -0.2), fixed=True)
     stone = Block("ball", "stone", vertices=ball(), position=(0.0, 0.0, 0.1 + 1e-4))
     press = Load("ball", (0.0, 0.0, -6e4), sine=Sine(1.0, 0.5, 0.0))
@@ -126,7 +126,7 @@ SAYS = "at t = 0.0[0-9]+ s block 'ball' oscillates on its contacts faster than .
 
 
 def test_many_small_faces_at_once_are_more_than_a_step_stands(monkeypatch):
-    """Left alone the ball leaps off the floor with what no one gave it; the check ends the run before."""
+    """Without the check the ball leaps off the floor with spurious energy; the check ends the run before that."""
     with pytest.raises(DivergedError, match=SAYS):
         simulate(squeezed())
     monkeypatch.setattr(contact_detection, "STABLE", np.inf)
@@ -135,7 +135,7 @@ def test_many_small_faces_at_once_are_more_than_a_step_stands(monkeypatch):
 
 
 def test_shorter_steps_are_the_remedy():
-    """The ball sinks in as slowly as it is pressed."""
+    """With shorter steps the ball sinks in as slowly as it is pressed."""
     result = simulate(squeezed(step_factor=0.2, duration=0.12))
     late = result.frames["time"] > 0.09
     assert np.abs(result.frames["velocity"][late, 1, 2]).max() < 0.2
@@ -143,7 +143,7 @@ def test_shorter_steps_are_the_remedy():
 
 
 def test_what_was_simulated_is_on_disk(folder, capsys):
-    """Exit code 1, one sentence, and a history up to there."""
+    """A run that ends with this error has exit code 1, a one-sentence message and a history up to that time."""
     (folder / "ball.toml").write_text(dumps(squeezed()))
     assert main(["run", "ball.toml", "--out", "ball.h5"]) == 1
     error = capsys.readouterr().err
@@ -154,7 +154,7 @@ def test_what_was_simulated_is_on_disk(folder, capsys):
 
 @pytest.mark.parametrize("made", [collapse(), falling_arch("concave")], ids=["collapse", "arch"])
 def test_ordinary_heaps_are_far_from_it(monkeypatch, made):
-    """A wall thrown over, an arch that falls: seldom looked at more closely, and never near the limit."""
+    """A wall thrown over and an arch that falls are seldom examined closely and stay far from the limit."""
     found, look = [], contact_detection.load_of_contacts
     monkeypatch.setattr(contact_detection, "load_of_contacts", lambda *given: found.append(look(*given)) or found[-1])
     simulate(dataclasses.replace(made, output=Output((), rows=100, frames=100)))

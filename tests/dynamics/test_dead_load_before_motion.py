@@ -1,4 +1,4 @@
-"""Dead-load equilibrium before a dynamic run: what stands is at rest, what does not is let fall, and it is said."""
+"""Dead-load equilibrium before a dynamic run: stable blocks start at rest, others are let fall, with a message."""
 
 from dataclasses import replace
 
@@ -31,14 +31,14 @@ def pile(count, height):
 
 
 def moved(result, start):
-    """Greatest distance (m) that a block whose name begins so has moved, in all frames."""
+    """Greatest displacement (m) in all frames among blocks whose name begins with ``start``."""
     numbers = [i for i, name in enumerate(result.assembly.names) if name.startswith(start)]
     ways = result.frames["displacement"][:, numbers]
     return float(np.linalg.norm(ways - ways[0], axis=2).max())
 
 
 def test_one_block_that_topples_leaves_the_others_at_rest():
-    """A pile of five stands beside a ledge from which a block falls: each joint carries what lies on it, always."""
+    """A pile of five beside a ledge from which a block falls: each of its joints carries the weight above it."""
     ledge = Block("ledge", "stone", (0.5, 0.5, 0.5), (2.0, 0.0, 0.25))
     loose = Block("loose", "stone", (0.5, 0.5, 0.1), (2.28, 0.0, 0.55))
     result = simulate(scene([*pile(5, 0.2), ledge, loose]))
@@ -55,7 +55,7 @@ def test_one_block_that_topples_leaves_the_others_at_rest():
 
 
 def test_the_settlements_of_a_tall_tower_add_up():
-    """Forty blocks sink by more than a hundredth of one of them, and none of the joints comes apart."""
+    """Forty blocks sink by more than a hundredth of a block height in total, and no joint comes apart."""
     result = simulate(scene(pile(40, 0.1), stiffness=1e9))
     bodies, middle = result.run.motion.state.bodies, result.run.motion.state.middle
     settled = result.assembly.position[-1, 2] - (middle + bodies.start[-1])[2]
@@ -72,7 +72,7 @@ def test_a_chip_elsewhere_does_not_matter():
 
 
 def test_what_lies_on_a_falling_block_falls_with_it():
-    """Two blocks on a ledge, whose common centre lies beyond it; the lower one alone would stand."""
+    """Two blocks on a ledge, whose common centre lies beyond it, fall together; the lower one alone would stand."""
     ledge = Block("ledge", "stone", (0.5, 0.5, 0.5), (2.0, 0.0, 0.25))
     lower = Block("lower", "stone", (0.5, 0.5, 0.1), (2.2, 0.0, 0.55))
     upper = Block("upper", "stone", (0.5, 0.5, 0.1), (2.4, 0.0, 0.65))
@@ -93,7 +93,7 @@ def test_supports_that_shake_want_all_blocks_to_stand_and_name_those_that_do_not
 
 
 def test_small_steps_are_more_of_them_until_blocks_rest():
-    """At a six hundredth of the usual step a pile needs some hundreds of times the usual steps, and gets them."""
+    """With steps a six hundredth of the usual one a pile needs some hundreds of times as many, and gets them."""
     control = BaseMotionControl(duration=1e-4, direction=(1.0, 0.0, 0.0), sine=Sine(0.1, 2.0))
     given = scene(pile(4, 0.5), control=control)
     steps = []

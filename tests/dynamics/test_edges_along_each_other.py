@@ -1,5 +1,5 @@
-"""Edges that lie along each other from the start, as those of stones in straight rows: they overlap as joints give way,
-and press nothing until that counts."""
+"""Edges that lie along each other from the start, as those of stones in straight rows: they overlap as joints are
+compressed, and press only once their force counts."""
 
 import math
 
@@ -31,7 +31,7 @@ def force(pair, place):
 
 
 def test_edges_press_from_the_force_on_that_counts():
-    """Two edges d deep in each other: the pressure 2 kn x, up to x = d/2 half way, on two planes that cross."""
+    """Two edges overlap by d: the pressure is 2 kn x, up to x = d/2 half way, on two planes that cross."""
     exact = force(*edges(0.0, 0.0))
     assert exact == pytest.approx(K_N * WIDE * DEPTH**2 / math.sqrt(2.0), rel=1e-6)
     pair, place = edges(0.1 * DEPTH, 0.99 * exact)
@@ -53,7 +53,7 @@ def test_edges_that_press_go_on_however_little_that_becomes():
 
 
 def rows_on_a_slope(spin=0.0):
-    """Two cubes side by side on two others on a floor inclined by 0.2 rad; all begin to turn with ``spin`` (rad/s)."""
+    """Two cubes side by side on two others on a floor inclined by 0.2 rad; ``spin`` (rad/s): of all at the start."""
     places = [(0.1 * i, 0.0, 0.05 + 0.1 * k) for i in range(2) for k in range(2)]
     return of_stone(
         law("concave", 0.6, 1e8),
@@ -72,7 +72,8 @@ def rows_on_a_slope(spin=0.0):
 
 
 def test_stones_in_straight_rows_move_as_if_their_edges_pressed(monkeypatch):
-    """A stone that falls beside them lets pairs be watched."""
+    """Ignoring negligible edge forces changes the motion by no more than their tolerance. A stone falls beside the rows
+    so that pairs are watched."""
     without, part = simulate(rows_on_a_slope()), contact_detection.NEGLIGIBLE
     monkeypatch.setattr(contact_detection, "NEGLIGIBLE", 0.0)
     with_all = simulate(rows_on_a_slope())
@@ -86,7 +87,7 @@ def test_stones_in_straight_rows_move_as_if_their_edges_pressed(monkeypatch):
 
 
 def test_an_edge_carries_its_block():
-    """A block that stands on its edge from the start, with no joint: that is not let go."""
+    """A block that stands on its edge from the start, with no joint, is carried: its edge force is not ignored."""
     side = 0.1
     turn = (math.cos(math.pi / 8.0), 0.0, math.sin(math.pi / 8.0), 0.0)
     scene = of_stone(
@@ -100,12 +101,13 @@ def test_an_edge_carries_its_block():
     )
     frames = simulate(scene).frames
     sunk = -frames["displacement"][:, 1, 2]
-    rest = math.sqrt(2000.0 * side**3 * G / (1e8 * side))  # kn d^2 times the length of the edge
+    rest = math.sqrt(2000.0 * side**3 * G / (1e8 * side))  # weight over kn d^2 times the edge's length
     assert 0.3 * rest < sunk[-1] < 3.0 * rest
 
 
 def test_a_run_goes_on_with_edges_that_press_nothing_yet(tmp_path, stop_after, monkeypatch):
-    """To the last bit; what they may press before it counts is known at once, not when pairs are looked for again."""
+    """A restarted run is equal bit for bit; the force up to which edges are ignored is known right after the restart,
+    not only at the next detection."""
     given, found = rows_on_a_slope(spin=0.1), []
     restore = contact_detection.ContactDetection.restore
 

@@ -1,4 +1,4 @@
-"""Blocks that hit each other as time begins, boxes that meet with flush sides, prisms that slide along an edge."""
+"""Blocks that strike their joints at time zero, boxes that meet with flush sides, prisms that slide along an edge."""
 
 import math
 from dataclasses import replace
@@ -25,7 +25,7 @@ def scene(*blocks, control, gravity=(0.0, 0.0, -G), friction=0.5, formulation="c
 @pytest.mark.parametrize("formulation", ["convex", "concave", "corrected-shear"])
 @pytest.mark.parametrize("restitution", [1.0, 0.5])
 def test_a_block_that_is_thrown_into_its_joint_rebounds_as_stated(formulation, restitution):
-    """It lies on its floor and moves down at 1 m/s as time begins; it leaves at e times that, at the default step."""
+    """A block on its floor that moves down at 1 m/s at time zero leaves it at e times that, at the default step."""
     floor = Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True)
     block = Block("block", "stone", (0.2, 0.2, 0.4), (0.0, 0.0, 0.2), velocity=(0.0, 0.0, -1.0))
     result = simulate(scene(floor, block, control=DynamicControl(0.05, restitution), formulation=formulation))
@@ -36,7 +36,7 @@ def test_a_block_that_is_thrown_into_its_joint_rebounds_as_stated(formulation, r
 
 
 def test_a_block_that_slides_keeps_its_joint():
-    """A velocity along the joint is no hit: it slides v^2 / (2 mu g) on the joint that it lies on."""
+    """A velocity along the joint is no impact: the block slides v^2 / (2 mu g) and keeps its joint."""
     floor = Block("floor", "stone", (4.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True)
     block = Block("block", "stone", (0.4, 0.4, 0.2), (0.0, 0.0, 0.1), velocity=(0.8, 0.0, 0.0))
     result = simulate(scene(floor, block, control=DynamicControl(0.3)))
@@ -45,7 +45,7 @@ def test_a_block_that_slides_keeps_its_joint():
 
 
 def test_boxes_with_flush_sides_meet_straight():
-    """Perfectly elastic, without friction: velocities change places, and nothing goes sideways but by rounding."""
+    """Two boxes in a perfectly elastic frictionless impact exchange velocities, and move sideways by rounding only."""
     v = 0.5
     far = Block("far", "stone", (0.1, 0.1, 0.1), (0.0, 3.0, 3.0), fixed=True)
     left = Block("left", "stone", (0.3, 0.2, 0.1), (-0.16, 0.0, 0.0), velocity=(v, 0.0, 0.0))
@@ -60,7 +60,7 @@ def test_boxes_with_flush_sides_meet_straight():
 
 
 def trough(tilt, end):
-    """A prism in a V trough of planes at 30 and 60 deg that slopes down along y by ``tilt``; the trough ends there."""
+    """A prism in a V trough of planes at 30 and 60 deg that slopes down along y by ``tilt`` and ends at ``end``."""
     wedge = [(-0.2 * math.sqrt(3.0), 0.2), (0.0, 0.0), (0.2 / math.sqrt(3.0), 0.2)]
     blocks = [Block("prism", "stone", vertices=_prism(wedge, -0.25, 0.25))]
     for name, angle in (("left", math.radians(150.0)), ("right", math.radians(60.0))):
@@ -77,7 +77,7 @@ def _prism(section, back, front):
 
 
 def test_a_prism_slides_down_a_trough_without_being_cut_again_and_again(monkeypatch):
-    """The wedge closed form: a = g sin t - mu g cos t (sin a + sin b) / sin(a + b), here with a + b = 90 deg."""
+    """Closed form of the wedge: a = g sin t - mu g cos t (sin a + sin b) / sin(a + b), here with a + b = 90 deg."""
     tilt, mu = math.radians(35.0), 0.3
     cuts = []
     own = Polygons._cut
@@ -92,7 +92,7 @@ def test_a_prism_slides_down_a_trough_without_being_cut_again_and_again(monkeypa
 
 @pytest.mark.parametrize("formulation", ["convex", "concave", "distributed"])
 def test_what_glides_along_an_edge_is_cut_at_its_end(monkeypatch, formulation):
-    """A block as wide as its slab slides off the end: cut as often as ever, it moves the same."""
+    """A block as wide as its slab slides off the end: it moves the same as if its polygon were cut as often as ever."""
     points = {"points": (6, 4)} if formulation == "distributed" else {}
     slab = Block("slab", "stone", (1.0, 0.2, 0.1), (-0.3, 0.0, -0.05), fixed=True)
     block = Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(3.0, 0.0, 0.0))
@@ -113,7 +113,8 @@ def test_what_glides_along_an_edge_is_cut_at_its_end(monkeypatch, formulation):
 
 
 def test_room_along_an_edge():
-    """A rectangle flush with two sides of a face, 1 m from its end: along them it may go 1 m and the change."""
+    """A rectangle flush with two sides of a face, 0.5 m from the nearer end: along them it may move 0.5 m plus the
+    change, across them only the change."""
     face = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.5], [0.0, 0.5]])
     points = np.array([[0.5, 0.0], [1.0, 0.0], [1.0, 0.5], [0.5, 0.5]])
     assert room_along(points, face, 1.0, 0.0, 1e-3, 0.0) == pytest.approx(0.5 + 1e-3)

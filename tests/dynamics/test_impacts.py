@@ -1,4 +1,4 @@
-"""Blocks that part and meet again, in runs from end to end: landing, rolling over, colliding, coming to rest."""
+"""Blocks that part and meet again, in complete runs: landing, rolling over, colliding, coming to rest."""
 
 import dataclasses
 import math
@@ -32,7 +32,7 @@ def block(height, **more):
 
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.9])
 def test_a_dropped_block_bounces(restitution):
-    """From 0.1 m it lands after sqrt(2 h/g), at sqrt(2 g h), and leaves with the stated part of that."""
+    """From 0.1 m the block lands after sqrt(2 h/g), at sqrt(2 g h), and rebounds at the given restitution."""
     output = Output(("frames", "velocity", "energy"), rows=2325, frames=2325)
     result = simulate(scene(DynamicControl(0.155, restitution), FLOOR, block(0.1), output=output))
     time, speed = result.frames["time"], result.frames["velocity"][:, 1, 2]
@@ -46,7 +46,7 @@ def test_a_dropped_block_bounces(restitution):
 
 @pytest.mark.parametrize("psi", [30.0, 40.0])
 def test_landing_on_a_slope(psi):
-    """It sticks where tan psi < mu and does not creep; else it slides by g (sin psi - mu cos psi)."""
+    """The block sticks if tan psi < mu and does not creep; otherwise it slides by g (sin psi - mu cos psi)."""
     angle = math.radians(psi)
     gravity = (G * math.sin(angle), 0.0, -G * math.cos(angle))
     result = simulate(scene(DynamicControl(1.0), FLOOR, block(1e-4), gravity=gravity))
@@ -62,7 +62,7 @@ def test_landing_on_a_slope(psi):
 
 @pytest.mark.parametrize("restitution", [1.0, 0.5])
 def test_free_blocks_collide(restitution):
-    """Momentum and angular momentum stay, to rounding; with restitution 1 and no friction so does the energy."""
+    """Momentum and angular momentum are conserved to rounding; with restitution 1 and no friction so is the energy."""
     other = Block(
         "other", "stone", (0.2, 0.2, 0.2), (0.05, 0.02, 0.75), OBLIQUE, velocity=(0.0, 0.0, -0.5),
         angular_velocity=(0.0, 3.0, 1.0),
@@ -90,7 +90,8 @@ def test_free_blocks_collide(restitution):
     ],
 )
 def test_every_impact_of_a_rocking_block_loses_as_housner_says(slenderness, part, e, friction):
-    """Also those after it was tossed clear of the floor, or turned too far for its joint: 1 - 1.5 sin^2 alpha."""
+    """The angular velocity falls to 1 - 1.5 sin^2 alpha of itself, also after the block was tossed clear of the floor
+    or rotated too far for its joint."""
     found = tool_module("drawn_impacts").rock(
         0.3, slenderness, 0.5, part, e, JointLaw("concave", friction, 1e10, 4e9), impacts=3
     )
@@ -110,8 +111,8 @@ def test_a_result_says_if_blocks_rocked_over_a_bed_of_springs(formulation, softe
 
 
 def momenta(result):
-    """Momentum, angular momentum about the origin, kinetic energy of the free blocks (velocities of half a step ago
-    with the positions of then)."""
+    """Momentum, angular momentum about the origin and kinetic energy of the free blocks, with the velocities of half a
+    step ago and the positions at that time."""
     motion = result.run.motion
     bodies, inertia = motion.state.bodies, result.assembly.inertia
     v, place = bodies.velocity, bodies.position - 0.5 * motion.time_step * bodies.velocity + motion.state.middle
@@ -127,16 +128,16 @@ def momenta(result):
 def test_an_edge_strikes_as_routh_says(free, friction, sideways):
     """Without loss in the normal direction the closing speed of the edge is reversed by the impulse
 
-        J = 2 v / (1/m + (x^2 - mu s x z)/I + what the other block gives),
+        J = 2 v / (1/m + (x^2 - mu s x z)/I + the same term of the other block),
 
-    with (x, z) the edge from the centroid and mu J the friction of one that slides throughout, in the sense s (Routh,
-    Dynamics of a System of Rigid Bodies I, 1905). The block struck is fixed, or free and struck off its centre.
+    with (x, z) the edge from the centroid and mu J the friction of an edge that slides throughout, in the sense s
+    (Routh, Dynamics of a System of Rigid Bodies I, 1905). The block struck is fixed, or free and struck off its centre.
     """
     turn, speed, gap = 0.5, 1.0, 1e-4
     rotation = rotation_matrix(np.array([math.cos(turn / 2), 0.0, math.sin(turn / 2), 0.0]))
     edge = rotation @ np.array([0.15, 0.0, -0.05])
     x, z = edge[0], edge[2]
-    at = 0.25 if free else 0.0  # of the edge, from the middle of what it strikes
+    at = 0.25 if free else 0.0  # position of the edge from the middle of the struck block
     striker = Block(
         "striker", "stone", (0.3, 0.2, 0.1), (at - x, 0.0, gap - z), (math.cos(turn / 2), 0.0, math.sin(turn / 2), 0.0),
         velocity=(sideways, 0.0, -speed),
@@ -166,7 +167,7 @@ def test_an_edge_strikes_as_routh_says(free, friction, sideways):
 
 
 def test_spin_down_after_landing():
-    """Flat on the floor it is slowed by 12 mu g c_T/(a^2 + b^2), as a joint would slow it."""
+    """Flat on the floor the block is slowed by 12 mu g c_T/(a^2 + b^2), as a joint would slow it."""
     spin = 10.0
     result = simulate(scene(DynamicControl(0.15, 0.2), FLOOR, block(1e-5, angular_velocity=(0.0, 0.0, spin))))
     time, found = result.frames["time"], result.frames["spin"][:, 1, 2]
@@ -180,7 +181,7 @@ def test_spin_down_after_landing():
     "spin, x, y, angle", [(5.0, -0.00126, 0.09238, 0.58576), (10.0, -0.00500, 0.12630, 1.28769)]
 )  # fmt: skip
 def test_a_plate_lands_sliding_and_spinning(spin, x, y, angle):
-    """1 mm thick, from a micrometre, at 1 m/s: it goes as far as under the exact limit surface, bounces and all."""
+    """A plate of 1 mm dropped from a micrometre at 1 m/s slides as far as by the exact limit surface, with bounces."""
     plate = Block(
         "plate", "stone", (0.3, 0.2, 0.001), (0.0, 0.0, 0.0005 + 1e-6), velocity=(0.0, 1.0, 0.0),
         angular_velocity=(0.0, 0.0, spin),
@@ -195,7 +196,7 @@ def test_a_plate_lands_sliding_and_spinning(spin, x, y, angle):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_block_that_rocks_over_comes_to_rest_on_its_side(formulation):
-    """Its joint hands over to an edge, then to a face; lying, its centroid is half its thickness above the floor."""
+    """Its joint is handed over to an edge contact, then to a face; at rest its centroid is half its thickness up."""
     b, h = 0.2, 1.0
     spin = 1.6 * math.sqrt(1.5 * G / math.hypot(b, h) * (1.0 - math.cos(math.atan2(b, h))))
     velocity = tuple(np.cross([0.0, spin, 0.0], [-b / 2, 0.0, h / 2]))
@@ -213,7 +214,7 @@ def test_a_block_that_rocks_over_comes_to_rest_on_its_side(formulation):
 
 
 def test_a_block_slides_off_a_table():
-    """It tips over the edge, falls, and comes to rest on the floor, with all its energy spent."""
+    """The block tips over the edge, falls and comes to rest on the floor with all its energy dissipated."""
     table = Block("table", "stone", (1.0, 1.0, 0.5), (0.0, 0.0, 0.25), fixed=True)
     slider = Block("block", "stone", (0.3, 0.2, 0.1), (0.3, 0.0, 0.55), velocity=(2.0, 0.0, 0.0))
     result = simulate(scene(DynamicControl(1.2), FLOOR, table, slider, friction=0.4, stiffness=1e9))
@@ -235,7 +236,7 @@ def test_too_hard_a_throw_is_said():
 
 @pytest.fixture(scope="module")
 def collapsed(tmp_path_factory):
-    """The collapse and its history."""
+    """Result of the collapse and the path of its history."""
     path = tmp_path_factory.mktemp("collapse") / "whole.h5"
     return simulate(collapse(checkpoint=1e9), path), path
 
@@ -244,7 +245,7 @@ def test_a_collapse_loses_energy_and_no_blocks(collapsed):
     result, _ = collapsed
     bodies, motion = result.run.motion.state.bodies, result.run.motion
     assert motion.contact_detection.retired.any() and motion.contact_detection.touching is not None
-    # all lie on the floor, or on one that does; none has gone through it
+    # all lie on the floor, or on a block that does; none has passed through it
     height = bodies.position[:, 2] + motion.state.middle[2]
     assert height[1:].min() > 0.049 and height.max() < 0.35
     thrown = result.frames["time"] > 0.35
@@ -256,7 +257,7 @@ def test_a_collapse_loses_energy_and_no_blocks(collapsed):
 
 @pytest.mark.parametrize("formulation", ["concave", pytest.param("convex", marks=pytest.mark.slow)])
 def test_an_arch_too_thin_falls_and_lies_still(formulation):
-    """Hinges open, stones part and meet the floor and each other; what they lose of energy they do not get back."""
+    """Hinges open, stones part and meet the floor and each other; the energy that they lose is not regained."""
     result = simulate(falling_arch(formulation))
     motion, mass, free = result.run.motion, result.assembly.mass, ~result.assembly.fixed
     frames = result.frames
@@ -268,9 +269,9 @@ def test_an_arch_too_thin_falls_and_lies_still(formulation):
     lost = energy[0] - energy[-1]
     assert lost > 0.7 * G * 0.6 * mass[free].sum()
     assert energy.max() < energy[0] + 1e-6 * lost
-    # between impacts it may regain what was stored in contacts, no more
+    # between impacts no more may be regained than was stored in contacts
     assert (energy - np.minimum.accumulate(energy)).max() < 0.03 * lost
-    # at rest, on the floor, and no deeper in it or in each other than the weight presses
+    # at rest on the floor, and penetration no deeper than the weight causes
     assert np.abs(frames["velocity"][-50:]).max() < 1e-9
     place = motion.state.bodies.position + motion.state.middle
     assert place[free, 2].max() < -0.3
@@ -278,7 +279,7 @@ def test_an_arch_too_thin_falls_and_lies_still(formulation):
     pairs = np.array([(i, j) for j in range(len(mass)) for i in range(j) if free[i] or free[j]])
     depth = overlap_depths(parts, pairs)
     weight = G * mass[free].sum()
-    # a stone that lies on a corner sinks in by d where kn d^3 carries it, on a face by a thousandth of that
+    # a stone on a corner penetrates by d with kn d^3 its weight, one on a face by a thousandth of that
     assert 0.0 < depth.max() < (mass[free].max() * G / 1e9) ** (1.0 / 3.0)
     held = motion.contact_detection.pressed(motion.state.middle)
     below = held["blocks"][:, 0] == 0
@@ -287,7 +288,7 @@ def test_an_arch_too_thin_falls_and_lies_still(formulation):
 
 @pytest.mark.parametrize("step", [12, 150])
 def test_a_collapse_goes_on_from_a_checkpoint(tmp_path, collapsed, step):
-    """Stopped before and in the fall, it is to the last bit the run that was never stopped."""
+    """Stopped before and during the fall and restarted, the run equals the uninterrupted one bit for bit."""
     whole, path = collapsed
     stop_at_look(collapse(checkpoint=1e9), tmp_path / "parts.h5", step)
     result = restart(tmp_path / "parts.h5")
@@ -299,7 +300,8 @@ def test_a_collapse_goes_on_from_a_checkpoint(tmp_path, collapsed, step):
 
 @pytest.mark.slow
 def test_a_wall_of_ten_by_ten_comes_to_rest_where_it_falls():
-    """All blocks lie on the ground or on blocks that do, nothing moves any more, and the energy is that of lying.
+    """All blocks lie on the ground or on blocks that do, nothing moves any more, and the energy is that of lying
+    blocks.
 
     The first and the last block of a course stand on their sides and rock for 3.9 s; the ground is so wide that none
     rolls off it.
@@ -320,7 +322,7 @@ def test_a_wall_of_ten_by_ten_comes_to_rest_where_it_falls():
 
 @pytest.mark.slow
 def test_threads_change_no_bit(monkeypatch):
-    """New contacts are one thread's, in the order of the pairs."""
+    """New contacts are computed by one thread, in the order of the pairs."""
     alone = simulate(collapse())
     monkeypatch.setattr(chunks, "MANY", 1)
     together = simulate(collapse())
@@ -328,7 +330,7 @@ def test_threads_change_no_bit(monkeypatch):
 
 
 def test_a_history_counts_new_contacts(tmp_path):
-    """A block falls 5 mm on the floor and stays there: no new contact on the way down, one when it has landed."""
+    """A block falls 5 mm onto the floor and stays there: no new contact on the way down, one after it has landed."""
     made = scene(
         DynamicControl(0.15, 0.2), FLOOR, block(0.005), stiffness=1e8, output=Output(("energy", "frames"), 50, 10)
     )
@@ -343,7 +345,7 @@ def test_a_history_counts_new_contacts(tmp_path):
 
 @pytest.mark.parametrize("made", [collapse(), toml.load(SCENARIOS / "rocking_block.toml")], ids=["collapse", "rocking"])
 def test_pairs_are_looked_for_no_later_for_looking_seldom(monkeypatch, made):
-    """Nobody looks until blocks have moved far enough; who asks after every chunk looks at the same moments."""
+    """Checking for new pairs seldom or after every chunk of steps, contact detection runs at the same moments."""
     made = dataclasses.replace(made, output=Output((), rows=220, frames=110))
     asked, looked = [], []
     stirred, look = ContactDetection._stirred, ContactDetection._look
@@ -364,7 +366,7 @@ def test_pairs_are_looked_for_no_later_for_looking_seldom(monkeypatch, made):
     "formulation, friction, told", [("convex", 2.0, True), ("convex", 0.1, False), ("concave", 2.0, False)]
 )
 def test_small_rocking_over_stiff_springs_is_remarked_on(formulation, friction, told):
-    """Shaken little above g b / h the block turns by .008 rad, and by 1e-5 if it slides before it lifts."""
+    """Shaken a little above g b / h the block rocks by 0.008 rad, or by 1e-5 rad if it slides before it lifts."""
     tall = Block("tall", "stone", (0.25, 0.3, 1.0), (0.0, 0.0, 0.5))
     control = BaseMotionControl(0.7, (1.0, 0.0, 0.0), restitution=0.5, sine=Sine(2.6, 1.0))
     result = simulate(scene(control, FLOOR, tall, formulation=formulation, friction=friction, stiffness=1e11))

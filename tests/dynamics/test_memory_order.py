@@ -1,4 +1,4 @@
-"""Blocks in random order: the compiled loop has them in an order of its own, and nothing outside it knows of that."""
+"""Blocks in random order: the compiled loop stores them in an order of its own, which no result shows."""
 
 import dataclasses
 
@@ -17,7 +17,7 @@ from helpers.restart_cases import check_same, stop_at_look
 
 
 def thrown_over(courses, blocks, k_n=1e10, **more):
-    """A dry wall on a ground that jerks under it, its blocks in random order."""
+    """A dry wall on a ground that jerks under it: as drawn, and with its blocks in random order."""
     stiff = [f"joint.normal_stiffness={k_n}", f"joint.shear_stiffness={0.4 * k_n}"]
     changes = [f"walls.0.courses={courses}", f"walls.0.blocks={blocks}", *stiff]
     scenario = toml.load(shipped.folder() / "wall_collapse.toml", changes)
@@ -29,7 +29,7 @@ def thrown_over(courses, blocks, k_n=1e10, **more):
 
 @pytest.fixture
 def own_order(monkeypatch):
-    """Scenes of any size run in an order of their own, or none does."""
+    """Make scenes of any size run in an order of their own, or none."""
 
     def choose(wanted):
         monkeypatch.setattr(memory_order, "NEAR", -1.0 if wanted else np.inf)
@@ -46,18 +46,18 @@ def test_large_scenes_in_random_order_run_in_one_where_neighbours_are_near():
     np.testing.assert_array_equal(far.order.row[far.order.order], np.arange(len(far.order.order)))
     apart = np.abs(far.links.host.astype(int) - far.links.other).mean()
     rows = far.links.ends.astype(int)
-    free = far.order.bodies.mass[rows].max(axis=1) < 100.0  # all but the joints on the ground
+    free = far.order.bodies.mass[rows].max(axis=1) < 100.0  # all except the joints on the ground
     near.links.share(), far.links.share()
     assert apart > 600.0 and np.abs(rows[:, 0] - rows[:, 1])[free].mean() < 60.0
-    # joints follow each other as their blocks do, and those alike share tiles
+    # joints are ordered as their blocks are, and equal ones share tiles
     assert np.abs(np.diff(rows.min(axis=1).ravel())).mean() < 10.0
     assert len(np.unique(far.links.like)) < 0.3 * len(far.links.like) and len(far.links.host) > 8 * ALIKE
 
 
 def test_neighbours_stand_together_beside_a_floor_under_all():
-    """Forty towers of five blocks on one floor, and a block that touches nothing: every tower in one piece."""
+    """Forty towers of five blocks on one floor and a block that touches nothing: every tower stays contiguous."""
     n, rng = 202, np.random.default_rng(3)
-    number = rng.permutation(n)  # 0: the floor; 201: alone
+    number = rng.permutation(n)  # 0 is the floor, 201 the lone block
     towers = number[1:201].reshape(40, 5)
     a = np.concatenate([np.full(40, number[0]), towers[:, :-1].ravel()])
     b = np.concatenate([towers[:, 0], towers[:, 1:].ravel()])
@@ -68,7 +68,7 @@ def test_neighbours_stand_together_beside_a_floor_under_all():
 
 
 def short(formulation, **output):
-    """A small wall on a tie that is thrown over, until the first blocks have come apart; everything recorded."""
+    """A small wall with a tie that is thrown over, until the first blocks have come apart; everything is recorded."""
     control = dataclasses.replace(thrown_over(3, 3)[0].control, duration=0.25 if formulation == "convex" else 0.6)
     ends = TieEnd("ground", (0.15, 0.6, 0.0)), TieEnd("wall.4.1", (0.15, 0.1, 0.35))
     output = Output(("joints", "energy", "frames", "velocity", "contacts"), rows=40, frames=20, **output)
@@ -78,7 +78,8 @@ def short(formulation, **output):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_every_number_of_a_run_is_that_without_it(own_order, formulation):
-    """Bit by bit the same, new contacts as well, but for energies, which are sums over blocks and tiles."""
+    """With and without an own order all numbers agree bit for bit, new contacts included, except energies, which are
+    sums over blocks and tiles."""
     runs = []
     for own in (False, True):
         own_order(own)
@@ -108,7 +109,7 @@ def test_a_run_in_its_own_order_is_stopped_and_restarted(own_order, tmp_path):
 
 
 def test_random_order_gives_the_answers_of_the_drawn_one(own_order):
-    """But for the time step, whose bound depends on the order by some parts in a thousand."""
+    """Displacements agree up to the time step, whose bound depends on the order by some parts in a thousand."""
     control = dataclasses.replace(thrown_over(3, 3)[0].control, duration=0.1)
     drawn, random = thrown_over(6, 5, control=control)
     own_order(True)
@@ -119,7 +120,7 @@ def test_random_order_gives_the_answers_of_the_drawn_one(own_order):
     size = np.abs(first).max()
     assert size > 0.01
     np.testing.assert_allclose(second[turn], first, rtol=0.0, atol=2e-3 * size)
-    assert np.abs(second - first).max() > 0.1 * size  # the order matters
+    assert np.abs(second - first).max() > 0.1 * size  # without the permutation they differ
 
 
 def test_a_head_drives_blocks_that_the_loop_has_in_another_order(own_order):

@@ -1,4 +1,4 @@
-"""The energy balance of runs in real time: they balance, each term is what a closed form says, and wrong ones fail."""
+"""The energy balance of runs in real time: it closes, terms agree with closed forms, and wrong ones are detected."""
 
 import dataclasses
 import json
@@ -62,39 +62,39 @@ def spinning(formulation):
 
 
 def rocking(formulation, factor=0.9, stiffness=1e9):
-    """Thrown up about one edge, the block comes down on the other, twice over."""
+    """Set rotating about one edge, the block lands on the other, twice over."""
     free = block((0.2, 0.6, 1.0), angular_velocity=(0.0, 0.8, 0.0))
     return scene(formulation, DynamicControl(1.2), free, factor=factor, stiffness=stiffness)
 
 
 def swinging(formulation):
-    """Up and down on soft springs that never open, undamped."""
+    """Oscillates vertically on soft springs that never open, undamped."""
     control = DynamicControl(0.1, restitution=1.0)
     return scene(formulation, control, block(velocity=(0.0, 0.0, -1e-3)), stiffness=1e7, factor=0.2)
 
 
 def landing(formulation):
-    """One block falls 1 mm on another that stands."""
+    """One block falls 1 mm onto another at rest."""
     return scene(formulation, DynamicControl(0.2), block(), block(place=(0.05, 0.0), lift=0.101, name="upper"))
 
 
 def handed_over(formulation):
-    """A block that overturns about an edge: its joint hands over to a new contact."""
+    """A block that overturns about an edge: its joint is handed over to a new contact."""
     return scene(formulation, DynamicControl(0.7), block((0.2, 0.3, 0.5)), friction=2.0, gravity=(5.0, 0.0, -G))
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_gravity_drives_and_friction_brakes_on_a_slope(formulation):
-    """Work of gravity m g s sin(psi), of friction mu m g s cos(psi), over the way of the last forces."""
+    """Work of gravity m g s sin(psi), of friction mu m g s cos(psi), along the displacement up to the last forces."""
     result = simulate(slope(formulation))
     energies, dt = result.rows["energy"], result.run.motion.time_step
     psi = math.radians(40.0)
     way = result.frames["displacement"][:, 1, 0] - dt * result.frames["velocity"][:, 1, 0] + 0.5 * 3.63970 * dt**2
-    way -= way[0]  # dead-load equilibrium comes before
+    way -= way[0]  # the dead-load equilibrium comes first
     assert way[-1] == pytest.approx(0.5 * 3.63970 * (0.1 - dt) ** 2, rel=2e-3)
     assert energies["external"][-1] == pytest.approx(mass() * 10.0 * math.sin(psi) * way[-1], rel=1e-5)
     pressed = mass() * 10.0 * math.cos(psi) * math.tan(math.radians(20.0)) * way[-1]
-    assert energies["friction"][-1] == pytest.approx(pressed, rel=2e-3)  # but for the elastic slip before it slides
+    assert energies["friction"][-1] == pytest.approx(pressed, rel=2e-3)  # except for the elastic slip before it slides
     speed = result.frames["velocity"][-1, 1, 0] - 3.63970 * dt
     assert energies["kinetic"][-1] == pytest.approx(0.5 * mass() * speed**2, rel=2e-3)
     assert np.abs(off(energies)).max() < 1e-10 * energies["external"].max()
@@ -104,7 +104,7 @@ def test_gravity_drives_and_friction_brakes_on_a_slope(formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_shaken_supports_put_in_what_friction_takes(formulation):
-    """Newmark's pulse: once the block has stopped, both are mu m g times its slip of 0.14715 m."""
+    """Newmark's pulse: once the block has stopped, both energies are mu m g times its slip of 0.14715 m."""
     control = BaseMotionControl(1.0, (1.0, 0.0, 0.0), pulse=Pulse(0.5 * G, 0.2))
     edges = (0.3, 0.2, 0.01)
     result = simulate(scene(formulation, control, block(edges), friction=0.2))
@@ -128,8 +128,8 @@ def test_friction_takes_all_of_a_spin(formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_springs_that_stay_closed_keep_all_energy(formulation):
-    """A swing of the speed v = a sin(w dt) / dt on the stiffness k A, sin(w dt / 2) = (dt / 2) sqrt(k A / m): the
-    springs hold N^2 / (2 k A), and a swing takes it between what they hold a above and a below."""
+    """An oscillation of speed v = a sin(w dt) / dt on the stiffness k A, with sin(w dt / 2) = (dt / 2) sqrt(k A / m):
+    the springs store N^2 / (2 k A), between its values at the amplitude a above and a below."""
     result = simulate(swinging(formulation))
     energies = result.rows["energy"]
     put_in = 0.5 * mass() * 1e-3**2
@@ -145,21 +145,21 @@ def test_springs_that_stay_closed_keep_all_energy(formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "distributed", "convex"])
 def test_free_rocking_loses_energy_in_impacts_only(formulation):
-    """Between impacts the sum of kinetic, elastic and potential energy stays, but for what still trembles."""
+    """Between impacts the sum of kinetic, elastic and potential energy is constant, except for residual vibrations."""
     result = simulate(rocking(formulation))
     energies, time = result.rows["energy"], result.rows["time"]
     assert result.energy.relative_residual < 1e-5
     lost = sum(energies[name] for name in ("friction", "dashpots", "released", "stepping"))
     assert lost[-1] > 0.5 * energies["kinetic"][0]
     rate = np.diff(lost) / np.diff(time)
-    free = np.sort(np.abs(rate))[: len(rate) // 2]  # most of the time it is in the air, on an edge
+    free = np.sort(np.abs(rate))[: len(rate) // 2]  # most of the time the block rotates about an edge without impact
     assert free.max() * time[-1] < 0.02 * energies["kinetic"][0]
     assert abs(result.energy.step_error) < 5e-3
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_residual_falls_with_the_square_of_the_step(formulation):
-    """What does not balance is the turning of the joint within a step."""
+    """The residual stems from the rotation of the joint within a step, so it falls with the square of the step."""
     coarse, fine = (simulate(rocking(formulation, factor)).energy.relative_residual for factor in (0.9, 0.225))
     assert fine < coarse / 8.0
 
@@ -203,7 +203,7 @@ def test_a_push_in_real_time_balances():
     assert result.energy.relative_residual < 1e-5
 
 
-BALANCED = {  # scene, greatest residual over what was put in, terms that are then known to a per cent
+BALANCED = {  # scene, greatest residual relative to the energy input, terms that the balance then checks to a per cent
     "slope": (slope, 1e-10, ("kinetic", "external", "friction")),
     "spinning": (spinning, 1e-5, ("kinetic", "friction")),
     "swinging": (swinging, 1e-8, ("kinetic", "elastic", "external")),
@@ -222,14 +222,14 @@ def test_a_term_that_is_one_per_cent_off_is_seen(formulation, name):
     assert np.abs(off(energies)).max() < bound * scale
     for term in terms:
         wrong = energies | {term: 1.01 * energies[term]}
-        if term == "kinetic":  # the first row stands for what there was
+        if term == "kinetic":  # the first row is the initial kinetic energy
             wrong["kinetic"] = np.append(energies["kinetic"][:1], wrong["kinetic"][1:])
         assert np.abs(off(wrong)).max() > bound * scale, term
 
 
 @pytest.mark.parametrize("formulation, terms", [("concave", ("released", "stepping")), ("convex", ("stepping",))])
 def test_what_joints_let_go_and_steps_take_is_seen_as_well(formulation, terms):
-    """Both are small: a tenth of them is seen."""
+    """Both terms are small: an error of a tenth is detected."""
     energies = simulate(rocking(formulation)).rows["energy"]
     scale = (np.abs(energies["external"]) + energies["kinetic"][0]).max()
     for term in terms:
@@ -276,7 +276,7 @@ def test_a_history_has_every_energy(tmp_path, capsys):
 
 
 def test_polygons_that_are_cut_keep_the_energy_balance():
-    """A block slides over the edge of another: what its springs hold less of is let go."""
+    """A block slides over the edge of another: the elastic energy of the area it loses is counted as released."""
     below = Block("below", "stone", (0.3, 0.3, 0.1), (0.0, 0.0, 0.05), fixed=True)
     over = Block("over", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.15), velocity=(0.9, 0.0, 0.0))
     for formulation, rounding in (("concave", 5e-11), ("distributed", 5e-11), ("convex", 2e-10)):
@@ -290,12 +290,12 @@ def test_polygons_that_are_cut_keep_the_energy_balance():
     [*((name, None) for name in (*FORMULATIONS, "corrected")), *((name, COHESIVE) for name in FORMULATIONS[:3])],
 )
 def test_cohesion_brakes_by_the_area_that_is_left_on_a_floor_of_the_same_size(formulation, law):
-    """m x'' = -mu m g - c b (L - x), with a cohesion c that stays and the overlap b (L - x), from v to rest; also by a
+    """m x'' = -mu m g - c b (L - x), with a constant cohesion c and the overlap b (L - x), from v to rest; also by a
     law of the user's own."""
     cohesion, friction, length, width, speed = 500.0, 0.3, 0.3, 0.2, 0.9
     below = Block("below", "stone", (length, width, 0.1), (0.0, 0.0, 0.05), fixed=True)
     over = Block("over", "stone", (length, width, 0.04), (0.0, 0.0, 0.12), velocity=(speed, 0.0, 0.0))
-    # dashpots of the usual size take up to .1 % of the speed as the springs of a law of the user's own are loaded
+    # the usual dashpots take up to 0.1 % of the speed as the springs of a user's own law are loaded
     dry = scene(formulation, DynamicControl(0.3, restitution=0.95 if law else 0.5), below, over, friction=friction)
     bonded = dataclasses.replace(dry.joint, cohesion=cohesion, residual_cohesion=cohesion)
     result = simulate(dry if law else dataclasses.replace(dry, joint=bonded), law=law)
@@ -308,7 +308,7 @@ def test_cohesion_brakes_by_the_area_that_is_left_on_a_floor_of_the_same_size(fo
 
 
 def test_a_wall_at_rest_is_held_against_what_its_springs_hold():
-    """Next to nothing is put in: what the balance is off by is rounding, and no failure."""
+    """Almost no energy is put in: the residual is rounding, is compared with the elastic energy and is no failure."""
     walls = (model.Wall("wall", "stone", (0.3, 0.2, 0.1), 3, 3, base=0.1),)
     still = dataclasses.replace(scene("concave", DynamicControl(0.2)), blocks=(), walls=walls)
     result = simulate(still)

@@ -1,4 +1,4 @@
-"""What runs in real time write down: resultants of the joints, forces at contact points, how near balance they are."""
+"""Records of runs in real time: resultants of the joints, forces at contact points, distance from equilibrium."""
 
 import dataclasses
 
@@ -26,13 +26,13 @@ ALL = model.CHANNELS
 
 
 def lever(links, host, j):
-    """From the centroid of the host, with the axes ``host`` (3, 3), to O of joint ``j`` in the world."""
+    """Lever from the centroid of the host, with the axes ``host`` (3, 3), to O of joint ``j`` in the world."""
     tangents = links.axes[links.tangents[j]] @ host.T
     return links.lever[j] @ [*tangents, np.cross(*tangents)]
 
 
 def naive_resultants(state):
-    """The twin of `write_resultants`, joint by joint."""
+    """`write_resultants` once more, joint by joint."""
     bodies, links = state.bodies, state.links
     rows = []
     for j in range(len(links.host)):
@@ -57,7 +57,7 @@ def naive_resultants(state):
 
 
 def rubbing(formulation):
-    """A block on a floor, pressed unevenly, that has slipped and turned."""
+    """A block on a floor, unevenly pressed, that has slipped and rotated."""
     moving, driving = resting(formulation, floor=(2.0, 2.0, 0.1), turn=(0.8, 0.0, 0.36, -0.48), friction=0.3)
     moving.state = with_contact_forces(moving.state)
     for _ in range(3):
@@ -86,7 +86,8 @@ def test_out_of_balance_against_sums_by_block(formulation):
 
 @pytest.mark.parametrize("formulation", POINTS)
 def test_contact_forces_sum_up_to_the_joint(formulation):
-    """Force, and moment about the host's centroid; friction acts at points of its own, in the plane below them."""
+    """Contact forces sum up to the joint's force and moment about the host's centroid; friction acts at points of its
+    own, in the plane below them."""
     state = rubbing(formulation).state
     links, corners, force = state.links, state.corners, contact_forces(state, np.ones(1)) * state.links.sense[0]
     scale = np.abs(links.wrench[0, :3]).max()
@@ -117,7 +118,7 @@ def wall(formulation, control, **output):
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected"])
 def test_a_wall_at_rest_against_its_equilibrium(formulation):
-    """The forces at every point are those of the search for equilibria, which knows no time."""
+    """The forces at every point equal those of the static search for equilibria."""
     still = simulate(wall(formulation, DynamicControl(duration=2e-3), rows=4, frames=2))
     found, expected = still.frames["contact_force"][-1], simulate(
         wall(formulation, PushoverControl((1.0, 0.0, 0.0)))
@@ -129,7 +130,7 @@ def test_a_wall_at_rest_against_its_equilibrium(formulation):
 
 @pytest.mark.parametrize("formulation", POINTS)
 def test_frames_of_a_tilting_wall_carry_what_its_rows_say(tmp_path, formulation):
-    """Every frame of the history: the contact forces of a joint sum up to its N and V; open joints carry none."""
+    """In every frame of the history the contact forces of a joint sum up to its N and V; open joints carry none."""
     given = toml.load(shipped.folder() / "wall_tilt.toml", [f'joint.formulation="{formulation}"'])
     changes = ["walls.0.courses=3", "walls.0.blocks=2", "control.rate=10.0", "control.displacement=0.25"]
     given = toml.loads(toml.text_of(given), None, changes)
@@ -160,7 +161,7 @@ def test_without_the_channel_nothing_is_written_down():
 
 
 def test_compiling_for_a_frame_counts_as_compiling():
-    """A frame with velocities may be the first to want a form of the loop."""
+    """A frame with velocities may be the first to need a variant of the loop; its compilation counts as such."""
     moving, driving = resting()
     moving.forms.clear()
     before = moving.compile_seconds

@@ -1,4 +1,4 @@
-"""Tilting tables, walls that are pushed and scenarios in real time from end to end, and what they refuse."""
+"""Tilting tables, pushed walls and scenarios in real time in complete runs, and the input that they refuse."""
 
 import json
 import math
@@ -38,7 +38,7 @@ def tilt(displacement=0.02, rate=5.0, axis=(1.0, 0.0, 0.0), **more):
 
 
 def rigid():
-    """Angle (deg) at which the top of a rigid wall of four courses on its toe has moved by 20 mm, at 5 deg/s."""
+    """Angle (deg) at which the top of a rigid wall of four courses on its toe has moved by 20 mm, tilted at 5 deg/s."""
     height = 0.4
     lever = math.hypot(0.1, height - 0.05)
     return math.degrees(toppling_tilt(0.2, height, math.radians(5.0), lever, 0.02))
@@ -47,7 +47,7 @@ def rigid():
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
 def test_wall_tilted_out_of_plane(formulation, axis):
-    """It turns on its toe as the rigid wall does."""
+    """The wall rotates about its toe as the rigid wall does."""
     result = simulate(wall(tilt(axis=axis), formulation=formulation))
     assert result.status == "collapse"
     fallen = result.collapse
@@ -56,16 +56,17 @@ def test_wall_tilted_out_of_plane(formulation, axis):
     assert fallen["displacement"] == pytest.approx(0.02, rel=1e-2)
     assert fallen["mechanism"] == "rocking"
     assert {f"wall.4.{i}" for i in (1, 2)} <= set(fallen["blocks"])
-    # turned about +x by the right-hand rule its far side, +y, rises, and it falls to -y
+    # by a right-hand rotation about +x the far side, +y, rises, and the wall falls to -y
     top = result.assembly.names.index("wall.4.1")
     assert math.copysign(1.0, result.displacement[top, 1]) == -axis[0]
 
 
 def test_convex_joints_fall_early_by_the_pressed_strip():
-    """Their toe lies within the edge by a third of the strip in contact, w = sqrt(2 N / (kn L theta)).
+    """The toe lies within the edge by a third of the strip in contact, w = sqrt(2 N / (kn L theta)).
 
-    At a given turn that vanishes as 1/sqrt(kn). The greatest moment, where w/3 and the shift h theta of the weight cost
-    the least together (w = 6 h theta), loses 3 h theta ~ kn^-1/3; a fall that is timed lies in between.
+    At a given rotation the loss vanishes as 1/sqrt(kn). The greatest moment, where w/3 and the shift h theta of the
+    weight together cost least (w = 6 h theta), falls short by 3 h theta ~ kn^-1/3; a fall at a given time lies in
+    between.
     """
     missing = []
     for stiffness in (1e10, 1.6e11):
@@ -76,7 +77,7 @@ def test_convex_joints_fall_early_by_the_pressed_strip():
 
 
 def test_corrected_joints_topple_on_their_shrunk_polygons():
-    """s = 0.54 of the lever remains: the wall falls at about half of its angle."""
+    """s = 0.54 of the lever remains: the wall falls at about half of the rigid wall's angle."""
     result = simulate(wall(tilt(), formulation="corrected"))
     assert math.tan(math.radians(result.collapse["angle"])) / math.tan(math.radians(rigid())) == pytest.approx(
         0.56, abs=0.03
@@ -86,7 +87,7 @@ def test_corrected_joints_topple_on_their_shrunk_polygons():
 def test_sliding_comes_first_on_a_slippery_joint():
     result = simulate(wall(tilt(displacement=0.002, rate=2.0), courses=2, friction=0.3))
     assert result.collapse["mechanism"] == "sliding"
-    # from atan(mu) on it gains g cos(psi) rate t: the cubic that it has slid by then
+    # from atan(mu) on it accelerates by g cos(psi) rate t, and slides by a cubic in t
     late = math.degrees((6.0 * 0.002 * math.radians(2.0) ** 2 / (9.81 * 1.045)) ** (1 / 3))
     assert result.collapse["angle"] == pytest.approx(math.degrees(math.atan(0.3)) + late, rel=3e-3)
 
@@ -104,21 +105,21 @@ def test_tilt_by_the_command_line(capsys, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
 def test_ten_by_ten(formulation):
-    """20 mm at 12.015 deg within 0.1 %."""
+    """The top has moved 20 mm at 12.015 deg, within 0.1 %."""
     scenario = scenarios.load(SCENARIOS / "wall_tilt.toml", [f"joint.formulation={formulation}"])
     assert simulate(scenario, record=False).collapse["angle"] == pytest.approx(12.015, rel=1e-3)
 
 
 @pytest.mark.slow
 def test_thirty_by_thirty():
-    """20 mm at 4.560 deg within 0.5 %: thirty joints give way a little, so they must be twice as stiff."""
+    """The top has moved 20 mm at 4.560 deg, within 0.5 %; with thirty compliant joints they must be twice as stiff."""
     changes = ["walls.0.courses=30", "walls.0.blocks=30", "joint.normal_stiffness=2.2e10", "joint.shear_stiffness=8e9"]
     scenario = scenarios.load(SCENARIOS / "wall_tilt.toml", changes)
     assert simulate(scenario, record=False).collapse["angle"] == pytest.approx(4.560, rel=5e-3)
 
 
 def still(courses, blocks, duration):
-    """How far the top course has moved since the dead-load equilibrium (m), and the speed fitted to its path (m/s)."""
+    """Displacement of the top course since the dead-load equilibrium (m), and the speed fitted to its path (m/s)."""
     result = simulate(wall(DynamicControl(duration), courses, blocks))
     top = [i for i, name in enumerate(result.assembly.names) if name.startswith(f"wall.{courses}.")]
     path = result.frames["displacement"][:, top] - result.frames["displacement"][:1, top]
@@ -134,7 +135,7 @@ def test_a_wall_left_alone_stays():
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_wall_that_lands_comes_to_rest(formulation):
-    """Thrown against its base at 10 mm/s, a little aslant, it slips and then lies as still as one left alone, 10 s."""
+    """Thrown obliquely against its base at 10 mm/s, it slips and then lies for 10 s as still as an undisturbed wall."""
     moving = motion(build.assemble(wall(DynamicControl(10.0), 4, 4, formulation)), damping=0.2, step_factor=0.8)
     driving, bodies = Driving(np.array([0.0, 0.0, -9.81])), moving.state.bodies
     find_equilibrium(moving, driving)
@@ -169,7 +170,7 @@ def test_scenario_spinning_plate():
 
 
 def test_scenario_rocking_block():
-    """Up and down its first quarter swings; then it rocks on with less at every impact."""
+    """Up and down take half a rocking period; then the block rocks on with a smaller amplitude after every impact."""
     result = simulate(scenarios.load(SCENARIOS / "rocking_block.toml"))
     time, q = result.frames["time"], result.frames["orientation"][:, 1]
     angle = 2.0 * np.arctan2(q[:, 2], q[:, 0])
@@ -187,8 +188,8 @@ def push(displacement=0.02, rate=2e-3, direction=(0.0, 1.0, 0.0), **more):
 
 
 def test_push_over_an_edge():
-    """A block pushed by a share V of its weight turns on its toe at V = tan(alpha - theta), on and on past the peak;
-    its centroid has moved by R (sin(alpha) - sin(alpha - theta))."""
+    """A block pushed by a share V of its weight rotates on its toe at V = tan(alpha - theta), also past the peak; its
+    centroid has moved by R (sin(alpha) - sin(alpha - theta))."""
     b, h = 0.2, 1.0
     result = simulate(scenarios.load(SCENARIOS / "rocking_push.toml"))
     alpha, R = math.atan(b / h), 0.5 * math.hypot(b, h)
@@ -202,7 +203,7 @@ def test_push_over_an_edge():
     past = u > 0.01
     assert past.sum() > 50
     assert V[past] == pytest.approx(np.tan(alpha - theta[past]), abs=1e-4)
-    assert u[-1] == pytest.approx(0.06, rel=0.03)  # the way of the centroid, a little longer by its rise
+    assert u[-1] == pytest.approx(0.06, rel=0.03)  # path of the centroid, a little longer because it rises
 
 
 def test_push_of_a_sliding_block():
@@ -222,7 +223,7 @@ def test_a_wall_pushed_out_of_plane_and_what_refines_it():
     expected = quasi_static.collapse["load_factor"]
     assert expected == pytest.approx(0.5, rel=2e-3)  # t / H
     assert result.collapse["load_factor"] == pytest.approx(expected, rel=0.015)
-    # half the rate: half of what inertia carries is gone
+    # at half the rate half of the inertial force is gone
     assert result.collapse["error_estimate"] > 0.3 * abs(result.collapse["load_factor"] - expected)
 
 
@@ -232,7 +233,7 @@ def test_a_push_that_brings_nothing_down():
 
 
 def tower(control, box, friction=0.8):
-    """A block of that box on a floor."""
+    """A block with the edges ``box`` on a floor."""
     return of_stone(
         law("concave", friction),
         control,
@@ -247,7 +248,7 @@ def tower(control, box, friction=0.8):
 
 
 def test_blocks_that_meet_again_go_on():
-    """A block slides into a pillar, which it pushes on; neither goes through the other."""
+    """A block slides into a pillar and pushes it on; neither passes through the other."""
     scenario = block_on_floor(DynamicControl(0.3))
     pillar = Block("pillar", "stone", (0.1, 0.1, 0.12), (0.3, 0.0, 0.06))
     slider = Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(1.0, 0.0, 0.0))
@@ -265,7 +266,7 @@ def _fields(scenario):
 
 
 def test_what_cannot_stand_falls_from_where_it_was():
-    """A block that lies on its floor by a third only begins to fall about the edge: alpha = m g arm / I_edge."""
+    """A block with only a third of its base on the floor begins to rotate about the edge: alpha = m g arm / I_edge."""
     a, b, c, out = 0.3, 0.2, 0.1, 0.05
     scenario = of_stone(
         law("concave", 0.9),
@@ -280,7 +281,7 @@ def test_what_cannot_stand_falls_from_where_it_was():
     q = result.frames["orientation"][-1, 1]
     angle, time = 2.0 * math.atan2(q[2], q[0]), result.run.motion.time
     alpha = 9.81 * out / inertia
-    # the arm grows as it turns: alpha t^2/2 (1 + ...), 2 % by then
+    # the arm grows as it rotates: alpha t^2/2 (1 + ...), 2 % by then
     assert angle == pytest.approx(0.5 * alpha * time**2, rel=0.05)
     assert result.run.motion.falling.tolist() == [False, True]
 
@@ -325,6 +326,6 @@ def test_controls_survive_a_round_trip():
 
 
 def test_very_stiff_joints_rest_to_their_rounding():
-    """kn = 64,000 GPa/m: a position in its last digit is 1e-8 of the joint force."""
+    """kn = 64,000 GPa/m: a position in its last digit is 1e-8 of the joint force, which bounds the equilibrium."""
     result = simulate(wall(DynamicControl(1e-5), stiffness=6.4e13))
     assert 1e-10 < result.run.unbalanced < 5e-6

@@ -15,7 +15,7 @@ ARCH = FourHinges(radius=1.0, thickness=0.15, voussoirs=7, embrace=157.5)
 
 
 def shaken(*changes):
-    """Time and displacement (f, 7, 3) of the stones against the base, of the arch on a shaken base."""
+    """Time and displacement (f, 7, 3) of the stones relative to the base of an arch on a shaken base."""
     result = simulate(scenarios.load(SCENARIOS / "arch_shaken.toml", changes))
     names = result.assembly.names
     moved = result.frames["displacement"]
@@ -39,7 +39,7 @@ def test_the_hinges_are_those_of_limit_analysis():
 
 
 def test_a_shaken_arch_rocks_on_its_four_hinges():
-    """Every stone, along and up, from the time that it has moved 0.5 mm."""
+    """Every stone follows the mechanism, horizontally and vertically, once it has moved 0.5 mm."""
     times, moved = shaken()
     expected = mechanism(0.45, times)
     late = np.flatnonzero(abs(expected[:, 3]) > 5e-4)
@@ -54,7 +54,7 @@ def test_a_shaken_arch_rocks_on_its_four_hinges():
 
 @pytest.mark.parametrize(("amplitude", "opens"), [(0.365, False), (0.38, True)])
 def test_an_arch_opens_when_its_base_is_accelerated_by_its_load_factor(amplitude, opens):
-    """Below 0.3700 g it only gives way elastically; above it the hinges open and turn as those of the mechanism."""
+    """Below 0.3700 g the arch deforms only elastically; above it the hinges open as those of the mechanism."""
     times, moved = shaken(f"control.sine.amplitude={amplitude * GRAVITY}")
     expected = abs(mechanism(amplitude, times)[:, 3])
     crown = np.linalg.norm(moved[:, 3], axis=1)
@@ -65,7 +65,7 @@ def test_an_arch_opens_when_its_base_is_accelerated_by_its_load_factor(amplitude
 
 
 def test_an_arch_falls_off_its_table_as_its_mechanism_does():
-    """In real time: 20.30 deg open the hinges, and at 1 deg/s some stone has moved 20 mm a little later."""
+    """In real time: the hinges open at 20.30 deg, and at 1 deg/s a stone has moved 20 mm a little later."""
     result = simulate(scenarios.load(SCENARIOS / "oppenheim.toml", ["control.quasi_static=false", "control.rate=1.0"]))
     times = np.arange(20.0, 23.0, 1e-3)
 

@@ -1,4 +1,4 @@
-"""Joints between moving blocks: objectivity, large turns, polygons that slide over edges."""
+"""Joints between moving blocks: objectivity, large rotations, polygons that slide over edges."""
 
 import math
 
@@ -31,11 +31,11 @@ TURNED = (0.8, 0.0, 0.36, -0.48)
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_pair_that_turns_as_one_feels_nothing(formulation):
-    """Forces turn with the pair, to the last digits, after a whole turn in a hundred steps too."""
+    """Forces rotate with a pair that rotates as one, to the last digits, also in a large turn of a hundred steps."""
     moving, driving = resting(formulation)
     state = moving.state
     place(moving, (2e-8, 1e-8, 0.0), about((0, 0, 1), 1e-7))  # some shear and torsion in memory, no slip
-    for _ in range(2):  # the dashpots rest again
+    for _ in range(2):  # until the dashpots are at rest again
         joint_forces(moving, driving)
     before = joint_resultants(state)
     assert abs(before[0, 1]) > 1.0 and abs(before[0, 3]) > 0.01
@@ -69,13 +69,13 @@ def test_action_and_reaction_at_one_point(formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
 def test_the_same_in_any_frame(formulation):
-    """A block that slides, spins and rocks moves alike wherever the world's axes are."""
+    """A block that slides, spins and rocks moves the same whatever the orientation of the world's axes."""
     start = {"velocity": (0.3, 0.2, 0.0), "angular_velocity": (0.0, 0.0, 2.0)}
     ends = []
     for turn in ((1.0, 0.0, 0.0, 0.0), TURNED):
         moving, driving = resting(formulation, turn=turn, floor=(2.0, 2.0, 0.1))
         R = rotation_matrix(np.array(turn))
-        moving.time_step = 2e-5  # its bound has rounding of its own
+        moving.time_step = 2e-5  # the bound of the time step has rounding of its own
         moving.state.links.put("viscous", [[0.1, 0.1]])
         moving.state.bodies.velocity[1] = R @ start["velocity"]
         moving.state.bodies.momentum[1] = (R @ moving.assembly.inertia[1]) @ start["angular_velocity"]
@@ -87,7 +87,7 @@ def test_the_same_in_any_frame(formulation):
 
 @pytest.mark.parametrize("angle", [1e-3, 1e-2, 0.1, 0.5, 1.2])
 def test_gap_is_exact_for_large_turns(angle):
-    """A block turned on its toe by any angle: the corners at the toe touch, the others are as high as geometry says."""
+    """A block rotated on its toe by any angle: corners at the toe touch, the others are as high as by geometry."""
     moving, driving = resting()
     bodies, links = moving.state.bodies, moving.state.links
     toe = bodies.position[1] + (0.15, 0.0, -0.05)
@@ -103,7 +103,7 @@ def test_gap_is_exact_for_large_turns(angle):
 
 @pytest.mark.parametrize("angle", [1e-4, 1e-2, 0.1])
 def test_strip_of_a_rocking_convex_joint(angle):
-    """Turned on its edge, a convex joint is pressed on a strip w = sqrt(2 N / (kn L tan)), its resultant w/3 inside."""
+    """Rotated on its edge, a convex joint presses on a strip w = sqrt(2 N / (kn L tan)), with the resultant at w/3."""
     moving, driving = resting("convex", friction=0.0)
     bodies = moving.state.bodies
     toe = bodies.position[1] + (0.15, 0.0, -0.05)
@@ -113,18 +113,18 @@ def test_strip_of_a_rocking_convex_joint(angle):
         joint_forces(moving, driving)
     r = joint_resultants(moving.state)[0]
     w = math.sqrt(2.0 * r[0] / (1e10 * 0.2 * math.sin(angle)))
-    # the corner lies this deep, and so long is the strip along the turned face
+    # the penetration of the corner gives the length of the strip along the rotated face
     assert w == pytest.approx(2000.0 * 0.006 * 9.81 / (1e10 * 0.06) / math.sin(angle), rel=1e-6)
     assert abs(r[5]) / r[0] == pytest.approx((0.15 - w / 3.0) * math.cos(angle), rel=1e-4)
 
 
 def test_tilting_is_no_torsion():
     """A convex joint that tilts about an oblique line of its plane through O neither slips nor twists, though the edges
-    of its polygon, seen along the normal, turn by angle^2 / 4."""
+    of its polygon, seen along the normal, rotate by angle^2 / 4."""
     moving, driving = resting("convex")
     bodies, links, faces = moving.state.bodies, moving.state.links, moving.state.faces
     foot = bodies.position[1] + arms(bodies, links)[0][0]
-    foot[2] -= links.seen[0, 2] - links.offset[0]  # O, seen in the plane
+    foot[2] -= links.seen[0, 2] - links.offset[0]  # O, projected onto the plane
     turn = about((math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.05 / 200)
     for _ in range(200):
         arm = bodies.position[1] - foot
@@ -136,13 +136,13 @@ def test_tilting_is_no_torsion():
 
 
 def cut(moving: Motion, driving: Driving) -> int:
-    """Cut the polygons of blocks that were placed; how many there were to cut."""
+    """Cut the polygons of blocks that were placed; return the number of polygons cut."""
     joint_forces(moving, driving)
     return moving.polygons.cut_stale()
 
 
 def torsion_strength(moving: Motion, driving: Driving) -> float:
-    """Torque of a joint that is twisted well into slip, over mu N (m)."""
+    """Torque of a joint that is twisted well into slip, divided by mu N (m)."""
     for _ in range(200):
         place(moving, (0.0, 0.0, 0.0), about((0, 0, 1), 1e-7))
         joint_forces(moving, driving)
@@ -152,7 +152,7 @@ def torsion_strength(moving: Motion, driving: Driving) -> float:
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_small_turn_changes_no_strength(formulation):
-    """Two equal blocks: a thousandth of a radian leaves the torsion strength where it was, within a thousandth."""
+    """Two equal blocks: a rotation by a thousandth of a radian leaves the torsion strength within 0.15 %."""
     moving, driving = resting(formulation)
     before = torsion_strength(moving, driving)
     moving, driving = resting(formulation)
@@ -165,7 +165,7 @@ def test_a_small_turn_changes_no_strength(formulation):
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_sliding_off_the_edge(formulation):
-    """Half over the edge, the joint is what both faces share: its area, and where the weight is carried."""
+    """Half over the edge, the joint is the common area of both faces, and carries the weight at its centre."""
     moving, driving = resting(formulation)
     last = None
     for _ in range(300):
@@ -177,13 +177,13 @@ def test_sliding_off_the_edge(formulation):
         last = normal
     family = moving.state.faces or moving.state.corners
     assert family.area.sum() == pytest.approx(0.03, rel=0.01)
-    assert normal == pytest.approx(0.5 * 117.72, rel=0.01)  # the closing stayed the same
+    assert normal == pytest.approx(0.5 * 117.72, rel=0.01)  # the penetration stayed the same
     if formulation != "distributed":
         assert moving.polygons.shift[0, 0] == pytest.approx(-0.075, rel=0.01)
 
 
 def test_pressed_polygon_with_and_without_a_look_at_its_vertices():
-    """The closed form for closed joints holds wherever it is used: fully pressed, nearly, and with an edge open."""
+    """The closed form for closed joints holds wherever it is used: full contact, nearly full, and with an edge open."""
     moving = two_blocks("convex")
     faces = moving.state.faces
     x, y = faces.x[0, :4], faces.y[0, :4]
@@ -199,7 +199,7 @@ def test_pressed_polygon_with_and_without_a_look_at_its_vertices():
         everywhere = (h0 + hx * x + hy * y).min() > 0.0
         closed += everywhere
         short += h0 > math.hypot(0.15, 0.1) * math.hypot(hx, hy)
-        # a plane that is open somewhere far outside: the general integral, not the closed form
+        # general integral for comparison, not the closed form
         expected = no_tension(x, y, 0, 4, -1.0, h0, hx, hy)
         scale = abs(expected[0])
         np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
@@ -208,8 +208,8 @@ def test_pressed_polygon_with_and_without_a_look_at_its_vertices():
 
 
 def test_equal_polygons_are_kept_once_until_they_are_cut():
-    """Twelve blocks on twelve floors: each that slides over its edge gets a polygon of its own, and carries what it
-    would carry alone; the rest is left as it was. And back to before: with as little room as then."""
+    """Twelve blocks on twelve floors: each that slides over its edge gets its own polygon and carries the same as a
+    lone block; the others keep theirs. After a return to an earlier snapshot the memory is as small as at that time."""
     n, out = 12, 10
     stones = [
         Block(f"{kind}{i}", "stone", (0.3, 0.2, 0.1), (float(i), 0.0, z), fixed=z < 0.0)
@@ -258,18 +258,19 @@ def test_a_wall_takes_less_than_2_kb_a_block(formulation):
     moving = motion(built, 0.05, 0.9)
     assert sum(array.nbytes for array in moving.state.arrays) < 2000 * len(built.names)
     if formulation == "convex":
-        assert len(moving.state.faces.count) <= 4  # a head joint, one of half a block, one of a whole one, the last bed
+        assert len(moving.state.faces.count) <= 4  # a head joint, bed joints of half and a whole block, the last bed
 
 
 def shared_areas(some, face):
-    """What polygons (k, m, 2) share with a face."""
+    """Areas that polygons (k, m, 2) share with a face."""
     points, count = clip(some, np.broadcast_to(face, (len(some), *face.shape)))
     return np.array([polygons.area(p[:n]) if n else 0.0 for p, n in zip(points, count, strict=True)])
 
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])
 def test_polygons_are_cut_as_plane_geometry_says(formulation):
-    """Blocks that slid and twisted to drawn places on a floor of their own size, over one edge, two or three."""
+    """Blocks that slid and twisted to random places on a floor of their own size, over one edge, two or three, keep the
+    area of plane geometry."""
     draw = np.random.default_rng(4)
     for _ in range(20):
         moving, driving = resting(formulation)
@@ -304,8 +305,8 @@ def test_polygons_are_cut_as_plane_geometry_says(formulation):
 
 
 def test_convex_polygons_are_clipped_as_plane_geometry_says():
-    """The same for the integrals of a convex joint: corners, moments, the series and the torsion radius, against the
-    functions for many polygons at once."""
+    """The same for the integrals of a convex joint: corners, moments, the series and the torsion radius equal those of
+    the functions for many polygons at once."""
     draw, counts = np.random.default_rng(5), set()
     face = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
     for _ in range(40):
@@ -341,7 +342,7 @@ def test_convex_polygons_are_clipped_as_plane_geometry_says():
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "distributed"])
 def test_points_let_go_of_the_shear_of_what_they_lose(formulation):
-    """A point that keeps half its area keeps half its shear; one that gains some begins there without any."""
+    """A point that keeps half its area keeps half its shear; area that is regained starts without shear."""
     moving, driving = resting(formulation)
     corners = moving.state.corners
     for to, turn, loses in (((0.06, 0.03), 0.1, True), ((-0.04, -0.03), -0.1, False), ((0.2, 0.3), 0.0, True)):
@@ -358,7 +359,7 @@ def test_points_let_go_of_the_shear_of_what_they_lose(formulation):
 
 
 def test_a_convex_joint_lets_go_of_the_shear_of_what_it_loses():
-    """What is left holds what a fine grid of springs over it would; on the way back nothing is added."""
+    """The remaining shear is that of a fine grid of springs over the remaining area; none is added on the way back."""
     moving, driving = resting("convex")
     faces, polygons_ = moving.state.faces, moving.polygons
     force = np.array([30.0, -20.0, 4.0])
@@ -389,7 +390,7 @@ def test_a_convex_joint_lets_go_of_the_shear_of_what_it_loses():
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_block_that_fell_past_an_edge_and_comes_back_below_is_not_thrown_out(formulation):
-    """Far below the face of the other, its joint would be closed by all that depth if it were still there."""
+    """Far below the face of the other, the joint would have a large penetration if it were still active."""
     moving, driving = resting(formulation)
     place(moving, (0.5, 0.0, -0.4), about((0, 1, 0), 0.8))
     cut(moving, driving)
@@ -404,7 +405,7 @@ def test_a_block_that_fell_past_an_edge_and_comes_back_below_is_not_thrown_out(f
 
 
 def test_polygons_inside_the_face_are_left_alone():
-    """On a floor larger than its path a polygon is looked at when it nears the edge, and never cut."""
+    """On a floor larger than the path of the block its polygon is checked when it nears the edge, and never cut."""
     moving, driving = resting(floor=(2.0, 2.0, 0.1))
     area, x = moving.state.corners.area.copy(), moving.state.corners.x.copy()
     for _ in range(10):

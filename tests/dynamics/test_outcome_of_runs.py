@@ -1,4 +1,4 @@
-"""What a run that moves blocks says at its end: times and velocities that belong together, what has fallen and how."""
+"""The answer of a run that moves blocks: times and velocities that belong together, which blocks fell and how."""
 
 import math
 from dataclasses import replace
@@ -35,7 +35,7 @@ def scene(*blocks, control, gravity=(0.0, 0.0, -G), friction=0.5, **more):
 
 
 def test_a_falling_block_has_the_velocity_of_its_frame():
-    """v = -g t and z = -g t^2 / 2, at the same t, to the end of the duration."""
+    """v = -g t and z = -g t^2 / 2 at the same t in all frames, up to the end of the duration."""
     high = Block("high", "stone", (0.2, 0.2, 0.2), (0.0, 0.0, 3.0), velocity=(0.3, 0.0, 0.0))
     result = simulate(scene(FLOOR, high, control=DynamicControl(0.2357)))
     t = result.frames["time"]
@@ -46,7 +46,7 @@ def test_a_falling_block_has_the_velocity_of_its_frame():
 
 
 def test_a_tumbling_block_keeps_its_angular_momentum_from_frame_to_frame():
-    """Spin about the middle axis: R I R^T w is the same in every frame, which an old spin would not give."""
+    """Spin about the intermediate axis: R I R^T w is the same in every frame, not so with an earlier spin."""
     free = Block("free", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 3.0), angular_velocity=(0.02, 9.0, 0.03))
     result = simulate(scene(FLOOR, free, control=DynamicControl(2.0), gravity=(0.0, 0.0, 0.0)))
     from dembrick.geometry.rotations import rotation_matrix
@@ -59,7 +59,8 @@ def test_a_tumbling_block_keeps_its_angular_momentum_from_frame_to_frame():
 
 
 def test_a_block_that_swings_on_its_joint_has_the_velocity_of_its_frame():
-    """Half of what would lift it: v = v0 cos(w t); a velocity of half a step before would be off by w dt / 2, 15 %."""
+    """An oscillation at half the amplitude that would open the joint: v = v0 cos(w t); a velocity of half a step before
+    would be off by w dt / 2, 15 %."""
     k, m, lift = 1e10 * 0.04, 2000.0 * 0.04 * 0.2, 0.5 * G
     w = math.sqrt(k / m)
     v0 = lift / w
@@ -68,14 +69,14 @@ def test_a_block_that_swings_on_its_joint_has_the_velocity_of_its_frame():
         scene(FLOOR, block, control=DynamicControl(20.0 / w, 1.0), output=Output(rows=400, frames=400)),
     )
     swing = w * result.run.motion.time_step
-    stepped = 2.0 * math.asin(0.5 * swing) / swing * w  # central differences swing a little faster
+    stepped = 2.0 * math.asin(0.5 * swing) / swing * w  # central differences oscillate a little faster
     v, t = result.frames["velocity"][:, 1, 2], result.frames["time"]
     assert swing > 0.25
     np.testing.assert_allclose(v, v0 * np.cos(stepped * t), rtol=0, atol=1e-5 * v0)
 
 
 def test_a_sine_of_velocity_that_begins_above_zero_is_a_jump():
-    """The block slides v^2 / (2 mu g) back on its floor, as under a pulse of the same velocity."""
+    """The block slides back v^2 / (2 mu g) on its floor, as under a pulse of the same velocity."""
     v, mu = 0.5, 0.5
     block = Block("block", "stone", (0.4, 0.4, 0.2), (0.0, 0.0, 0.1))
     slow = Sine(v, 0.01, math.pi / 2.0)
@@ -100,7 +101,7 @@ def test_a_pulse_that_never_comes_is_remarked():
 
 
 def test_a_block_at_rest_on_a_slope_is_at_rest():
-    """What is put in is rounding only, and no error of the run."""
+    """The energy put in is rounding only, and no error of the run."""
     angle = 0.9 * math.atan(0.48)
     turn = (math.cos(0.5 * angle), 0.0, math.sin(0.5 * angle), 0.0)
     normal = np.array([math.sin(angle), 0.0, math.cos(angle)])
@@ -125,7 +126,7 @@ def test_more_than_rounding_is_an_error_of_the_run():
 
 
 def test_the_greatest_displacement_is_that_of_the_run_and_not_of_its_end():
-    """A block thrown up rises by v^2 / (2 g) and comes to lie where it was; the one beside it stays."""
+    """A block thrown up rises by v^2 / (2 g) and lands where it was; the one beside it stays."""
     v = 1.0
     up = Block("up", "stone", (0.2, 0.2, 0.2), (0.0, 0.0, 0.1), velocity=(0.0, 0.0, v))
     still = Block("still", "stone", (0.2, 0.2, 0.2), (1.0, 0.0, 0.1))
@@ -138,7 +139,7 @@ def test_the_greatest_displacement_is_that_of_the_run_and_not_of_its_end():
 
 
 def test_what_has_fallen_is_named():
-    """A column that is thrown over lies on the ground; a block goes over the edge of its table; two stay."""
+    """A column that is thrown over lies on the ground and a block falls over the edge of its table; two others stay."""
     column = Block("column", "stone", (0.2, 0.2, 0.8), (0.0, 0.0, 0.4), angular_velocity=(0.0, 4.0, 0.0))
     stays = Block("stays", "stone", (0.2, 0.2, 0.2), (-1.0, 0.0, 0.1))
     table = Block("table", "stone", (0.4, 0.4, 0.4), (0.0, 1.5, 0.2))
@@ -151,7 +152,8 @@ def test_what_has_fallen_is_named():
 
 @pytest.mark.parametrize("rate, displacement", [(1.0, 0.001), (1.0, 0.1), (4.0, 0.02)])
 def test_the_onset_of_a_tilt_depends_on_neither_rate_nor_goal(rate, displacement):
-    """A column falls at tan = b / h; the angle at which it has moved so far lies beyond, by what was asked for."""
+    """A column overturns at tan = b / h whatever the rate and the goal; the angle at which it has moved by the given
+    displacement is greater."""
     b, h = 0.2, 1.5
     column = Block("column", "stone", (0.4, b, h), (0.0, 0.0, 0.5 * h))
     control = TiltControl((1.0, 0.0, 0.0), rate, displacement, quasi_static=False)
@@ -163,7 +165,7 @@ def test_the_onset_of_a_tilt_depends_on_neither_rate_nor_goal(rate, displacement
 
 
 def test_what_falls_on_for_ever_ends_the_run():
-    """A block that is shaken off a small floor: no step follows it any more, and the run ends there, and says so."""
+    """A block shaken off a small floor falls with nothing below: the run ends there with a message."""
     control = BaseMotionControl(20.0, (1.0, 0.0, 0.0), pulse=Pulse(5.0, 0.8))
     floor = Block("f", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     stone, said = Block("b", "stone", (0.4, 0.4, 0.2), (0.0, 0.0, 0.1)), []
@@ -181,7 +183,7 @@ def test_blocks_without_a_joint_tilt_and_fall():
 
 
 def turned_table(angle, at, friction, more="", width=6.0):
-    """A block at x = ``at`` on a table that a settlement turns by ``angle`` (deg), and then left to itself."""
+    """A block at x = ``at`` on a table that a settlement rotates by ``angle`` (deg), followed by a free motion."""
     text = header(friction=0.5, normal_stiffness=1e8)
     text += block("table", (0.0, 0.0, -0.1), (width, 4.0, 0.2), "fixed = true") + more
     text += block("up", (at, 0.0, 0.05), (0.3, 0.3, 0.1))
@@ -194,7 +196,7 @@ def turned_table(angle, at, friction, more="", width=6.0):
 
 @pytest.mark.parametrize("at", [-2.0, 0.0, 2.0])
 def test_what_a_settlement_has_carried_has_not_fallen_after_it(at):
-    """It rests on the turned table: seen from where the stage began, nothing has come down, wherever it is."""
+    """The block rests on the rotated table: relative to the start of the stage it has not fallen, wherever it lies."""
     scenario = turned_table(2.0, at, 0.5)
     result = simulate(replace(scenario, control=DynamicControl(0.05)), record=False)
     assert result.fallen == [] and np.linalg.norm(result.displacement[-1]) < 1e-6
@@ -202,7 +204,7 @@ def test_what_a_settlement_has_carried_has_not_fallen_after_it(at):
 
 
 def test_what_falls_after_a_settlement_has_fallen():
-    """A table that has turned by 10 degrees becomes slippery: the block slides off, onto a floor below."""
+    """A table that was rotated by 10 degrees becomes slippery: the block slides off, onto a floor below."""
     floor = block("floor", (3.6, 0.0, -0.56), (4.0, 4.0, 0.2), "fixed = true")
     scenario = turned_table(10.0, 1.3, 0.05, floor, 3.0)
     result = simulate(replace(scenario, control=DynamicControl(2.0)), record=False)
@@ -210,8 +212,8 @@ def test_what_falls_after_a_settlement_has_fallen():
 
 
 def test_a_support_carries_blocks_by_what_it_has_moved_in_its_stage():
-    """A table turned by 10 degrees in one stage and by 5 more in the next: it carries a block far out by those 5, from
-    where that stage began."""
+    """A table rotated by 10 degrees in one stage and by 5 more in the next carries a block far from its axis by those 5
+    degrees, from its position at the start of that stage."""
     scenario = turned_table(10.0, 2.0, 0.5)
     turn = Turn((0.0, 1.0, 0.0), 5.0, (0.0, 0.0, 0.0))
     control = SettlementControl(("table",), rotation=turn, quasi_static=False, rate=0.1)
@@ -222,7 +224,7 @@ def test_a_support_carries_blocks_by_what_it_has_moved_in_its_stage():
         c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
         return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
-    middle = [0.0, 0.0, -0.1]  # of the table, about which the first stage turns it
+    middle = [0.0, 0.0, -0.1]  # of the table, the centre of the first stage's rotation
     start = middle + about_y(10.0) @ [2.0, 0.0, 0.15]
     np.testing.assert_allclose(turned, about_y(5.0), atol=1e-9)
     np.testing.assert_allclose(carried[1], about_y(5.0) @ start - start, atol=1e-4)
@@ -234,7 +236,7 @@ def test_a_support_carries_blocks_by_what_it_has_moved_in_its_stage():
     'kind = "yield"',
 ])  # fmt: skip
 def test_a_column_that_overturns_is_said_to_rock(control):
-    """However far it has fallen when it is looked at: on its side O is as far along the floor as its rim is up."""
+    """The mechanism is rocking however far it has fallen: lying, O is as far along the floor as its edge is up."""
     text = header("concave", 0.8, 1e8) + block("base", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
     text += block("column", (0.0, 0.0, 0.3), (0.2, 0.2, 0.6))
     text += jack("column", (-0.1, 0.0, 0.6)) if "yield" in control else ""

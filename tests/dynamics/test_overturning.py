@@ -1,9 +1,9 @@
-"""Whether a pulse of the ground overturns a block: a lone rigid block on its edge, with friction that holds it there.
+"""Whether a base pulse overturns a lone rigid block that rocks on its edge without sliding.
 
-While the pulse a lasts, and after it, the block turns about its toe by theta'' = -p^2 (sin(alpha - theta) - a/g
-cos(alpha - theta)), with p^2 = 3 g / (4 R) (Housner 1963, of a rectangle). It falls if the energy at the end of the
-pulse takes it over theta = alpha. Close to that the block stands almost still at a large angle, and the least couple
-that a joint should not have keeps it there.
+During the pulse a and after it, the block rotates about its toe by theta'' = -p^2 (sin(alpha - theta) - a/g cos(alpha -
+theta)), with p^2 = 3 g / (4 R) (Housner 1963, for a rectangle). It overturns if its energy at the end of the pulse
+takes it past theta = alpha. Close to that limit the block stands almost still at a large angle, where any spurious
+couple of the joint would keep it.
 """
 
 import math
@@ -22,7 +22,7 @@ G = 9.81
 
 
 def least_pulse(width, height, duration):
-    """The acceleration (m/s2) of a pulse so long that just overturns the block."""
+    """Least acceleration (m/s2) of a pulse of this duration that overturns the block."""
     alpha, p2 = math.atan(width / height), 3.0 * G / (2.0 * math.hypot(width, height))
 
     def spare(acceleration):
@@ -37,7 +37,7 @@ def least_pulse(width, height, duration):
 
 
 def falls(acceleration, width, height, duration, formulation, heading=0.0):
-    """Whether the simulated block does."""
+    """Whether the simulated block overturns."""
     half = 0.5 * heading
     turned = (math.cos(half), 0.0, 0.0, math.sin(half))
     scene = of_stone(
@@ -58,7 +58,8 @@ def falls(acceleration, width, height, duration, formulation, heading=0.0):
 )
 @pytest.mark.parametrize("width, height, duration", [(0.2, 1.0, 0.15), (0.3, 0.9, 0.2)])
 def test_a_pulse_overturns_a_block(width, height, duration, formulation, early, late):
-    """`convex` joints press a strip at the toe, so that the block turns a little inside its edge and falls early."""
+    """Just above the least acceleration the block overturns, just below it does not. `convex` joints press a strip at
+    the toe, so the block rotates a little inside its edge and falls earlier."""
     least = least_pulse(width, height, duration)
     assert not falls(early * least, width, height, duration, formulation)
     assert falls(late * least, width, height, duration, formulation, heading=0.3)

@@ -1,4 +1,4 @@
-"""Pressures on blocks that move: they follow the faces, a fluid's with the present depth. Against hydrostatics."""
+"""Pressures on moving blocks follow the faces, a fluid's with the present depth; against hydrostatics."""
 
 import math
 from dataclasses import replace
@@ -55,7 +55,7 @@ def turned(rng):
 
 @pytest.mark.parametrize("number", range(5))
 def test_a_block_under_water_rises_without_turning(number):
-    """Archimedes: a = (rho_w / rho - 1) g upwards, no moment; five sizes and attitudes each."""
+    """Archimedes: a = (rho_w / rho - 1) g upwards without moment, for five sizes and attitudes each."""
     rng = np.random.default_rng(100 + number)
     for _ in range(5):
         edges, density = tuple(rng.uniform(0.1, 0.5, 3)), rng.uniform(200.0, 3000.0)
@@ -68,7 +68,7 @@ def test_a_block_under_water_rises_without_turning(number):
 
 
 def test_a_uniform_pressure_all_round_has_no_resultant():
-    """A block that spins about a principal axis, and flies, without gravity goes on as it was."""
+    """A block that spins about a principal axis and flies without gravity keeps its motion."""
     q, axes = turned(np.random.default_rng(5))
     spin = axes @ [0.0, 0.0, 20.0]
     squeezed = scene(
@@ -81,7 +81,7 @@ def test_a_uniform_pressure_all_round_has_no_resultant():
 
 
 def metacentre(edges, density):
-    """GM (m) of a box of those edges (beam along y) that floats upright: KB + BM - KG."""
+    """GM (m) of a box with these edges (beam along y) that floats upright: KB + BM - KG."""
     _, beam, height = edges
     draught = density / 1000.0 * height
     return 0.5 * draught + beam**2 / (12.0 * draught) - 0.5 * height
@@ -97,7 +97,7 @@ def floating(edges, density, angle, duration, **more):
 
 @pytest.mark.parametrize("number", range(10))
 def test_a_floating_block_rolls_about_its_metacentre(number):
-    """phi'' = -m g GM / I phi for small angles: it swings if GM > 0, and turns over if GM < 0; heave is of second
+    """phi'' = -m g GM / I phi for small angles: the block rolls if GM > 0 and capsizes if GM < 0; heave is second
     order."""
     rng = np.random.default_rng(200 + number)
     density, ratio = rng.uniform(200.0, 800.0), rng.uniform(0.5, 2.0)
@@ -113,8 +113,8 @@ def test_a_floating_block_rolls_about_its_metacentre(number):
 
 
 def test_a_fluid_at_rest_keeps_the_energy():
-    """A light block, turned, rises, leaves the water and flies: its buoyancy times its depth, less its weight times the
-    way, is what it then moves with; the ledger agrees to the audit's bound."""
+    """A light block, released rotated, rises, leaves the water and flies: its kinetic energy is its buoyancy times its
+    depth less its weight times its rise; the recorded energies agree within the bound of the audit."""
     edges, density, depth = (0.3, 0.25, 0.2), 300.0, 1.5
     q, axes = turned(np.random.default_rng(11))
     water = all_round(axes, surface=depth, weight=WATER)
@@ -123,19 +123,19 @@ def test_a_fluid_at_rest_keeps_the_energy():
     rise = frames["displacement"][-1, 1, 2]
     assert rise > depth + 0.3  # out of the water
     lifted = energy["external"][-1] + volume * density * G * rise
-    np.testing.assert_allclose(lifted, volume * WATER * depth, rtol=1e-3)  # the ledger is a step behind the place
+    np.testing.assert_allclose(lifted, volume * WATER * depth, rtol=1e-3)  # energies lag positions by a step
     gained = energy["kinetic"][-1] - energy["kinetic"][0]
     np.testing.assert_allclose(gained, energy["external"][-1], rtol=1e-7)
 
 
 def test_a_block_that_falls_into_water_is_stopped_by_it():
-    """Dry at the start: it feels the water only later. Energy: from h above, a box of density rho sinks until
-    g (rho - rho_w) b z + rho g b h + ... balances; here its deepest point by the integral of buoyancy."""
+    """Dry at the start, the block meets the water only later. Energy: a box of density rho that falls by h sinks to the
+    depth at which the work of gravity equals the integral of buoyancy."""
     edge, density, height = 0.2, 500.0, 0.3
     water = all_round(surface=-height - 0.5 * edge, weight=WATER)
     frames = simulate(scene((edge,) * 3, density, water, 0.8)).frames
     deepest = -frames["displacement"][:, 1, 2].min()
-    # rho b (h + d) = rho_w (d - b / 2) b of a foot d under the surface, once it is covered, d > b
+    # rho b (h + d) = rho_w (d - b / 2) b with the foot d under the surface, once it is covered, d > b
     d = (density * height + 500.0 * edge) / (1000.0 - density)
     assert d > edge
     assert deepest == pytest.approx(height + d, rel=2e-3)
@@ -159,8 +159,8 @@ def wall(pressures, control, **more):
 
 
 def test_a_driven_pressure_turns_with_the_wall_that_it_pushes_over():
-    """V p H^2 / 2 = W (B cos t - H sin t) / 2 about the toe: the arm of the pressure stays; that of a force that kept
-    its direction would grow by B sin t."""
+    """V p H^2 / 2 = W (B cos t - H sin t) / 2 about the toe: the arm of the pressure is constant; that of a force of
+    fixed direction would grow by B sin t."""
     back = Pressure("wall", (-1.0, 0.0, 0.0), value=5000.0, actuator=True)
     control = DisplacementControl(rate=1e-3, travel=0.06, large_displacements=True)
     rows = simulate(wall((back,), control)).rows
@@ -177,8 +177,8 @@ def test_a_driven_pressure_turns_with_the_wall_that_it_pushes_over():
 
 
 def test_a_pressure_tilts_with_the_table_and_a_fluid_does_not():
-    """Overturning about the toe, seen from the table: gravity turns; a uniform pressure stays normal to the wall, and
-    the depth of water is that below a level that stays level in the world."""
+    """Overturning about the toe, in the frame of the table: gravity rotates; a uniform pressure stays normal to the
+    wall, and the depth of water is measured from a surface that stays level in the world."""
     weight = B * H * DENSITY * G
     control = TiltControl(axis=(0.0, 1.0, 0.0), large_displacements=True)
     even = simulate(wall((Pressure("wall", (-1.0, 0.0, 0.0), value=3000.0),), control)).collapse["angle"]
@@ -203,7 +203,7 @@ def test_a_pressure_tilts_with_the_table_and_a_fluid_does_not():
 
 
 def test_parts_of_one_block_cover_each_other():
-    """An L pressed on its side faces feels p times what is bare, and nothing where its pieces meet."""
+    """An L pressed on its side faces carries p times the exposed area, and nothing where its pieces meet."""
     parts = (Part(box=(0.2, 1.0, 0.6), position=(0.1, 0.0, 0.3)), Part(box=(0.4, 1.0, 0.2), position=(0.4, 0.0, 0.1)))
     piece = Block("block", "stone", position=(0.0, 0.0, 0.0), parts=parts)
     given = scene((1.0, 1.0, 1.0), 1000.0, (Pressure("block", (1.0, 0.0, 0.0), value=1000.0),))
@@ -221,7 +221,7 @@ def test_a_floating_block_goes_on_where_it_was_stopped(tmp_path):
 
 
 def test_pressures_find_their_blocks_in_any_order_of_memory(monkeypatch):
-    """Five blocks that bob, and a raft of two: the same bits whatever the order of the loop."""
+    """Five blocks that bob and a raft of two have the same bits whatever the memory order of the loop."""
     places = ((0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 1.0), (2.0, 2.0))
     blocks = tuple(
         Block(f"b.{i}", "stone", (0.3 + 0.1 * (i % 2), 0.3, 0.2), (*place, 0.02 * i)) for i, place in enumerate(places)

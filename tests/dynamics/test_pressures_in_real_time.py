@@ -1,4 +1,4 @@
-"""Convex joints whose friction follows the bending, in real time: what torsion a bent joint bears."""
+"""Torsion strength of bent convex joints whose friction follows the linear pressure, in real time."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ STRENGTH = {"full": 1.0, "effective": 0.8503, "linear": 0.8763}
 
 
 def turned(pressure, part):
-    """How far (rad) a block turns in 0.05 s under a couple that is ``part`` of what its joint bears; a dead load on one
+    """Rotation (rad) of a block in 0.05 s under a couple that is ``part`` of the joint's strength; a dead load on one
     edge, as heavy as the block, puts the resultant at b / 4."""
     couple = part * STRENGTH[pressure] * MU * 2.0 * WEIGHT * theory.equations.torsion_parameter(A, B)
     push = couple / B
@@ -40,6 +40,6 @@ def turned(pressure, part):
 
 @pytest.mark.parametrize("pressure", STRENGTH)
 def test_a_bent_joint_turns_at_the_strength_of_its_pressure(pressure):
-    """One per cent below it stays, one per cent above it turns."""
+    """One per cent below its torsion strength the joint sticks, one per cent above it the block rotates."""
     assert turned(pressure, 0.99) < 1e-8
     assert turned(pressure, 1.01) > 5e-4

@@ -1,4 +1,4 @@
-"""Impacts with a stated restitution: faces, edges and corners, central and not, against closed forms."""
+"""Impacts with a given restitution: faces, edges and corners, central and eccentric, against closed forms."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ from helpers.impact_scenes import AWAY, FLOOR, G, scene
 from helpers.motions import housner_restitution
 
 FEET = {"face": (0.0, 0.0, -0.05), "edge": (0.15, 0.0, -0.05), "corner": (0.15, 0.1, -0.05)}  # of 0.3 x 0.2 x 0.1 m
-NEAR = {  # how far the mean is off, between which two parts of the restitution; half of what makes where a step begins
+NEAR = {  # bounds of the mean error, and half the spread due to where in a step contact begins, per restitution
     "face": {0.2: (0.015, 0.025, 0.012), 0.5: (0.003, 0.012, 0.012), 0.8: (-0.002, 0.005, 0.008),
              1.0: (-0.002, 0.002, 0.005)},
     "edge": {0.2: (0.007, 0.015, 0.001), 0.5: (0.003, 0.009, 0.001), 0.8: (0.0, 0.004, 0.001),
@@ -24,11 +24,11 @@ NEAR = {  # how far the mean is off, between which two parts of the restitution;
                1.0: (-0.002, 0.001, 0.001)},
 }  # fmt: skip
 LONG = {"face": 0.02, "edge": 0.02, "corner": 0.06}  # s
-SOFT = {"face": 1e10, "edge": 1e10, "corner": 1e12}  # Pa/m; a corner that sinks in less turns the block less
+SOFT = {"face": 1e10, "edge": 1e10, "corner": 1e12}  # Pa/m; a corner that sinks in less rotates the block less
 
 
 def standing_on(foot):
-    """The orientation in which a point of the block is its lowest."""
+    """Orientation in which this point of the block is its lowest."""
     down = np.asarray(foot) / np.linalg.norm(foot)
     axis = np.cross(down, [0.0, 0.0, -1.0])
     angle = math.atan2(np.linalg.norm(axis), -down[2])
@@ -38,7 +38,7 @@ def standing_on(foot):
 
 
 def bounce(foot, restitution, speed, gap):
-    """Bounce speed over impact speed of a block that strikes the floor right below its centroid."""
+    """Rebound speed over impact speed of a block that strikes the floor right below its centroid."""
     block = Block(
         "block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, np.linalg.norm(FEET[foot]) + gap), standing_on(FEET[foot]),
         velocity=(0.0, 0.0, -speed),
@@ -56,8 +56,8 @@ def bounce(foot, restitution, speed, gap):
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("foot", FEET)
 def test_a_central_impact_has_the_stated_restitution(foot, restitution):
-    """Whatever it strikes with, at any speed, and wherever in a time step contact begins; from next to the floor too,
-    where the first step may meet it."""
+    """The restitution is as given for face, edge and corner, at any speed, and wherever in a time step contact begins;
+    also from close to the floor, where contact may begin in the first step."""
     low, high, scatter = NEAR[foot][restitution]
     for speed in (0.2, 1.0):
         _, dt = bounce(foot, restitution, speed, 1e-4)
@@ -70,9 +70,9 @@ def test_a_central_impact_has_the_stated_restitution(foot, restitution):
 
 
 def strike(restitution, sideways, friction, free):
-    """Velocity (3,) and spin about y of a block whose edge has struck another beside both centroids; how far the edge
-    is from its centroid (x, z), its mass and inertia, and 1/m of the edge along and orthogonal to the normal, as if it
-    slid in the sense in which it is thrown and without friction."""
+    """Velocity (3,) and spin about y of a block whose edge has struck another away from both centroids; position of the
+    edge from its centroid (x, z), its mass and inertia, and 1/m of the edge without friction and with the friction of
+    one that slides as thrown."""
     turn, speed, gap = 0.5, 1.0, 1e-4
     q = (math.cos(turn / 2), 0.0, math.sin(turn / 2), 0.0)
     x, _, z = rotation_matrix(np.array(q)) @ np.array([0.15, 0.0, -0.05])
@@ -106,8 +106,8 @@ def strike(restitution, sideways, friction, free):
 def test_an_edge_that_slides_gets_the_impulse_of_rigid_bodies(restitution, friction, sideways, free):
     """J = (1 + e) v / (1/m + x (x - mu s z)/I + the other's), mu J across (Routh, see `test_impacts`).
 
-    The damping ratio is that of the mass which the normal feels without friction; one that slides swings with another,
-    so its e is that of the ratio times the root of theirs. At mu = 0.3 that is e = 0.18 to 0.23 where 0.2 is stated.
+    The dashpot is set for the effective mass of a frictionless impact; a sliding edge has another one, so its e follows
+    from the damping ratio times the root of their quotient. At mu = 0.3 that is e = 0.18 to 0.23 for a given 0.2.
     """
     velocity, spin, (x, z), mass, inertia, smooth, rough = strike(restitution, sideways, friction, free)
     e = restitution_of_damping(damping_of_restitution(restitution) * math.sqrt(rough / smooth))
@@ -122,7 +122,7 @@ def test_an_edge_that_slides_gets_the_impulse_of_rigid_bodies(restitution, frict
 @pytest.mark.parametrize("restitution", [0.2, 0.8])
 @pytest.mark.parametrize("sideways", [0.2, -0.2])
 def test_an_edge_that_sticks_keeps_the_angular_momentum_about_it(restitution, sideways):
-    """Whatever acts at an edge has no moment about it; and it leaves with no more energy than it came with."""
+    """Forces at an edge have no moment about it; and the block leaves with no more energy than before."""
     velocity, spin, (x, z), mass, inertia, _, _ = strike(restitution, sideways, 20.0, free=False)
     before = mass * (-z * sideways - x)
     assert inertia * spin + mass * (x * velocity[2] - z * velocity[0]) == pytest.approx(before, rel=3e-3)
@@ -132,7 +132,7 @@ def test_an_edge_that_sticks_keeps_the_angular_momentum_about_it(restitution, si
 
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_heights_of_bounces_fall_with_the_square_of_the_restitution(restitution):
-    """Five bounces of a block dropped flat from 50 mm; the energy balances all the while."""
+    """Five bounces of a block dropped flat from 50 mm: heights fall by e^2, and the energy balances throughout."""
     height = 0.05
     first, lasts = math.sqrt(2.0 * height / G), sum(2.0 * restitution**k for k in range(1, 5))
     block = Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05 + height))
@@ -150,8 +150,8 @@ def test_heights_of_bounces_fall_with_the_square_of_the_restitution(restitution)
 
 
 def test_a_rocking_block_loses_what_housner_says():
-    """Points at true corners, of little restitution: the angular velocity after the impact is 1 - 1.5 sin^2 alpha of
-    that before. A convex joint rolls over without a blow and loses less."""
+    """With points at the true corners and little restitution the angular velocity after the impact is 1 - 1.5 sin^2
+    alpha of that before. A convex joint rolls over without an impact and loses less."""
     b, h, spin = 0.2, 1.0, 0.5341862625352708
     alpha, p2 = math.atan2(b, h), 3.0 * G / (2.0 * math.hypot(b, h))
     found = {}
@@ -174,7 +174,7 @@ def test_a_rocking_block_loses_what_housner_says():
 
 
 def test_faces_that_meet_at_the_end_of_a_step_bounce_as_stated():
-    """The flight takes a whole number of steps, a third of all: at the end of it the gap is zero but for rounding."""
+    """The fall takes a whole number of steps, a third of the run: at its end the gap is zero but for rounding."""
     e, size = 0.8113639538217108, (0.1922606953032569, 0.31894797866664293, 0.47305401330168373)
     centre = (0.9405533848497913, 0.41620291334632387, 0.35397308314890863)
     height = centre[2] - 0.5 * size[2]
@@ -184,7 +184,7 @@ def test_faces_that_meet_at_the_end_of_a_step_bounce_as_stated():
         DynamicControl(0.4642169622814824, e), floor, Block("block", "stone", size, centre), formulation="corrected",
         stiffness=1211176156.0456307, output=Output(rows=2000, frames=2000),
     )  # fmt: skip
-    joint = dataclasses.replace(given.joint, shear_stiffness=4e8)  # with it the step is what it is
+    joint = dataclasses.replace(given.joint, shear_stiffness=4e8)  # fixes the time step
     result = simulate(dataclasses.replace(given, joint=joint, materials={"stone": Material(1500.0)}))
     z = height + result.frames["displacement"][:, 1, 2]
     top = z[result.frames["time"] > 1.3 * fall].max()

@@ -22,11 +22,11 @@ from helpers.stone_scenes import law, of_stone
 
 G = 9.81
 WEIGHT = 13811.599  # N, of the arch
-# thrust of the arch over the spread (m) of its right springing: three rigid hinges
+# thrust of the arch against the spread (m) of its right springing: three rigid hinges
 SPREAD = {0.01: 2156.0722, 0.05: 2263.4567, 0.1: 2409.2076}
 FURTHER = {0.05: 2263.4567, 0.1: 2409.2076, 0.2: 2749.3188, 0.3: 3181.3291, 0.4: 3762.9176, 0.412: 3847.4920}
 LEAST_THRUST = 2130.36785
-# right reaction and thrust over the sinking (m) of its right springing
+# right reaction and thrust against the sinking (m) of its right springing
 SINKING = {0.01: (6585.1488, 2592.0099), 0.05: (6662.7129, 2598.9175), 0.1: (6758.8426, 2607.2245)}
 SINKING[0.2] = (6948.2364, 2623.5674)
 
@@ -39,12 +39,12 @@ def arch(control, stiffness=1e10) -> Scenario:
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    """Fewer equilibria on the way."""
+    """Compute fewer equilibria on the path."""
     monkeypatch.setattr(load_path, "EQUILIBRIA", 20)
 
 
 def thrust_at(result, x) -> float:
-    """The reaction along the motion of the equilibrium at a displacement."""
+    """Reaction along the motion in the equilibrium at this displacement."""
     path = result.run.path
     (row,) = np.flatnonzero(np.isclose(path[:, 0], x, rtol=1e-12, atol=0.0))
     return float(path[row, 1])
@@ -60,7 +60,7 @@ def spread():
 
 
 def test_the_thrust_of_a_spreading_arch(spread):
-    """At the first movement the thrust falls to the least of limit analysis, then follows three rigid hinges."""
+    """At the first movement the thrust falls to the minimum of limit analysis, then follows three rigid hinges."""
     assert spread.status == "completed"
     assert spread.settlement["least"]["reaction"] == pytest.approx(LEAST_THRUST, rel=1e-3)
     assert spread.settlement["least"]["displacement"] < 2e-3
@@ -74,7 +74,7 @@ def test_the_thrust_of_a_spreading_arch(spread):
 
 
 def test_supports_carry_the_weight_at_every_equilibrium(spread):
-    """The springings press against each other, and the moments about the left one balance in the deformed state."""
+    """The springings carry the weight and equal thrusts; moments about the left one balance in the deformed state."""
     reaction, frames = spread.rows["reaction"], spread.frames
     np.testing.assert_allclose(reaction[:, :, 2].sum(axis=1), WEIGHT, rtol=1e-6)
     np.testing.assert_allclose(reaction[:, 0, 0], -reaction[:, 1, 0], rtol=1e-4)
@@ -83,7 +83,7 @@ def test_supports_carry_the_weight_at_every_equilibrium(spread):
     weights = np.where(assembly.fixed, 0.0, assembly.mass * G)
     place = assembly.position + frames["displacement"]
     turning = (weights * place[:, :, 0]).sum(axis=1)
-    # moments are about the centroids of the start, of the support that has moved away too
+    # moments are about the centroids at the start, also of the support that has moved away
     (left, right), arm = np.flatnonzero(assembly.fixed), assembly.position
     about_y = reaction[:, :, 4].sum(axis=1)
     for k, i in enumerate((left, right)):
@@ -92,7 +92,7 @@ def test_supports_carry_the_weight_at_every_equilibrium(spread):
 
 
 def test_the_crown_of_a_spreading_arch_comes_down(spread):
-    """By what two rigid halves on three hinges make of it: 60.9893 mm at a spread of 0.1 m."""
+    """The crown sinks as in two rigid halves on three hinges: 60.9893 mm at a spread of 0.1 m."""
     assembly, hinge = spread.assembly, np.array([0.0, 0.0, 1.65])
     stone = assembly.names.index("arch.10")
     from dembrick.geometry.rotations import rotation_matrix
@@ -110,14 +110,14 @@ def test_a_springing_that_sinks():
     for x, (reaction, horizontal) in SINKING.items():
         assert thrust_at(result, x) == pytest.approx(reaction, rel=5e-4)
         assert thrust[x] == pytest.approx(horizontal, rel=5e-4)
-    # elastic joints let the stones down by some 10 um, not to the last one alike on both sides
+    # elastic joints let the stones sink by some 10 um, not exactly alike on both sides
     assert result.run.path[0, 1] == pytest.approx(0.5 * WEIGHT, rel=1e-5)
     assert result.run.path[1:, 1].min() == pytest.approx(6565.6696, rel=1e-3)
-    assert result.fallen == []  # though stones have come down with it by two thirds of their thickness
+    assert result.fallen == []  # although stones have sunk with it by two thirds of their thickness
 
 
 def test_two_supports_that_move_apart():
-    """Half of the spread at either springing is all of it at one; so is a turn of the whole about a far point."""
+    """Half of the spread at each springing equals all of it at one; so does a rotation about a far point."""
     ways = (
         SupportPath(("arch.right",), (0.005, 0.0, 0.0)),
         SupportPath(("arch.left",), (-0.005, 0.0, 0.0)),
@@ -148,7 +148,7 @@ def beam(control, width, formulation) -> Scenario:
     ],
 )
 def test_a_beam_on_three_supports(formulation, support, left, middle, right):
-    """One of them sinks by .01 mm: what springs of 100 MN/m make of it."""
+    """One support sinks by 0.01 mm: the reactions change as by springs of 100 MN/m."""
     scenario = beam(SettlementControl((support,), (0.0, 0.0, -1e-5)), 0.2, formulation)
     found = simulate(scenario).reactions
     assert [found[name][2] for name in ("left", "middle", "right")] == pytest.approx([left, middle, right], rel=2e-5)
@@ -173,7 +173,7 @@ def two_slabs(control, friction) -> Scenario:
 
 @pytest.mark.parametrize("friction, bound", [(0.5, 1255.68), (0.8, 969.59)])
 def test_bricks_on_a_slab_that_sinks(friction, bound):
-    """The slab's reaction falls from half the weight to no less than what associative equilibrium allows."""
+    """The slab's reaction falls from half the weight, but not below the least value of associative equilibrium."""
     scenario = two_slabs(SettlementControl(("right",), (0.0, 0.0, -5e-3)), friction)
     result = simulate(scenario)
     weight = 5022.72
@@ -186,7 +186,7 @@ def test_bricks_on_a_slab_that_sinks(friction, bound):
 
 @pytest.mark.parametrize("friction, falls", [(0.7, math.atan(0.2)), (0.15, math.atan(0.15))])
 def test_a_block_on_a_floor_that_turns(friction, falls):
-    """It overturns at atan(b/h), or slides at atan(mu); the settlement is the arc of the floor's corner."""
+    """The block overturns at atan(b/h), or slides at atan(mu); the settlement is the arc of the floor's corner."""
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.2, 0.4, 1.0), (0.0, 0.0, 0.5))
     control = SettlementControl(("floor",), rotation=Turn((0.0, 1.0, 0.0), 20.0, (0.0, 0.0, 0.0)), tolerance=1e-3)
@@ -202,7 +202,7 @@ def test_a_block_on_a_floor_that_turns(friction, falls):
 
 
 def test_hinges_of_stiff_joints_stay_closed():
-    """Ten times as stiff, in long steps: a hinge that rattles open slides, and its joint ends for good."""
+    """Ten times as stiff, in long steps: a hinge that chattered open would slide, and its joint would fail for good."""
     result = simulate(arch(SettlementControl(("arch.right",), (0.1, 0.0, 0.0)), stiffness=1e11))
     for x in (0.05, 0.1):
         assert np.interp(x, *result.run.path[:, :2].T) == pytest.approx(SPREAD[x], rel=2e-5)
@@ -211,7 +211,7 @@ def test_hinges_of_stiff_joints_stay_closed():
 
 @pytest.fixture(scope="module")
 def too_far():
-    """Steps far apart, and a coarse tolerance."""
+    """Result of an arch in long steps with a coarse tolerance."""
     patch = pytest.MonkeyPatch()
     patch.setattr(load_path, "EQUILIBRIA", 20)
     result = simulate(arch(SettlementControl(("arch.right",), (0.5, 0.0, 0.0), tolerance=1e-2), stiffness=2e10))
@@ -220,15 +220,15 @@ def too_far():
 
 
 def test_an_arch_that_spreads_too_far(too_far):
-    """At .458035 m the thrust reaches the outer edges of both springings; on the way it follows three rigid hinges, to
-    .3 % at nine tenths of that. By then the crown has turned so far that its blocks press each other as new contacts,
-    along a toe of 2 mm: that is what the stiffness of the joints makes of a hinge, and fades with its root."""
+    """At .458035 m the thrust reaches the outer edges of both springings; up to there it follows three rigid hinges, to
+    0.3 % at nine tenths of that. By then the crown has rotated so far that its blocks press each other as new contacts,
+    along a toe of 2 mm: an effect of the finite stiffness of the joints, which vanishes with its root."""
     for x, thrust in FURTHER.items():
         assert np.interp(x, *too_far.run.path[:, :2].T) == pytest.approx(thrust, rel=2e-4 if x < 0.35 else 3e-3)
     assert too_far.status == "collapse"
     assert too_far.collapse["settlement"] == pytest.approx(0.458035, rel=1e-2)
     hinges = {name.split(" / ")[0] for name in too_far.collapse["hinges"]}
-    assert len(hinges) >= 4 and len(too_far.collapse["blocks"]) >= 19  # of 20: rounding decides on the last one
+    assert len(hinges) >= 4 and len(too_far.collapse["blocks"]) >= 19  # of 20: rounding decides about the last one
     assert too_far.fallen == too_far.collapse["blocks"]
     said = key_lines(too_far)
     assert said["settlement at collapse"].startswith("settlement at collapse 45")
@@ -236,7 +236,7 @@ def test_an_arch_that_spreads_too_far(too_far):
 
 
 def test_frames_of_the_fall_follow_the_last_equilibrium(too_far):
-    """The crown comes down further and further, by half of a voussoir's least dimension; no row tells of it."""
+    """Frames show the crown falling further and further, by half of a voussoir's least dimension; rows end before."""
     rows, frames = too_far.rows, too_far.frames
     last = len(too_far.run.path) - 1
     assert rows["time"][-1] == last and len(rows["time"]) == len(too_far.run.path)
@@ -251,7 +251,7 @@ def test_frames_of_the_fall_follow_the_last_equilibrium(too_far):
 
 
 def test_a_collapse_in_real_time_says_at_which_settlement():
-    """A floor that turns under a block until it overturns, at atan(b/h), and a little later: it needs time."""
+    """A floor rotates under a block until it overturns, at atan(b/h) and a little later, as falling takes time."""
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.2, 0.4, 0.5), (0.0, 0.0, 0.25))
     turn = Turn((0.0, 1.0, 0.0), 30.0, (0.0, 0.0, 0.0))
@@ -265,7 +265,7 @@ def test_a_collapse_in_real_time_says_at_which_settlement():
 
 @pytest.mark.parametrize("friction", [0.6, 0.2])
 def test_what_comes_down_with_its_support_has_not_fallen(friction):
-    """A floor that sinks by twice the height of a block and turns by 25 deg, with the block or from under it."""
+    """A floor sinks by twice the height of a block and rotates by 25 deg, with the block or from under it."""
     floor = Block("floor", "stone", (4.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     away = Block("away", "stone", (1.0, 1.0, 0.2), (0.0, 3.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.2, 0.2, 0.1), (0.3, 0.0, 0.05))
@@ -279,8 +279,8 @@ def test_what_comes_down_with_its_support_has_not_fallen(friction):
 
 @pytest.mark.parametrize("size, rate", [(1.0, 0.05), (0.1, 0.05 * math.sqrt(0.1))])
 def test_a_tower_that_falls_slowly_is_seen_to_fall(size, rate):
-    """Of 2 x 2 x 10 m, on a floor that turns by little more than atan(1 / 5): small or great, it comes down alike, some
-    seconds after the floor has arrived."""
+    """A tower of 2 x 2 x 10 m, on a floor that rotates by little more than atan(1 / 5): at both scales it falls alike,
+    some seconds after the floor has stopped."""
     floor = Block("floor", "stone", (3.0 * size, 3.0 * size, 0.2 * size), (0.0, 0.0, -0.1 * size), fixed=True)
     tower = Block("tower", "stone", (2.0 * size, 2.0 * size, 10.0 * size), (0.0, 0.0, 5.0 * size))
     turn = Turn((0.0, 1.0, 0.0), 11.5, (0.0, 0.0, 0.0))
@@ -291,7 +291,7 @@ def test_a_tower_that_falls_slowly_is_seen_to_fall(size, rate):
 
 
 def over_the_ground(friction: float, block: tuple, angle: float, rate: float, formulation: str, kn: float) -> Scenario:
-    """A block on a floor that turns in real time, above the ground on which it comes to lie."""
+    """A block on a floor that rotates in real time, above the ground onto which it falls."""
     ground = Block("ground", "stone", (40.0, 40.0, 0.4), (0.0, 0.0, -1.5), fixed=True)
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     control = SettlementControl(("floor",), None, Turn((0.0, 1.0, 0.0), angle), quasi_static=False, rate=rate)
@@ -305,11 +305,11 @@ def over_the_ground(friction: float, block: tuple, angle: float, rate: float, fo
      (0.9, (0.2, 0.4, 0.5), 0.1, "concave", 0.009)],
 )  # fmt: skip
 def test_the_settlement_at_which_a_block_leaves_its_balance(friction, block, rate, formulation, off):
-    """It slides from tan = mu on, or tips over from tan = b / h, and lies still on the ground when the run ends."""
+    """The block slides from tan = mu on, or overturns from tan = b / h, and at the end lies still on the ground."""
     truth = min(friction, block[0] / block[2])
     angle = math.degrees(math.atan(truth)) + 3.0
     found = simulate(over_the_ground(friction, block, angle, rate, formulation, 1e9), record=False).collapse
-    floor = math.hypot(0.5, 0.1)  # from its centroid to its farthest corner, times the angle: the settlement
+    floor = math.hypot(0.5, 0.1)  # settlement per angle: distance from its centroid to its farthest corner
     low, high = found["settlement_range"]
     assert low - 0.01 * high < math.atan(truth) * floor < high + 0.01 * high
     assert found["settlement"] == pytest.approx(math.atan(truth) * floor, rel=off)
@@ -317,7 +317,7 @@ def test_the_settlement_at_which_a_block_leaves_its_balance(friction, block, rat
 
 @pytest.mark.slow
 def test_a_spread_in_real_time_is_that_of_equilibria(monkeypatch):
-    """At 20 mm/s: the thrust follows three hinges but for what swings, and the energy balances."""
+    """At 20 mm/s the thrust follows three hinges except for vibrations, and the energy balances."""
     control = SettlementControl(("arch.right",), (0.01, 0.0, 0.0), quasi_static=False, rate=0.02)
     monkeypatch.setattr(run, "AFTER", (1.0, 2.0))  # nothing falls
     scenario = dataclasses.replace(arch(control), output=Output(rows=14000, frames=20))
@@ -327,7 +327,7 @@ def test_a_spread_in_real_time_is_that_of_equilibria(monkeypatch):
     late = rows["time"] > rows["time"][-1] - 0.3
     assert rows["load"][late].mean() == pytest.approx(SPREAD[0.01], rel=2e-3)
     assert result.energy.relative_residual < 1e-5
-    # gravity works on the stones, and the thrust on the support that gives way
+    # gravity does work on the stones, and the thrust on the support that moves
     first, *_, last = result.frames["displacement"][:, :, 2]
     fallen = float((result.assembly.mass * G) @ (first - last))
     work = np.trapezoid(rows["load"], rows["displacement"])
@@ -336,7 +336,7 @@ def test_a_spread_in_real_time_is_that_of_equilibria(monkeypatch):
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.9)])
 def test_a_support_goes_along_its_path_and_stays_where_it_is_held(turn):
-    """Of any share of its path: its point has moved by that, and the rest has turned about it by that."""
+    """At any share of its path the reference point has moved, and the support turned about it, by that share."""
     start, point, way = np.array([[1.0, 2.0, 3.0]]), np.array([[0.5, 2.5, 3.0]]), np.array([[0.2, 0.0, -0.1]])
     before = Rotation.from_rotvec([0.1, 0.2, 0.3])
     quaternion = before.as_quat(scalar_first=True)[None]
@@ -364,7 +364,7 @@ def _matrix(quaternion) -> np.ndarray:
 
 
 def test_blocks_that_never_were_calm_fell_at_some_settlement():
-    """A floor is pulled away at once: it was said to fall at 0 m, between 0 and 0."""
+    """A floor is pulled away at once; the reported settlement was 0 m, between 0 and 0."""
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     column = Block("column", "stone", (0.1, 0.1, 1.0), (0.0, 0.0, 0.5))
     control = SettlementControl(("floor",), displacement=(0.3, 0.0, 0.0), quasi_static=False, rate=1.0)
@@ -374,7 +374,8 @@ def test_blocks_that_never_were_calm_fell_at_some_settlement():
 
 
 def test_what_has_moved_is_told_of_free_blocks_alone():
-    """A lintel turns about the inner edge of one pier as the other sinks, on whose outer edge it lies: 0.8 of 2.0 m."""
+    """A lintel rotates about the inner edge of one pier as the other sinks, and lies on the latter's outer edge: its
+    centroid moves by 0.8 / 2.0 of the settlement, and the supports do not count."""
     piers = tuple(Block(n, "stone", (0.4, 0.4, 0.2), (x, 0.0, -0.1), fixed=True) for n, x in (("l", -1.0), ("r", 1.0)))
     lintel = Block("lintel", "stone", (2.4, 0.4, 0.2), (0.0, 0.0, 0.1))
     control = SettlementControl(("r",), displacement=(0.0, 0.0, -0.02), quasi_static=False, rate=0.02)

@@ -51,7 +51,7 @@ def test_a_file_shakes_as_the_curve_that_it_samples(quantity, folder):
 
 
 def test_curves_of_supports_are_consistent():
-    """Acceleration, velocity and displacement of one motion give one velocity."""
+    """Acceleration, velocity and displacement of the same motion give the same velocity."""
     t = np.linspace(0.0, 2.0, 50)
     omega = 2.0 * math.pi * 0.7
     shapes = {"displacement": (0.1, 0.2), "velocity": (0.1 * omega, 0.2 + math.pi / 2),
@@ -106,7 +106,7 @@ def test_a_history_finer_than_the_time_step_is_refused(folder):
 
 
 def test_a_load_history_pushes(folder):
-    """A force that a file doubles half way: F/m less friction, twice."""
+    """A force that a file doubles half way: the acceleration is F/m less friction."""
     file = write(folder / "push.csv", [0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 1.0, 1.0], "factor")
     push = Load("block", (12.0 * 4.0, 0.0, 0.0), history=file)
     result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
@@ -115,8 +115,8 @@ def test_a_load_history_pushes(folder):
 
 
 def test_a_load_history_is_told_by_its_corners(folder):
-    """It grows for T = 0.04 s, stays to the end of a run of t, and has no sample between: the block, which friction
-    lets go where the force is mu m g, has the velocity (integral of the force less friction) / m."""
+    """A factor grows for T = 0.04 s, then stays constant until the end of the run, with no sample between: the block,
+    which begins to slide where the force is mu m g, has the velocity (integral of the force less friction) / m."""
     file = write(folder / "ramp.csv", [0.0, 0.04, 0.3], [0.0, 1.0, 1.0], "factor")
     result = simulate(block_on_floor(DynamicControl(0.25), (Load("block", (12.0 * 4.0, 0.0, 0.0), history=file),)))
     a, friction, grows, time = 4.0, 1.962, 0.04, result.run.motion.time
@@ -138,7 +138,7 @@ def test_a_factor_may_have_unequal_steps_and_a_motion_may_not(tmp_path):
 
 
 def test_a_record_that_has_ended_is_zero(tmp_path):
-    """A half sine for 0.5 s of a run of 2 s: supports keep the velocity that it gave them, and none is added."""
+    """A half sine for 0.5 s in a run of 2 s: the supports keep the velocity that it gave them."""
     time = np.linspace(0.0, 0.5, 501)
     write(tmp_path / "half.csv", time, np.sin(2.0 * np.pi * time))
     samples = read_samples(tmp_path / "half.csv", 2.0, "acceleration", may_end=True)
@@ -163,8 +163,8 @@ def test_supports_do_not_stop_all_at_once_at_the_end_of_a_record(folder):
 
 
 def test_a_baseline_lets_the_supports_end_where_they_began(tmp_path):
-    """A full sine has displacement only; with an offset it has velocity too. Both are gone, and a record that needs
-    nothing is left as it is."""
+    """A full sine has a displacement only; with an offset it has a velocity too. The correction removes both, and
+    leaves a record that needs none as it is."""
     time = np.linspace(0.0, 2.0, 2001)
     write(tmp_path / "drift.csv", time, np.sin(2.0 * np.pi * time) + 0.05)
     corrected = with_baseline(read_samples(tmp_path / "drift.csv", 2.0, "acceleration"))
@@ -183,7 +183,7 @@ def test_a_baseline_lets_the_supports_end_where_they_began(tmp_path):
 
 
 def test_a_block_that_sticks_comes_back_with_its_baseline(folder):
-    """Seen from the supports it rests, so only their recorded acceleration tells: its integral is zero."""
+    """Relative to the supports it is at rest, so only their recorded acceleration shows it: its integral is zero."""
     time = np.linspace(0.0, 0.5, 501)
     file = write(folder / "base.csv", time, 0.5 * np.sin(2.0 * np.pi * time) + 0.2)
     for baseline, left in ((True, 0.0), (False, 0.5 / np.pi + 0.1)):
@@ -196,7 +196,7 @@ def test_a_block_that_sticks_comes_back_with_its_baseline(folder):
 
 
 def test_a_block_beside_shaken_supports_falls_freely():
-    """z = g t^2 / 2, to the last half step."""
+    """z = g t^2 / 2, to half a step."""
     scenario = block_on_floor(BaseMotionControl(0.4, direction=(1.0, 0.0, 0.0), sine=Sine(1e-9, 1.0)))
     aside = dataclasses.replace(scenario.blocks[1], position=(9.0, 0.0, 3.0))
     result = simulate(dataclasses.replace(scenario, blocks=(scenario.blocks[0], aside)), record=False)

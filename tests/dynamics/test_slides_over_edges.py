@@ -1,5 +1,5 @@
-"""A block that spins and slides askew over the edges of a floor of its size, against the differential equations of its
-plane motion: its joint is cut by two edges at a time, and turns."""
+"""A block that spins and slides obliquely over the edges of a floor of its size, against the differential equations of
+its plane motion: its joint is cut by two edges at a time, and rotates."""
 
 import math
 
@@ -18,7 +18,7 @@ CELLS = 40  # of the face, along each edge
 
 class PlaneMotion:
     """A block of edges a, b, h on a floor a x b: friction of every cell against its motion, under a pressure that is
-    uniform over what is left of the joint, or linear and in balance with the friction."""
+    uniform over the remaining joint, or linear and in equilibrium with the friction."""
 
     def __init__(self, edges, friction, linear):
         a, b, h = self.edges = np.array(edges)
@@ -38,7 +38,7 @@ class PlaneMotion:
         moving = np.column_stack([velocity[0] - spin * arm[:, 1], velocity[1] + spin * arm[:, 0]])
         against = -moving / (np.linalg.norm(moving, axis=1) + 1e-9)[:, None]
         pressure = np.full(len(area), self.mass * G / area.sum())
-        for _ in range(3 if self.linear else 0):  # friction below the centroid moves the pressure
+        for _ in range(3 if self.linear else 0):  # friction below the centroid shifts the pressure
             force = (self.friction * pressure * area) @ against
             shape = np.column_stack([np.ones(len(area)), arm])
             wanted = np.array([self.mass * G, *(-0.5 * self.edges[2] * force)])
@@ -49,7 +49,7 @@ class PlaneMotion:
         return np.array([*velocity, spin, *(forces.sum(axis=0) / self.mass), torque / self.inertia])
 
     def to_rest(self, velocity, spin):
-        """x, y (m) and angle (rad) where it lies still, by Runge and Kutta's method."""
+        """x, y (m) and angle (rad) where the block stops, by the Runge-Kutta method."""
         state = np.array([0.0, 0.0, 0.0, *velocity, spin])
         while (speed := math.hypot(*state[3:5]) + abs(state[5]) * self.edges[0]) > 2e-3:
             step = 2e-3 if speed > 0.1 else 2e-4
@@ -86,7 +86,7 @@ def simulated(edges, friction, formulation, velocity, spin, law, **joint):
     [
         ("convex", {}, None, 3e-4),
         ("convex", {"pressure": "linear"}, None, 3e-4),
-        ("distributed", {}, None, 3e-3),  # as far as its points are apart
+        ("distributed", {}, None, 3e-3),  # its accuracy is the spacing of its points
         ("distributed", {}, COULOMB, 3e-3),
     ],
 )

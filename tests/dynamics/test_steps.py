@@ -1,4 +1,4 @@
-"""A run in real time as a loop of Python: against closed forms, against the same run in one piece, and ended early."""
+"""A run in real time as a Python loop: against closed forms, against the same run in one piece, and ended early."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ MU, G, MASS = 0.3, 9.81, 2000.0 * 0.3 * 0.2 * 0.1
 def scene(control, **more) -> dembrick.Scenario:
     floor = dembrick.Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = dembrick.Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05))
-    law = dembrick.JointLaw("concave", MU, 1e11, 4e10)  # stiff: little time passes before the block slides
+    law = dembrick.JointLaw("concave", MU, 1e11, 4e10)  # stiff, so that the block slides almost at once
     return dembrick.Scenario(
         "steps", (0.0, 0.0, -G), law, {"stone": dembrick.Material(2000.0)}, (floor, block), control, **more
     )
 
 
 def test_a_block_slides_under_the_load_of_a_callback():
-    """From .05 s on twice the friction pushes: the block gains mu g from then, and slows down by it after .1 s."""
+    """From 0.05 s on the push is twice the friction: the block gains mu g, and slows down by it after 0.1 s."""
 
     def loads(step):
         return {"block": (2.0 * MU * MASS * G, 0.0, 0.0)} if 0.05 <= step.time < 0.1 else None
@@ -31,7 +31,7 @@ def test_a_block_slides_under_the_load_of_a_callback():
     pushed = at["end"].time - at["begin"].time
     block = states[0].of("block")
     assert at["end"].velocity[block, 0] == pytest.approx(MU * G * pushed, rel=2e-3)
-    # sliding on takes as long and as far as being pushed did
+    # sliding on takes as long and as far as being pushed
     assert states[-1].displacement[block, 0] == pytest.approx(MU * G * pushed**2, rel=5e-3)
     assert abs(states[-1].velocity[block, 0]) < 1e-4
     assert states[-1].joint_forces[0, 0] == pytest.approx(MASS * G, rel=1e-3)
@@ -69,7 +69,7 @@ def test_what_has_no_time_is_refused():
               ["a", "b", "c"], None, [True, False, True], [1.0, [2.0], 3.0], {"x": 1.0}],
 )  # fmt: skip
 def test_a_force_that_is_no_three_numbers_is_refused(force):
-    """A number would act along all three axes."""
+    """A single number would act along all three axes."""
     with pytest.raises(ScenarioError, match=r"loads gives block 'block' the force .*; it must be three numbers"):
         for _ in dembrick.steps(scene(dembrick.DynamicControl(0.02)), 0.01, loads=lambda _: {"block": force}):
             pass

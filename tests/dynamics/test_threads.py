@@ -1,4 +1,4 @@
-"""Threads change no bit of a result, and small scenes compile nothing for them."""
+"""Threads change no bit of a result, and small scenes compile no parallel code."""
 
 import subprocess
 import sys
@@ -49,7 +49,7 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
 
 @pytest.mark.parametrize("kind", ["concave", "convex", "linear", "custom"])
 def test_large_scenes_that_threads_cannot_share_go_without(kind, monkeypatch):
-    """Joints with strengths, pressures that follow the bending, a law of the user's own: numba does not share them."""
+    """Joints with strengths, linear pressure or a user's own law run in one thread: numba cannot parallelise them."""
     law = {"formulation": "convex"} if kind in ("convex", "linear") else {"formulation": "concave"}
     more = {"linear": {"pressure": "linear"}, "custom": {}}.get(kind, {"cohesion": 1e4})
     built = assemble(dembrick.load("wall_tilt", [f"joint.{k}={v}" for k, v in (law | more).items()]))
@@ -81,7 +81,7 @@ assert loop.advance_bodies.called.signatures and not loop.advance_bodies_togethe
 
 
 def test_a_wall_of_point_joints_takes_less_than_two_kilobytes_a_block():
-    """Wide walls have three joints a block; joints of blocks alike share their axes."""
+    """Wide walls have three joints a block; joints of equal blocks share their axes."""
     scenario = wall("concave", courses=12, blocks=40)
     moving = integrator.motion(scenario, 0.1, 0.5)
     joints, blocks = len(scenario.joints), len(scenario.names)

@@ -31,7 +31,7 @@ def tie(first, second, stiffness=K, **more):
 
 
 def pulled(duration, *, speed=SPEED, output=("joints", "energy", "frames"), **more) -> Scenario:
-    """A block that slides without friction away from what it is tied to."""
+    """A block without friction that moves away from the anchor of its tie."""
     blocks = (
         Block("floor", "stone", (3.0, 1.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
         Block("anchor", "stone", (0.1, 0.1, 0.1), (-1.0, 0.0, 0.05), fixed=True),
@@ -48,7 +48,7 @@ def pulled(duration, *, speed=SPEED, output=("joints", "energy", "frames"), **mo
 
 
 def test_a_block_swings_once_on_a_slack_cable():
-    """Half a swing: e = v sqrt(m / k) at the most, and back at speed v after pi sqrt(m / k); then it is slack."""
+    """Half an oscillation: e = v sqrt(m / k) at most, back at speed v after pi sqrt(m / k); then the cable is slack."""
     period = math.pi * math.sqrt(MASS / K)
     result = simulate(pulled(2.0 * period, output=("joints", "energy", "frames", "velocity")))
     tension, time = result.rows["tension"][:, 0], result.rows["time"]
@@ -64,7 +64,7 @@ def test_a_block_swings_once_on_a_slack_cable():
 
 @pytest.mark.parametrize("strength", [300.0, 100.0])
 def test_a_tie_yields_and_stays_longer(strength):
-    """m v^2 / 2 = T_y^2 / (2 k) + T_y e_p: what it yields is work, and is kept."""
+    """m v^2 / 2 = T_y^2 / (2 k) + T_y e_p: the plastic elongation dissipates energy and remains."""
     result = simulate(pulled(0.12, strength=strength))
     kept = (0.5 * MASS * SPEED**2 - 0.5 * strength**2 / K) / strength
     assert result.rows["tension"].max() == strength
@@ -78,7 +78,7 @@ def test_a_tie_yields_and_stays_longer(strength):
 
 
 def test_a_prop_pushes_and_yields_both_ways():
-    """Thrown at its anchor: a bar carries the same in compression."""
+    """Thrown at its anchor: a bar carries the same force in compression."""
     result = simulate(pulled(0.12, speed=-SPEED, strength=300.0, tension_only=False))
     kept = (0.5 * MASS * SPEED**2 - 0.5 * 300.0**2 / K) / 300.0
     assert result.rows["tension"].min() == -300.0
@@ -87,7 +87,7 @@ def test_a_prop_pushes_and_yields_both_ways():
 
 
 def test_a_block_circles_on_a_tie():
-    """T = m v^2 / L with that pre-stress: it neither stretches nor spins, and is back after 2 pi L / v."""
+    """With the pre-stress T = m v^2 / L the tie keeps its length, and the block is back after 2 pi L / v unspun."""
     L, v = 1.0, 2.0
     blocks = (
         Block("pivot", "stone", (0.1, 0.1, 0.1), (0.0, 0.0, 0.0), fixed=True),
@@ -111,7 +111,7 @@ def test_a_block_circles_on_a_tie():
 
 
 def hung(control, **more) -> Scenario:
-    """A block on a support, and on a tie from above."""
+    """A block on a support and on a tie from above."""
     blocks = (
         Block("support", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
         Block("beam", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 1.05), fixed=True),
@@ -123,7 +123,7 @@ def hung(control, **more) -> Scenario:
 
 @pytest.mark.parametrize("sinks", [2e-6, 4e-5])
 def test_a_support_sinks_from_under_a_block_on_a_tie(sinks):
-    """d = (W + K s) / (K + k) while the block rests on both, and W / k once it hangs."""
+    """The tie stretches by d = (W + K s) / (K + k) while the block rests on both, and by W / k once it hangs."""
     W, joint, k = MASS * G, 1e9 * 0.06, 1e7
     result = simulate(hung(SettlementControl(("support",), (0.0, 0.0, -sinks))))
     d = min((W + joint * sinks) / (joint + k), W / k)
@@ -136,7 +136,7 @@ def test_a_support_sinks_from_under_a_block_on_a_tie(sinks):
 
 
 def test_a_tied_block_slides_at_constant_rate():
-    """V = mu (N + T cos b) + T sin b after 5 mm; T = T_0 + k (l - l_0) of a tie of 0.3 m across the bed."""
+    """V = mu (N + T cos b) + T sin b after 5 mm; T = T_0 + k (l - l_0) of a tie 0.3 m long across the bed."""
     blocks = (
         Block("lower", "tuff", (0.3, 0.2, 0.15), (0.0, 0.0, -0.075), fixed=True),
         Block("upper", "tuff", (0.3, 0.2, 0.15), (0.0, 0.0, 0.075)),
@@ -158,7 +158,7 @@ def test_a_tied_block_slides_at_constant_rate():
     assert rows["load"][soon].mean() == pytest.approx(490.88, rel=2e-3)  # the first slip: mu (N + T_0)
     assert rows["tension"][-1, 0] == pytest.approx(341.6638, rel=1e-3)  # the joint shortens it by 0.13 N
     assert result.yield_point.V == pytest.approx(523.2081, rel=1e-3)
-    assert result.reactions["lower"][2] == pytest.approx(467.0, rel=1e-3)  # of joint and tie together
+    assert result.reactions["lower"][2] == pytest.approx(467.0, rel=1e-3)  # joint and tie together
     assert abs(result.energy.relative_residual) < 1e-5
 
 
@@ -180,7 +180,7 @@ def pushed_with_a_spring(height, **control):
 
 
 def test_no_limit_load_is_said_of_a_tied_block_that_has_not_slipped():
-    """It was called sliding at a fraction of mu N, since an elastic tie may stretch for ever."""
+    """Earlier versions reported sliding at a fraction of mu N, since an elastic tie may stretch without limit."""
     with pytest.raises(NotConvergedError, match="the joint has not begun to slip") as refused:
         simulate(pushed_with_a_spring(0.0, travel=2e-5))
     point = refused.value.yield_point
@@ -191,13 +191,13 @@ def test_no_limit_load_is_said_of_a_tied_block_that_has_not_slipped():
 
 @pytest.mark.parametrize("height, travel, how", [(0.0, 2e-5, "none"), (0.0, 1e-4, "sliding"), (0.075, 2e-4, "rocking")])
 def test_what_moves_elastically_in_the_deformed_geometry_moves_by_no_mechanism(height, travel, how):
-    """The joint slips by its way less mu N / k_s A = 3.9e-5 m; pushed at its top the block rocks before."""
+    """The slip is the displacement less mu N / k_s A = 3.9e-5 m; pushed at its top the block rocks before it slips."""
     point = simulate(pushed_with_a_spring(height, travel=travel, large_displacements=True)).yield_point
     assert point.mechanism == how and (how != "none" or point.V < 0.6 * 1.6 * point.N)
 
 
 def test_a_tied_block_moves_by_a_mechanism_only_where_its_joint_lets_it_go():
-    """It slides at mu N. Pushed at its top it rocks at N b / 2 h = N at the least, and moves by no mechanism before."""
+    """It slides at mu N. Pushed at its top it rocks at no less than N b / 2 h = N, without a mechanism before that."""
     slides = simulate(pushed_with_a_spring(0.0, travel=2e-3)).yield_point
     assert slides.mechanism == "sliding" and slides.V == pytest.approx(1.6 * slides.N, rel=1e-3)
     opens = simulate(pushed_with_a_spring(0.075, travel=5e-5)).yield_point
@@ -207,7 +207,7 @@ def test_a_tied_block_moves_by_a_mechanism_only_where_its_joint_lets_it_go():
 
 
 def test_ties_are_kept_shown_and_restarted(tmp_path):
-    """A run goes on from a checkpoint with what its ties have yielded; files hold ends, tension and yielded length."""
+    """A restarted run keeps the plastic elongation of its ties; files hold ends, tension and plastic elongation."""
     given = pulled(0.12, strength=300.0)
     given = dataclasses.replace(given, output=dataclasses.replace(given.output, checkpoint=0.0, rows=60))
     whole, stopped = tmp_path / "whole.h5", tmp_path / "stopped.h5"
@@ -235,7 +235,7 @@ def test_ties_are_kept_shown_and_restarted(tmp_path):
 
 @pytest.mark.parametrize("stiffness", [2e7, 1e8])
 def test_a_block_on_a_bar_alone_swings_in_time(stiffness):
-    """No joint sets the time step: the bar does. v sqrt(m / k) is the amplitude, sqrt(k / m) the frequency."""
+    """Without a joint the bar sets the time step: amplitude v sqrt(m / k), frequency sqrt(k / m)."""
     blocks = (
         Block("anchor", "stone", (0.1, 0.1, 0.1), (-1.0, 0.0, 0.05), fixed=True),
         Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(SPEED, 0.0, 0.0)),

@@ -1,4 +1,4 @@
-"""Two flat blocks on one another on a shaken floor, against a time stepping of their speeds that knows no springs."""
+"""Two flat blocks on one another on a shaken floor, against a time integration of rigid blocks without springs."""
 
 import math
 
@@ -15,14 +15,14 @@ LOWER, UPPER = (0.8, 0.6, 0.02), (0.35, 0.4, 0.02)  # m: so flat that nothing ro
 
 
 def rigid_blocks(amplitude, frequency, friction, duration):
-    """Where both blocks are on the floor after ``duration``: every joint holds them together by up to mu N."""
+    """Positions of both blocks on the floor after ``duration``: every joint resists slip by up to mu N."""
     lower, upper = 2000.0 * math.prod(LOWER), 2000.0 * math.prod(UPPER)
     most = friction[0] * (lower + upper) * G, friction[1] * upper * G
     dt = duration / 20_000
     u1 = u2 = v1 = v2 = 0.0
     for i in range(20_000):
         shaken = -amplitude * math.sin(2.0 * math.pi * frequency * (i + 0.5) * dt)
-        # what would stop each slip within the step, the one given the other, until both agree
+        # the forces that stop each slip within the step, iterated until they agree
         below = above = 0.0
         for _ in range(100):
             rate1, rate2 = v1 / dt + shaken, v2 / dt + shaken

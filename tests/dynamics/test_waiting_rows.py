@@ -1,4 +1,4 @@
-"""Rows that wait for others are the rows one by one, to the last bit, and none is lost when a run ends or stops."""
+"""Rows recorded in batches equal rows recorded one by one, bit for bit, and none is lost when a run ends or stops."""
 
 import dataclasses
 
@@ -34,7 +34,7 @@ SHAKEN = ["control.duration=0.05", "output.rows=300", "output.frames=40"]
 
 
 def observed(scenario, most=None):
-    """What the observer of a run gets, and in how many calls; the run ends at its row number ``most``."""
+    """All rows and frames that the observer of a run gets, and the number of calls; the run stops at step ``most``."""
     calls = []
 
     def observe(rows, frames):
@@ -82,7 +82,7 @@ def test_rows_together_are_the_rows_one_by_one(monkeypatch, stem):
 
 @pytest.mark.parametrize("formulation", ["convex", "concave", "distributed"])
 def test_rows_are_of_the_joints_as_they_are_once_polygons_were_cut(monkeypatch, formulation):
-    """Two blocks share a polygon until one slides over the edge of its floor, and then asks for one of its own."""
+    """Rows hold the joints after the cut: blocks share a polygon until one slides over an edge and gets its own."""
     scenario = toml.loads(OVER_AN_EDGE.format(formulation=formulation))
     together, _, calls = observed(scenario)
     with monkeypatch.context() as changed:
@@ -91,7 +91,7 @@ def test_rows_are_of_the_joints_as_they_are_once_polygons_were_cut(monkeypatch, 
         alone, _, each = observed(scenario)
     assert calls < 0.2 * each == 0.2 * len(alone["time"])
     same(together, alone)
-    monkeypatch.setattr(recorder, "in_one_thread", lambda motion: False)  # every row is Python's
+    monkeypatch.setattr(recorder, "in_one_thread", lambda motion: False)  # Python takes every row
     taken, _, _ = observed(scenario)
     same(together, taken)
 
@@ -133,7 +133,7 @@ def test_large_rows_do_not_wait(monkeypatch):
 
 @pytest.mark.parametrize("channels", [("joints", "energy", "frames"), ("frames", "velocity")])
 def test_the_loop_writes_the_rows_that_it_passes(monkeypatch, channels):
-    """Python takes one now and then: the last, those where it is asked for, and those with frames of velocities."""
+    """Python takes only a few rows: the last, those that are requested, and those with frames of velocities."""
     scenario = toml.load(shipped.folder() / "newmark_pulse.toml", SHAKEN)
     scenario = dataclasses.replace(scenario, output=dataclasses.replace(scenario.output, channels=channels))
     taken, take = [], Recorder.take

@@ -1,4 +1,4 @@
-"""Earth pressure: a wedge between a slip plane and a wall that gives way or is pushed in, by Coulomb."""
+"""Coulomb's earth pressure: a wedge between a slip plane and a wall that yields or is pushed in."""
 
 import math
 
@@ -16,7 +16,7 @@ G, DENSITY = 9.81, 1800.0
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch):
-    """Fewer equilibria on the way."""
+    """Compute fewer equilibria on the path."""
     monkeypatch.setattr(load_path, "EQUILIBRIA", 30)
 
 
@@ -51,14 +51,14 @@ def wedge(height: float, slope: float, friction: float, wall_friction: float, tr
 @pytest.mark.parametrize(
     ("active", "height", "slope", "friction", "wall_friction", "travel", "kn"),
     [
-        (True, 2.0, 59.394, 35.0, 20.0, -2e-3, 1e11),  # the steepest thrust of Coulomb's; once .53 % off
+        (True, 2.0, 59.394, 35.0, 20.0, -2e-3, 1e11),  # the slip plane of Coulomb's greatest thrust; once .53 % off
         (True, 2.02, 69.0, 18.6, 23.9, -1.6e-3, 2.5e10),
         (False, 2.73, 34.5, 22.2, 7.1, 1e-3, 5.1e10),
     ],
 )
 def test_earth_pressure(active, height, slope, friction, wall_friction, travel, kn):
-    """Both joints slide, with all of their friction, as long as the wall moves: N = W tan(slope -+ phi) / (1 +-
-    tan(slope -+ phi) tan(delta))."""
+    """Both joints slide with full friction as long as the wall moves: with t = slope -+ phi, N = W tan(t) / (1 +-
+    tan(t) tan(delta))."""
     slope, phi, delta = (math.radians(angle) for angle in (slope, friction, wall_friction))
     side = 1.0 if active else -1.0
     along = math.tan(slope - side * phi)
@@ -66,5 +66,5 @@ def test_earth_pressure(active, height, slope, friction, wall_friction, travel, 
     thrust = weight * along / (1.0 + side * along * math.tan(delta))
     found = simulate(wedge(height, slope, math.tan(phi), math.tan(delta), travel, kn), record=False, progress=False)
     assert found.status == "completed"
-    sliding = abs(found.run.path[12:, 1])  # behind what the joints give elastically
+    sliding = abs(found.run.path[12:, 1])  # after the elastic displacement of the joints
     assert sliding == pytest.approx(thrust, rel=1e-4)
