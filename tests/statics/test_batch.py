@@ -1,4 +1,4 @@
-"""Many limit loads in one call: the same as scene by scene, as theory, whatever the number of threads; bad input."""
+"""Many limit loads in one call: equal to single searches and to theory, for any number of threads; invalid input."""
 
 import dataclasses
 
@@ -25,12 +25,13 @@ def one_force(point, formulation="convex", **options):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("z", [0.0, 0.05])
 def test_the_same_as_scene_by_scene(formulation, z):
-    """A certified search steps both through the same states, so that V, bracket and number of steps are the same.
+    """Where brackets are certified, batch and single search pass the same states: same V, bracket and number of steps.
 
-    Elsewhere a scene of its own follows equilibria, and a batch steps as ever: their brackets hold the same limit.
+    Elsewhere a single search follows equilibria and a batch steps in time as always; their brackets hold the same
+    limit.
     """
     arms = [(0.0, 0.0), (0.07, 0.02), (-0.13, 0.08)]
-    points = (9, 6) if formulation == "distributed" else None  # a scene of its own would place them by the load
+    points = (9, 6) if formulation == "distributed" else None  # a single search would place them by the load
     found = batch.find_limit_loads(
         one_force(
             [[[*arm, z]] for arm in arms], formulation, normal_stiffness=1e10, shear_stiffness=4e9, points=points,
@@ -56,7 +57,7 @@ def test_the_same_as_scene_by_scene(formulation, z):
 
 @pytest.mark.parametrize("pressure", ["full", pytest.param("effective", marks=pytest.mark.slow), "linear"])
 def test_random_convex_joints_against_theory(pressure):
-    """Each case with a polygon, friction, N, eccentricity, dead shear and load of its own; certified, theory inside."""
+    """Each case has its own polygon, friction, N, eccentricity, dead shear and load; certified brackets hold theory."""
     rng = np.random.default_rng(31)
     k = 60
     shapes = [random_polygon(rng, 10 ** rng.uniform(-2, 1)) for _ in range(k)]
@@ -79,7 +80,7 @@ def test_random_convex_joints_against_theory(pressure):
         f, r = direction[i, 0], arm[i, 0]
         try:
             V = theory.limit_load(law, (f[0], f[1], r[0] * f[1] - r[1] * f[0]), (*dead[i], 0.0)).V
-        except ScenarioError:  # the dead shear is more than it can carry at that eccentricity
+        except ScenarioError:  # the dead shear exceeds the strength at that eccentricity
             assert found.status[i] == "no equilibrium"
             continue
         held += 1
@@ -209,7 +210,7 @@ def test_a_bent_joint_has_a_smaller_domain_and_one_outside_none():
     law = theory.polygon_formulation(RECTANGLE, MU, "linear").law(N, (0.0, 0.07))
     np.testing.assert_allclose(bent.limits.V, theory.limit_loads(law, bent.load).V, rtol=1e-3)
     assert bent.convexity().holds and bent.normality().holds and bent.certified
-    # loads about O: the smaller torsion strength shows with the force through the centre of pressure
+    # loads about O: the lower torsion strength shows if the force passes through the centre of pressure
     assert (np.linalg.norm(bent.points - whole.points, axis=1) > 1e-2 * whole.V_0 * whole.lever).any()
     with pytest.raises(NotConvergedError, match="no equilibrium"):
         yield_domain.yield_domain(RECTANGLE, "convex", eccentricity=(0.0, 0.12), **options)

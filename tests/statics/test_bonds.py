@@ -1,6 +1,6 @@
-"""Bonded, dilating and crushing joints in the searches and in constant-rate tests, against closed forms.
+"""Bonded, dilating and crushing joints in searches and in constant-rate tests, against closed forms.
 
-Joint 0.3 x 0.2 m, N = 467 N, friction 0.64, c = 10 kPa: c A = 600 N and c A + mu N = 898.88 N, unless said otherwise.
+Joint 0.3 x 0.2 m, N = 467 N, friction 0.64, c = 10 kPa: c A = 600 N and c A + mu N = 898.88 N, unless stated otherwise.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ def found(formulation, law, jacks=SHEAR, record=False, **options):
 
 
 def holds(point, expected):
-    """The answer is within 0.1 % and the bracket holds the truth, of which seven digits are known."""
+    """The answer is within 0.1 %, and the bracket holds the true value, known to seven digits."""
     assert point.V == pytest.approx(expected, rel=1e-3)
     assert point.V_lower * (1.0 - 2e-7) <= expected <= point.V_upper * (1.0 + 2e-7)
 
@@ -70,7 +70,7 @@ def test_ductile_joints(formulation, jacks, expected):
     ],
 )
 def test_brittle_points_break_one_after_another(jacks, peak, after):
-    """The first two slip by the elastic forces, and what is left is the dry joint."""
+    """The first two points slip by the elastic forces, and a dry joint remains."""
     point = found("concave", C, jacks).yield_point
     holds(point, peak)
     assert point.V_after == pytest.approx(after, rel=1e-3)
@@ -78,7 +78,7 @@ def test_brittle_points_break_one_after_another(jacks, peak, after):
 
 @pytest.mark.parametrize("formulation, jacks", [("convex", SHEAR), ("convex", TORSION), ("concave", SHEAR)])
 def test_residual_friction(formulation, jacks):
-    """From 898.88 N to 233.5 N, and M_T from 87.0211 to 22.6053 N m: one strength times the same surface."""
+    """V falls from 898.88 N to 233.5 N, M_T from 87.0211 to 22.6053 N m: a strength times the same surface."""
     point = found(formulation, C | {"residual_friction": 0.5}, jacks).yield_point
     holds(point, {SHEAR: 898.88, TORSION: 435.105605}[jacks])
     assert point.V_after == pytest.approx(point.V * 233.5 / 898.88, rel=1e-3)
@@ -86,7 +86,7 @@ def test_residual_friction(formulation, jacks):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_bond_that_breaks_lets_its_springs_go(formulation):
-    """The energy at the drop is (V^2 - V_r^2) / (2 k_s A), counted as fracture; what friction takes follows."""
+    """The energy released at the drop, (V^2 - V_r^2) / (2 k_s A), counts as fracture; friction work comes after it."""
     result = found(formulation, C | {"residual_friction": 0.5}, record=True)
     energy = {name: values[-1] for name, values in result.rows["energy"].items()}
     assert energy["fracture"] == pytest.approx(1.56971e-3, rel=1e-3)
@@ -109,7 +109,7 @@ def test_a_bond_that_breaks_lets_its_springs_go(formulation):
     ],
 )
 def test_a_bond_is_pulled_off(formulation, e, expected):
-    """f_t A over 1 + 2 e / b of four corners, 1 + 6 e / b of a linear stress; nothing else acts."""
+    """V is f_t A over 1 + 2 e / b for four corners, over 1 + 6 e / b for a linear stress; no other load acts."""
     point = found(formulation, STRONG, single((0.0, e), (0.0, 0.0, 1.0)), normal=0.0).yield_point
     holds(point, expected)
     assert point.V_after == 0.0
@@ -148,28 +148,28 @@ def test_a_bond_that_breaks_is_named_by_how_it_breaks(formulation, jacks, mechan
     ],
 )
 def test_toe_crushing(formulation, crushing, moment):
-    """Four corners: min(N, f_c A - N) b / 2; a convex joint (N / 2)(b - N / (f_c a))."""
+    """Moment of four corners: min(N, f_c A - N) b / 2; of a convex joint: (N / 2)(b - N / (f_c a))."""
     point = found(formulation, {"compressive_strength": crushing}, BENDING).yield_point
     assert 0.1 * point.V == pytest.approx(moment, rel=1e-3)
     assert 0.1 * point.V_lower <= moment * (1 + 1e-5) and moment * (1 - 1e-5) <= 0.1 * point.V_upper
 
 
 def cells(n, m):
-    """Places (n m, 2) and areas of n x m equal cells of the joint."""
+    """Positions (n m, 2) and areas of n x m equal cells of the joint."""
     x, y = (np.arange(n) + 0.5) / n - 0.5, (np.arange(m) + 0.5) / m - 0.5
     places = np.stack(np.meshgrid(A * x, B * y), axis=-1).reshape(-1, 2)
     return places, np.full(n * m, A * B / (n * m))
 
 
 def placed(law, jacks, points):
-    """V of a distributed joint, and the places and areas of its points."""
+    """V of a distributed joint, and the positions and areas of its points."""
     result = found("distributed", law, jacks, points=points)
     (own,) = result.assembly.contact_points
     return result.yield_point.V, own.normal_arm, own.area
 
 
 def cracks(places, areas, tension):
-    """M (N m) at which each row cracks after those before it, by the elastic forces of what is left; the last rocks."""
+    """M (N m) at which each row cracks in turn, by the elastic forces of those left; the last value is rocking."""
     found, order = [], np.argsort(places[:, 1])
     y, area = places[order, 1], areas[order]
     while np.ptp(y) > 1e-9:
@@ -185,9 +185,9 @@ ROWS = [(4, 2e4, 69.4583, 69.4583), (8, 2e4, 62.5125, 62.5125), (8, 1e4, 40.0125
 
 @pytest.mark.parametrize("rows, tension, first, peak", ROWS)
 def test_rows_of_points_crack_one_after_another(rows, tension, first, peak):
-    """The first crack is at (f_t A + N)(b / 6)(1 + 1 / m) of equal rows. A weak joint goes on to bear more: the last of
-    eight rows but one pulls 75 N as the last bears 542 N, 42.7375 N m, before it rocks at 40.8625. So much for equal
-    rows; here those that the program places."""
+    """Equal rows crack first at (f_t A + N)(b / 6)(1 + 1 / m). A weak joint then carries more: the last row but one of
+    eight pulls 75 N as the last carries 542 N, 42.7375 N m, before rocking at 40.8625. The run is compared with the
+    rows that the program places, which are not equal."""
     equal = cracks(*cells(2, rows), tension)
     assert (equal[0], max(equal)) == pytest.approx((first, peak), rel=2e-6)
     assert equal[-1] == pytest.approx(0.5 * B * N * (1.0 - 1.0 / rows), rel=1e-12)
@@ -196,13 +196,13 @@ def test_rows_of_points_crack_one_after_another(rows, tension, first, peak):
 
 
 def breaks(places, areas):
-    """M_T (N m) at which the farthest point slips by the elastic forces, the others held."""
+    """M_T (N m) at which the farthest point slips by the elastic forces while the others stick."""
     square = (places**2).sum(axis=1)
     return 898.88 / areas.sum() * (areas * square).sum() / np.sqrt(square.max())
 
 
 def test_torsion_breaks_distributed_points_from_the_corners_on():
-    """Fine points begin at (c A + mu N) hypot(a, b) / 6 = 54.016 N m, .62 of M_T0."""
+    """With fine points slip begins at (c A + mu N) hypot(a, b) / 6 = 54.016 N m, 0.62 of M_T0."""
     assert breaks(*cells(300, 200)) == pytest.approx(54.0160, rel=5e-3)
     V, *own = placed(C, TORSION, (6, 4))
     assert 0.2 * V == pytest.approx(breaks(*own), rel=1e-3)
@@ -221,8 +221,8 @@ def wall(height, control) -> Scenario:
 @pytest.mark.parametrize("push", [(1.0, 0.0, 0.0), (0.9, 0.0, 0.4)])
 @pytest.mark.parametrize("k", [1e9, 2e11])
 def test_a_block_that_rocks_on_a_crushing_toe(strength, push, k):
-    """Pushed near its top, against N (b / 2 - N / (2 f_c d)) about its edge: the strip is no elastic one, for which V
-    came out up to 2 % higher. A pull upwards takes from N."""
+    """Pushed near its top, it resists by N (b / 2 - N / (2 f_c d)) about its edge: the crushed strip is not elastic,
+    which once made V up to 2 % too high. An upward pull reduces N."""
     b, d, h = 0.2, 0.5, 0.46
     weight, joint = b * d * h * 2000.0 * 9.81, law("convex", 4.0, k, compressive_strength=strength)
     blocks = (
@@ -251,7 +251,7 @@ def test_a_wall_stands_on_a_toe_that_crushes():
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_dilation_under_a_dead_load_lifts_and_changes_no_strength(formulation):
-    """Rise = tan psi times the slip; the work of the weight is that of less friction, and V stays."""
+    """The rise is tan psi times the slip; the weight takes the work that friction loses, and V is unchanged."""
     result = found(formulation, {"dilation": 0.2}, record=True)
     holds(result.yield_point, 298.88)
     slip, rise = result.rows["joint"][-1, 0, 6], result.frames["displacement"][-1, 1, 2]
@@ -270,13 +270,13 @@ def test_no_strength_at_all_is_the_dry_joint_bit_for_bit(formulation):
 
 
 def test_bonds_carry_a_block_that_would_slide():
-    """A block of 10 kg on a bed turned by 60 deg: friction alone lets it go; c A = 60 N more holds it."""
+    """A block of 10 kg on a bed inclined by 60 deg slides under friction alone; c A = 60 N more holds it."""
     turned = (np.cos(np.pi / 6.0), np.sin(np.pi / 6.0), 0.0, 0.0)
     given = scene("concave", normal=0.0, turn=turned)
     weight = dataclasses.replace(given.loads[0], force=(0.0, 0.0, -98.1), point=None)
     given = dataclasses.replace(given, loads=(weight,), actuators=(), control=StaticsControl())
     stands = {}
-    for cohesion in (0.0, 500.0, 5e3):  # it takes (sin 60 - 0.64 cos 60) W / A = 893 Pa in shear, more as it tips
+    for cohesion in (0.0, 500.0, 5e3):  # it needs (sin 60 - 0.64 cos 60) W / A = 893 Pa in shear, more as it tips
         law = dataclasses.replace(given.joint, cohesion=cohesion, tensile_strength=cohesion)
         stands[cohesion] = simulate(dataclasses.replace(given, joint=law), record=False).run.rest.stands
     assert stands == {0.0: False, 500.0: False, 5e3: True}
@@ -290,7 +290,7 @@ def test_drawn_bonds_lie_in_their_brackets():
 
 
 def test_a_constant_rate_test_meets_the_peak_and_the_residual():
-    """Physical inertia, the same law: the peak within 0.5 %, then what is left, and the energy balance closes."""
+    """With physical inertia and the same law: the peak to 0.5 %, then the residual; the energy balance closes."""
     given = scene("concave", jacks=SHEAR)
     law = dataclasses.replace(given.joint, cohesion=1e4, residual_friction=0.5)
     control = DisplacementControl(rate=3e-4, travel=2e-5)
@@ -306,7 +306,7 @@ def test_a_constant_rate_test_meets_the_peak_and_the_residual():
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_head_that_holds_back_what_a_dead_load_drives(formulation):
-    """As the bond has broken, friction bears less than the dead shear, and V ends below zero."""
+    """Once the bond has broken, friction is less than the dead shear, and V ends below zero."""
     given = scene(formulation, jacks=SHEAR, dead=(0.0, 350.0), step_factor=0.5)
     law = dataclasses.replace(given.joint, cohesion=1e4, residual_friction=0.5)
     control = DisplacementControl(rate=3e-4, travel=3e-5)
@@ -320,7 +320,7 @@ def test_dilation_against_a_spring_grows_with_the_slip():
     given, K = scene("concave", jacks=SHEAR), 1e6
     cap = Block("cap", "stone", (A, B, 0.1), (0.0, 0.0, 100.05), fixed=True)
     ends = TieEnd("upper", (0.0, 0.0, 0.1)), TieEnd("cap", (0.0, 0.0, 100.0))
-    bar = Tie(ends, K, prestress=-K * N / (1e10 * A * B), tension_only=False)  # nothing as the block has settled
+    bar = Tie(ends, K, prestress=-K * N / (1e10 * A * B), tension_only=False)  # no force once the block has settled
     given = dataclasses.replace(
         given,
         joint=dataclasses.replace(given.joint, dilation=0.2),
@@ -341,7 +341,7 @@ def test_dilation_against_a_spring_grows_with_the_slip():
 
 
 def slipping_stack(formulation="corrected-shear"):
-    """A stack of four blocks askew that is pushed askew: ductile bonds slip at corners that then open."""
+    """An irregular stack of four blocks, pushed obliquely: ductile bonds slip at corners that then open."""
     edges = ((-0.229266, -0.123734, 0.196357, 0.131463), (-0.163314, -0.226151, 0.181891, 0.172761))
     edges += ((-0.117784, -0.227111, 0.147842, 0.154791), (-0.216861, -0.144993, 0.138137, 0.115197))
     levels = (0.0, 0.374944, 0.684911, 0.858108, 1.35)
@@ -357,7 +357,7 @@ def slipping_stack(formulation="corrected-shear"):
 
 @pytest.mark.parametrize("formulation", ["corrected-shear", "concave"])
 def test_a_bond_that_slips_and_then_opens_bears_no_more_than_it_can(formulation):
-    """Limit analysis bounds every path; the bond breaks where it stops pressing."""
+    """Limit analysis bounds every path; a ductile bond breaks when its point opens."""
     given = slipping_stack(formulation)
     point, bound = simulate(given, record=False).yield_point, limit(given)
     assert point.V <= bound.upper * (1.0 + 1e-6)

@@ -1,4 +1,4 @@
-"""Constant-rate tests, as the laboratory runs them: the curve, its peak and plateau, and the bracket it yields."""
+"""Constant-rate tests as in the laboratory: the curve, its peak and plateau, and the bracket of the limit load."""
 
 import dataclasses
 import math
@@ -45,9 +45,9 @@ def push(name, formulation, rate, travel=TRAVEL, step_factor=0.9):
 @pytest.mark.parametrize("name", SETS)
 @pytest.mark.parametrize("rate", [1e-2, 1e-3, 1e-4])
 def test_bracket_is_certified_at_any_rate(name, formulation, rate):
-    """The peak overshoots, by half and more where the rate is high; the bracket holds theory all the same.
+    """The peak overshoots, by half and more if the rate is high; the bracket still holds theory.
 
-    Moving geometry is what its slack is for: the block has slid by 25 um of 0.2 m.
+    The slack allows for the moving geometry: the block has slid by 25 um of 0.2 m.
     """
     result = push(name, formulation, rate)
     point, expected = result.yield_point, result.theory.V
@@ -58,14 +58,14 @@ def test_bracket_is_certified_at_any_rate(name, formulation, rate):
     assert result.agrees()
 
 
-NEAR = 1e-5  # of V: elastic displacements, and inertia, are in no bracket that is not certified
+NEAR = 1e-5  # of V: brackets that are not certified disregard elastic displacements and inertia
 
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "corrected-shear", "distributed"])
 @pytest.mark.parametrize("height", [0.02, 0.05])
 @pytest.mark.parametrize("rate", [1e-5, 1e-4])
 def test_bounds_hold_theory_though_the_block_has_moved(formulation, height, rate):
-    """A jack above the joint moves its normal forces, and the block turns under it for ten seconds: up to 1 mm."""
+    """A jack above the joint shifts its normal forces, and the block rotates below it for ten seconds: up to 1 mm."""
     scenario = lab_scenario("set4a_curve", formulation)
     (jack,) = scenario.actuators
     raised = dataclasses.replace(jack, point=(jack.point[0], jack.point[1], height))
@@ -80,7 +80,7 @@ def test_bounds_hold_theory_though_the_block_has_moved(formulation, height, rate
 @pytest.mark.parametrize("travel", [1e-7, 2e-6])
 @pytest.mark.parametrize("formulation", ["convex", "distributed"])
 def test_a_travel_that_is_too_short_is_told_how_long_it_must_be(formulation, travel):
-    """The plateau comes some twenty elastic slips on, 2e-5 m; no more than three runs lead there."""
+    """The plateau is reached after some twenty elastic slips, 2e-5 m; following the advice takes at most three runs."""
     scenario = lab_scenario("set4a_curve", formulation)
     (jack,) = scenario.actuators
     raised = dataclasses.replace(jack, point=(jack.point[0], jack.point[1], 0.05))
@@ -99,7 +99,7 @@ def test_a_travel_that_is_too_short_is_told_how_long_it_must_be(formulation, tra
 
 
 def test_the_answer_does_not_hang_on_the_rows_that_are_written():
-    """With 20 rows the bounds were looked at too seldom to hold still, and the block was said not to slip."""
+    """With 20 rows the bounds were once checked too seldom to become steady, and no slip was reported."""
     blocks = (
         Block("floor", "stone", box=(1.0, 1.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
         Block("cube", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2)),
@@ -129,12 +129,12 @@ def test_overshoot_falls_with_the_rate(name, formulation):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("name", SETS)
 def test_curve(name, formulation):
-    """Elastic rise, peak, plateau at the limit load; what jacks and joint carry, and the motion between them."""
+    """Elastic rise, peak and plateau at the limit load; forces of jacks and joint, and the motion between them."""
     result = push(name, formulation, 1e-3)
     V, u, rows = result.load, result.displacement, result.rows
     point, expected = result.yield_point, result.theory.V
     assert abs(V[0]) < 0.1 * expected and abs(u[0]) < 1e-15
-    # the driven displacement grows and lags behind the head by the elastic give of the jack
+    # the driven displacement grows and lags behind the head by the elastic compression of the jack
     assert np.all(np.diff(u) > -1e-3 * TRAVEL)
     assert 0.85 * TRAVEL < point.displacement < TRAVEL
     assert u.max() == pytest.approx(point.displacement, rel=1e-2)
@@ -146,12 +146,12 @@ def test_curve(name, formulation):
     # work-conjugate: the driven displacement is the mean of those of the jacks
     np.testing.assert_allclose(rows["actuator_displacement"].mean(axis=1), u, rtol=1e-9, atol=1e-18)
     np.testing.assert_allclose(rows["actuator_force"], np.repeat(V[:, None], rows["actuator_force"].shape[1], axis=1))
-    # on the plateau the joint carries what the jacks push with
+    # on the plateau the joint carries the force of the jacks
     normal, v1, v2, mt = rows["joint"][-1, 0, :4]
     f1, f2, m = {"2a": (0, 0, 0.27), "2b": (0, 0, 0.15), "4a": (0, 1, 0.075), "4b": (0, 1, 0.135)}[name]
     assert normal == pytest.approx(N, rel=1e-6)
     np.testing.assert_allclose([v1, v2, mt / A], [V[-1] * f1, V[-1] * f2, V[-1] * m / A], atol=1e-3 * MU * N)
-    # time is head travel over rate, but for the ramp of a few steps
+    # time is head travel over rate, except for the ramp of a few steps
     dt = result.run.time_step
     assert rows["time"][-1] == pytest.approx(TRAVEL / 1e-3, abs=2 * dt)
     assert dt <= 0.9 * result.run.critical_time_step * (1 + 1e-12)
@@ -161,24 +161,24 @@ def test_elastic_rise_has_the_stiffness_of_joint_and_jack():
     """Pure shear push of the convex joint before it slips: V = ks A u at the joint."""
     scenario = lab_scenario("shear", "convex")
     give = MU * N / (KS * A * B)
-    # joint and jack give alike: it slips when the head has come twice that far, without which there is no answer
+    # joint and jack are equally stiff: slip needs twice that travel of the head, and without slip there is no answer
     result = simulate(dataclasses.replace(scenario, control=DisplacementControl(1e-6, 2.5 * give)))
     rising = (result.load > 0.1 * MU * N) & (result.load < 0.45 * MU * N)
     assert rising.sum() > 20
     stiffness = np.polyfit(result.displacement[rising], result.load[rising], 1)[0]
-    # the force is at the joint's plane: it tilts the block by nothing, and only shear gives way
+    # the force acts in the joint's plane: it does not tilt the block, which moves in shear only
     assert stiffness == pytest.approx(KS * A * B, rel=5e-3)
 
 
 @pytest.mark.parametrize("dead, expected", [(60.0, 178.17), (-60.0, 252.18)])
 def test_the_jack_comes_to_blocks_that_stand_already(dead, expected):
-    """A tangential dead load moves the block elastically before the jack is there, which starts from V = 0 and counts
-    its displacement from there."""
+    """A tangential dead load moves the block elastically before the jack touches it; the jack starts from V = 0 and
+    counts its displacement from there."""
     scenario = lab_scenario("set4a_curve", "convex")
     loads = (*scenario.loads, Load("upper", (0.0, dead, 0.0), (0.0, 0.0, 0.0)))
     control = DisplacementControl(1e-4, TRAVEL)
     result = simulate(dataclasses.replace(scenario, loads=loads, control=control))
-    assert abs(result.load[0]) < 0.4  # the dashpot of the head's first step, as without the dead load
+    assert abs(result.load[0]) < 0.4  # the dashpot in the head's first step, as without the dead load
     assert result.displacement[0] == 0.0
     assert result.frames["displacement"][0, 1, 1] == pytest.approx(dead / (KS * A * B), rel=1e-6)
     assert result.yield_point.actuator_load == pytest.approx(expected, rel=1e-4)
@@ -186,7 +186,7 @@ def test_the_jack_comes_to_blocks_that_stand_already(dead, expected):
 
 
 def test_sliding_goes_on_at_constant_load():
-    """V of a block in pure shear: mu N however far, and the slip is the driven displacement less the elastic give."""
+    """In pure shear V = mu N at any displacement, and the slip is the driven displacement less the elastic part."""
     scenario = lab_scenario("shear", "concave")
     result = simulate(dataclasses.replace(scenario, control=DisplacementControl(2e-3, 2e-4)))
     V, u = result.load, result.displacement
@@ -198,8 +198,8 @@ def test_sliding_goes_on_at_constant_load():
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 @pytest.mark.parametrize("name", SETS)
 def test_fast_tests_take_shorter_steps(name, formulation):
-    """Slow ones take the step that they are asked for; in fast ones the head moves by less than an elastic slip a step,
-    and the energy balance closes although the block jumps."""
+    """Slow tests take the step asked for; in fast ones the head moves by less than an elastic slip per step, and the
+    energy balance closes although the block jumps."""
     slow, fast = (push(name, formulation, rate) for rate in (1e-4, 3e-2))
     dt, most = fast.run.time_step, 0.9 * fast.run.critical_time_step
     assert slow.run.time_step == pytest.approx(most, rel=1e-12)
@@ -210,7 +210,7 @@ def test_fast_tests_take_shorter_steps(name, formulation):
 
 
 def test_step_size_does_not_count():
-    """A tenth of the step, the same plateau and nearly the same peak."""
+    """With a tenth of the step the plateau is the same and the peak nearly so."""
     coarse, fine = (push("4b", "convex", 1e-4, 1e-5, factor) for factor in (0.9, 0.09))
     assert fine.run.steps == pytest.approx(10 * coarse.run.steps, rel=1e-2)
     assert fine.yield_point.actuator_load == pytest.approx(coarse.yield_point.actuator_load, rel=1e-4)
@@ -218,7 +218,7 @@ def test_step_size_does_not_count():
 
 
 def test_torsion_centre_on_the_plateau():
-    """The block turns about the point that theory names."""
+    """The block rotates about the torsion centre given by theory."""
     law = theory.formulation_law("convex", A, B, MU, N)
     expected = theory.limit_load(law, (0.0, 1.0, 0.45 * A)).torsion_centre
     centre = push("4b", "convex", 1e-4, 1e-5).yield_point.torsion_centre
@@ -231,7 +231,7 @@ def test_a_test_that_would_take_for_ever_is_refused():
 
 
 def test_frames_show_the_motion():
-    """Frames: the block turns about the axis of the joint, by what its jacks' points moved."""
+    """In the frames the block rotates about the axis of the joint, by the displacement of its jacks' points."""
     result = push("2a", "convex", 1e-3)
     frames = result.frames
     assert len(frames["time"]) > 20 and np.all(np.diff(frames["time"]) > 0.0)
@@ -244,7 +244,7 @@ def test_frames_show_the_motion():
 
 
 def on_a_floor(floor, travel):
-    """A block of 0.3 m x 0.2 m pushed along its length over a floor of those edges (m)."""
+    """A block of 0.3 m x 0.2 m pushed along its length over a floor with these edges (m)."""
     law = JointLaw("concave", 0.3, 1e9, 4e8, cohesion=500.0, residual_cohesion=500.0)
     return of_stone(
         law,
@@ -261,7 +261,7 @@ def on_a_floor(floor, travel):
     "floor, travel, said", [((0.3, 0.2), 0.0025, False), ((0.6, 0.4), 0.1, False), ((0.3, 0.2), 0.006, True)]
 )
 def test_a_joint_that_stays_whole_is_pushed_on(floor, travel, said):
-    """V = mu m g + c A, as far as the block goes; a joint that has lost 2 % of its area is told of."""
+    """V = mu m g + c A however far the block goes; a joint that has lost 2 % of its area is reported."""
     heard = []
     result = simulate(on_a_floor(floor, travel), record=False, report=heard.append)
     told = (
@@ -273,7 +273,7 @@ def test_a_joint_that_stays_whole_is_pushed_on(floor, travel, said):
 
 @pytest.mark.parametrize("turns", [None, (0.0, 0.1, 0.0)])
 def test_a_joint_that_slides_over_an_edge_is_refused(turns):
-    """It would carry the cohesion of its whole area: 44.1 N where 34.1 N are left; also if it comes back in time."""
+    """It would keep the cohesion of its whole area: 44.1 N instead of 34.1 N; refused also if it returns in time."""
     given = on_a_floor((0.3, 0.2), 0.1)
     if turns:
         control = DisplacementControl(0.05, protocol=tuple(turns[1:]))
@@ -285,7 +285,7 @@ def test_a_joint_that_slides_over_an_edge_is_refused(turns):
 
 @pytest.mark.parametrize("parts", [False, True])
 def test_a_block_that_comes_to_another_is_refused(parts):
-    """It would be pushed through it; also through an upstand of the floor on which it stands."""
+    """It would pass through the other block; refused also at an upstand of the floor on which it stands."""
     given = on_a_floor((1.5, 1.0), 0.1)
     floor, block = given.blocks
     if parts:
@@ -299,14 +299,15 @@ def test_a_block_that_comes_to_another_is_refused(parts):
 
 
 def test_what_hangs_over_an_edge_is_told_by_plane_geometry():
-    """(1 - x/a)(1 - y/b) of a shift; 2 (sqrt 2 - 1) of a square on a square that turns by 45 deg."""
+    """The share left is (1 - x/a)(1 - y/b) after a shift, and 2 (sqrt 2 - 1) for a square turned on another by 45
+    deg."""
     assembly = build.assemble(on_a_floor((0.3, 0.2), 0.1))
     state = starting_state(assembly, None)
     state.blocks.displacement[1] = 0.06, -0.05, 0.0
     assert guards.overhang(assembly, state) == pytest.approx([1.0 - 0.8 * 0.75], rel=1e-12)
     state.blocks.displacement[1] = 0.0, 0.31, 0.0
     assert guards.overhang(assembly, state) == pytest.approx([1.0])
-    left, right = (Part(box=(0.3, 0.2, 0.1), position=(x, 0.0, 0.0)) for x in (-0.15, 0.15))  # one plane on top
+    left, right = (Part(box=(0.3, 0.2, 0.1), position=(x, 0.0, 0.0)) for x in (-0.15, 0.15))  # coplanar tops
     floor = Block("floor", "stone", position=(0.1, 0.0, -0.05), parts=(left, right), fixed=True)
     given = on_a_floor((0.3, 0.2), 0.1)
     assembly = build.assemble(dataclasses.replace(given, blocks=(floor, given.blocks[1])))
@@ -326,7 +327,7 @@ def test_what_hangs_over_an_edge_is_told_by_plane_geometry():
 
 @pytest.mark.parametrize("left, of_this_path", [(0.0, True), (2000.0, False)])
 def test_what_is_left_of_broken_bonds_is_said_to_be_of_this_path(left, of_this_path):
-    """Two bonded blocks: which joint breaks first hangs on the rate, 212 N fast and 330 slowly, each known to 1e-6."""
+    """Two bonded blocks: the rate decides which joint breaks first, 212 N fast and 330 N slowly, each known to 1e-6."""
     laws = JointLaw("convex", 0.45, 1e11, 4e10, cohesion=2000.0, tensile_strength=2000.0, residual_cohesion=left)
     laws = dataclasses.replace(laws, tensile_strength=0.0 if left else 2000.0)
     blocks = (
@@ -342,8 +343,8 @@ def test_what_is_left_of_broken_bonds_is_said_to_be_of_this_path(left, of_this_p
 
 @pytest.mark.parametrize("stiffness, beside", [(3.6e4, 0.02), (3.6e3, 0.05)])
 def test_a_jack_starts_on_a_block_that_has_turned(stiffness, beside):
-    """A load beside its centroid slides a block on to a tie and turns it, by .001 or .027 rad: the jack touches it
-    where its point is then, and the tie is as tight as the block makes it, so that the energy balance closes."""
+    """An eccentric load slides a block onto a tie and rotates it, by .001 or .027 rad: the jack starts at the displaced
+    point, and the tie has the tension that the block gives it, so that the energy balance closes."""
     floor = Block("floor", "stone", (6.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     stone = Block("stone", "stone", (0.3, 0.3, 0.2), (0.0, 0.0, 0.1))
     load = Load("stone", (0.0, 100.0, 0.0), (beside, 0.0, 0.0))

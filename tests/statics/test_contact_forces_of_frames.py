@@ -1,4 +1,4 @@
-"""Contact forces of frames are those that joints carry then, also where bonds have just broken."""
+"""Contact forces of frames sum up to the forces of the joints at that time, also if bonds have just broken."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from helpers.scenario_text import block, header
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
 def test_points_sum_up_to_what_joints_carry(formulation):
-    """A stack whose friction falls from 0.6 to 0.3 as it slips; a point that broke last was cut off at what is left."""
+    """A stack whose friction falls from 0.6 to 0.3 as it slips; the last point to break drops to its residual."""
     text = header(formulation, 0.6, 1e10, gravity=(-0.4, -1.7, -9.6), keys="residual_friction = 0.3\n")
     text += block("floor", (0.0, 0.0, -0.1), (2.0, 2.0, 0.2), "fixed = true")
     for i in range(3):

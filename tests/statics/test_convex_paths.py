@@ -1,4 +1,4 @@
-"""Convex joints along a path of equilibria: the strip that they press as they rock, and how their forces change."""
+"""Convex joints along a path of equilibria: the strip in contact as they rock, and their tangent stiffness."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from helpers.quasi_static import leaf, scene
 
 
 def test_convex_joints_that_rock_are_predicted():
-    """One tangent a doubling of the motion where tangent and secant of the path tell how the pressed strip shrinks; the
-    forces of convex joints are smooth, so that its factors serve the steps that are left."""
+    """One tangent per doubling of the motion if tangent and secant of the path predict how the strip in contact
+    shrinks; the forces of convex joints are smooth, so that its factors serve the remaining steps."""
     result = simulate(leaf("convex"), record=False)
     assert result.yield_point.V == pytest.approx(0.2, rel=2e-4)
     assert result.run.steps <= 22 and result.run.settings["equilibria"] <= 21
 
 
 def test_estimates_that_agree_by_chance_are_no_bar():
-    """Shortfalls of a pushed arch of five stones, over its limit, at the marks of its last equilibria: estimates of the
-    limit cross one another there, 4e-4 below it."""
+    """Shortfalls of a pushed arch of five stones, over its limit, at its last equilibria: extrapolations of the limit
+    cross there by chance, 4e-4 below it, and must not exclude it."""
     given = (1.8738e-4, 3.84499e-4, 7.794755e-4, 1.56994e-3)
     short = (0.16588780832553784, 0.11605458128964108, 0.08168108387691464, 0.05769413885956054)
     seen = [(0.0, 0.0, 0.0, 1e300, False)]
@@ -39,7 +39,7 @@ def test_estimates_that_agree_by_chance_are_no_bar():
 
 @pytest.mark.parametrize("offset, shown", [(0.0, 1e-12), (0.04, 2e-4)])
 def test_the_limit_of_a_rocking_joint_is_read_off_its_shrinking_strip(offset, shown):
-    """V = limit - c / sqrt(theta), and the joint has turned by an offset before the blocks give way."""
+    """V = limit - c / sqrt(theta), where the joint had already rotated by an offset before the mechanism formed."""
     limit, short = 5.0, 0.4
     seen = [(0.0, 0.0, 0.0, 1e300, False)]
     for given in (0.25, 0.5, 1.0, 2.0):
@@ -52,7 +52,7 @@ def test_the_limit_of_a_rocking_joint_is_read_off_its_shrinking_strip(offset, sh
 
 
 def test_a_limit_seen_with_its_first_correction_is_exact():
-    """The limit, c and d of V = limit - c / sqrt(g) - d / g^(3/2), at any distances."""
+    """Exact for V = limit - c / sqrt(g) - d / g^(3/2) with unknown limit, c and d, at any spacing."""
     given = (0.25, 0.6, 1.1, 2.4)
     seen = [(g, V, V, V, False) for g, V in ((g, 5.0 - 0.4 / g**0.5 - 0.01 / g**1.5) for g in given)]
     lower, upper, _ = limit_bounds([(0.0, 0.0, 0.0, 1e300, False), *seen], 1e3, rocks_on=lambda V: True)
@@ -76,7 +76,7 @@ def test_a_strip_that_shrinks_with_the_root_of_the_motion_is_met(start, now, ahe
     assert way.has_spare and np.array_equal(way.spare, secant) and way.spare_gain == 0.1
 
 
-STACKED = {  # motion of the upper block (m, rad) beyond its weight, friction; what its joint does
+STACKED = {  # motion of the upper block (m, rad) beyond that of its weight, friction; keys: state of its joint
     "closed": ((2e-8, -1e-8, -1e-7, 2e-7, 3e-7, 1e-7), 0.6),
     "partly open": ((2e-8, -1e-8, -1e-7, 6e-6, -4e-6, 1e-7), 0.6),
     "sliding": ((3e-6, 2e-6, -2e-7, 3e-7, 2e-7, 2e-5), 0.3),
@@ -88,7 +88,7 @@ STACKED = {  # motion of the upper block (m, rad) beyond its weight, friction; w
 
 @pytest.mark.parametrize("state", STACKED)
 def test_the_tangent_of_a_convex_joint_is_that_of_its_forces(state):
-    """Against central differences of the forces on a block."""
+    """The tangent against central differences of the forces on a block."""
     motion, friction = STACKED[state]
     blocks = (
         Block("table", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
@@ -122,12 +122,12 @@ def test_the_tangent_of_a_convex_joint_is_that_of_its_forces(state):
 
 @pytest.mark.slow
 def test_convex_joints_lose_the_strip_that_they_press():
-    """At a given rotation V falls short by w/3 of the half thickness, w = sqrt(2 N/(kn L theta)); the limit stays."""
+    """At a given rotation V falls short by w/3 of the half thickness, w = sqrt(2 N/(kn L theta)), unlike its limit."""
     lost = []
     for stiffness in (2.5e9, 1e10, 4e10):
         result = simulate(leaf("convex", stiffness=stiffness))
         assert result.yield_point.V == pytest.approx(0.2, rel=1e-3)
-        # the mean displacement of a wall that turns about its toe: theta H / 2
+        # the mean displacement of a wall that rotates about its toe: theta H / 2
         assert result.displacement[-1] > 0.005
         short = np.interp(0.005, result.displacement, 0.2 - result.load)
         lost.append(short)

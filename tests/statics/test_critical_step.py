@@ -1,4 +1,4 @@
-"""The critical time step of assemblies against the true greatest frequency, by dense eigenvalues."""
+"""The critical time step of assemblies against the true highest frequency, by dense eigenvalues."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from helpers.stone_scenes import law, of_stone
 
 
 def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> build.Assembly:
-    """Running bond without half blocks: every other course is moved by half a block, on a base that carries both."""
+    """Running bond without half blocks: every other course is shifted by half a block, on a base below both."""
     length, width, height = 0.3, 0.2, 0.1
     materials = {f"stone{i}": Material(density) for i, density in enumerate(densities)}
     whole = (length * (blocks + 0.5), width, height)
@@ -62,7 +62,7 @@ def test_the_step_is_safe_for_unequal_neighbours(ratio):
 
 
 def damped_rates(built, state, jack, found):
-    """Eigenvalues (36 f,) z of a step of the damped scheme, at the critical time step it is given."""
+    """Spectral radius, as a function of the time step, of the damped scheme of springs, dashpots and jack."""
     free = state.blocks.free
     joints = state.joints
     M = critical_step.block_inertia(built)[free]
@@ -99,7 +99,7 @@ def damped_rates(built, state, jack, found):
     "size, densities", [((1, 1), (1.0,)), ((3, 2), (1.0,)), ((4, 2), (1.0, 1e3)), ((3, 1), (1e3, 1.0))]
 )
 def test_the_damped_step_is_safe_and_not_wasteful(formulation, size, densities):
-    """Springs, dashpots of all joints and the jack as one linear scheme: stable at the critical step, not far above."""
+    """Springs, dashpots of all joints and the jack as a linear scheme: stable at the critical step, not far above."""
     built = wall(*size, formulation, densities=tuple(1500.0 * d for d in densities))
     state = initial_state(built)
     pushed = int(state.blocks.free[0])
@@ -114,7 +114,7 @@ def test_the_damped_step_is_safe_and_not_wasteful(formulation, size, densities):
 
 
 def test_every_block_is_damped_by_its_own_frequency():
-    """A soft joint under a block: its dashpot is for that joint, not for the stiff one that sets the time step."""
+    """The dashpot of a soft joint under a block is set for that joint, not for the stiff one that limits the step."""
     built = wall(2, 1, "convex")
     state = initial_state(built)
     jack = np.zeros((len(built.names), 6, 6))

@@ -43,7 +43,7 @@ def test_a_block_is_lifted(formulation, x, expected, mechanism):
 
 
 def test_a_dam_whose_overhanging_back_is_lifted_has_its_limit_or_none():
-    """Steps that lose the strip it rocks on are no peak: 0.70 was printed for 0.9835."""
+    """Steps in which the rocking strip is lost are no peak: 0.70 was once reported instead of 0.9835."""
     scenario, expected = drawn.sloping(np.random.default_rng([28, 139]))
     what, numbers = drawn.judged(scenario, expected)
     assert what == "inside" or "and at most 0.983495 N" in numbers
@@ -68,14 +68,14 @@ def test_a_load_that_nothing_limits_says_so(capsys):
 
 
 def test_a_push_within_the_friction_cone_jams():
-    """Pressed down at 60 deg on friction 1.2: the block slides at no load."""
+    """Pressed down at 60 deg on friction 1.2, the block slides at no load."""
     down = (math.cos(math.radians(60.0)), 0.0, -math.sin(math.radians(60.0)))
     result = pushed((0.0, 0.0, 0.02), down, friction=1.2)
     assert result.unlimited and result.plain_answer.startswith("unlimited")
 
 
 def test_a_table_that_nothing_falls_from():
-    """Held between two fixed walls along the tilt, the block stands at any angle."""
+    """Between two fixed walls along the tilt, the block stands at any angle."""
     scenario = drawn.scene(TiltControl((1.0, 0.0, 0.0)), "concave", 0.5, (0.4, 0.4, 0.2))
     walls = [Block(f"wall {sign}", "stone", (0.4, 0.2, 0.4), (0.0, 0.3 * sign, 0.2), fixed=True) for sign in (-1, 1)]
     from dataclasses import replace
@@ -112,7 +112,7 @@ def test_a_tilt_without_a_rate_is_quasi_static():
 
 
 def test_the_record_of_a_search_is_in_equilibrium():
-    """No load of the record is above the limit: what inertia adds while the search goes on is not in it."""
+    """No recorded load exceeds the limit: inertial forces of the search are not part of it."""
     from dembrick.runs.lab import lab_scenario
 
     for name in ("set2a", "set4a", "set4a_mid"):
@@ -126,7 +126,7 @@ def test_the_record_of_a_search_is_in_equilibrium():
 
 
 def test_a_convex_joint_that_a_load_lifts_slides_before_it_has_rocked_for_ever():
-    """Sliding at mu W / (x + mu z) lies 2.6 % below rocking, which a convex joint comes to in the limit only."""
+    """Sliding at mu W / (x + mu z) lies 2.6 % below rocking, which a convex joint only tends to."""
     size, friction = (0.48088581080656456, 0.717328707281413, 0.8031091055076534), 0.6113865286152624
     point, along = (-0.5 * size[0], 0.0, 0.27263598246660564), (0.9123628892671894, 0.0, 0.40938241081906057)
     jack = Actuator("jack", "block", point, along)
@@ -141,10 +141,7 @@ def test_a_convex_joint_that_a_load_lifts_slides_before_it_has_rocked_for_ever()
     [("corrected-shear", 19.6764), ("concave", 23.61563)],
 )
 def test_a_joint_one_of_whose_points_slides_at_rest_is_bracketed(formulation, expected):
-    """Dead loads off the centre spend the friction of one corner; the others carry on.
-
-    Expected: linear programme over the friction forces of the four corners, each within a polygon of 2880 sides.
-    """
+    """Eccentric dead loads use up the friction of one corner; the others still carry."""
     floor = Block("lower", "stone", SMALL, (0.057754321500000004, 0.04773492100000001, -0.047164555), fixed=True)
     upper = Block("upper", "stone", SMALL, (0.057754321500000004, 0.04773492100000001, 0.047164555))
     scenario = of_stone(

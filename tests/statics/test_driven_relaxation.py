@@ -1,4 +1,4 @@
-"""Blocks that snap on and on: driven relaxation in place of Newton's method, and the bounds that it leaves."""
+"""Blocks that snap again and again: driven relaxation in place of Newton's method, and its bounds."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DOME = "control.quasi_static=true", "output.channels=['energy']"
 
 @pytest.fixture
 def impatient(monkeypatch):
-    """Blocks are pushed on from the start."""
+    """Push the blocks on from the start."""
     monkeypatch.setattr(path_following, "WASTED", -1e12)
     monkeypatch.setattr(path_following, "LEAST_WASTED", -1)
 
@@ -46,7 +46,7 @@ def dome(*changes):
 
 
 def energies_of(scenario) -> tuple[limit_load.Replay, dict[str, np.ndarray]]:
-    """A search, and its energies by name, a row an equilibrium."""
+    """A search, and its energies by name, a row per equilibrium."""
     parts: list[dict] = []
     session = Session.of(lambda rows, _frames: parts.append(rows["energy"]))
     control = scenario.control
@@ -59,7 +59,7 @@ def energies_of(scenario) -> tuple[limit_load.Replay, dict[str, np.ndarray]]:
 
 @pytest.mark.parametrize("scenario", [leaf("concave"), dome()], ids=["wall", "dome"])
 def test_factors_in_single_precision_are_those_of_the_stiffness(scenario):
-    """In the energy of a motion next to nothing is lost, and the matrix stays symmetric."""
+    """Rounding loses next to nothing of the energy of a motion, and the matrix stays symmetric."""
     assembly = build.assemble(scenario)
     factors = elastic_factor(initial_state(assembly), assembly.position)
     inertia, rng = rounded_inertia(factors), np.random.default_rng(7)
@@ -95,14 +95,14 @@ def test_pushes_alone_find_a_limit(impatient, scenario, limit):
 
 
 def test_what_a_convex_wall_still_lacks_is_in_its_bounds(impatient):
-    """The strip at its toe shrinks for ever, and V has come to 97 % of 1/3 only."""
+    """The strip at the toe shrinks without end; at V of only 97 % of 1/3 the bounds hold 1/3."""
     run, _ = energies_of(wall(law("convex"), 4, 6, (0.0, 1.0, 0.0)))
     point = run.yield_point
     assert point.V_lower < 0.33 < 1.0 / 3.0 < point.V_upper < 0.37
 
 
 def test_a_dome_that_snaps_gives_way_at_the_load_of_its_path(impatient):
-    """Path following comes to .3732; the energy balance closes."""
+    """The bounds hold the limit by path following, 0.3732, and the energy balance closes."""
     run, energies = energies_of(dome())
     point = run.yield_point
     assert run.settings["wanders"] and run.converged
@@ -114,17 +114,17 @@ def test_a_dome_that_snaps_gives_way_at_the_load_of_its_path(impatient):
 
 
 def test_what_moves_is_what_moved_last(impatient):
-    """The wall turns as one: every course but the slab, about an edge along x."""
+    """The wall rotates as one: every course but the slab, about an edge along x."""
     result = simulate(wall(law(), 4, 6, (0.0, 1.0, 0.0)), record=False)
     assert result.collapse["mechanism"] == "rocking"
     assert len(result.collapse["blocks"]) >= 20
 
 
-# --- when, and what is said of it
+# --- when it begins, and what is reported
 
 
 def test_a_path_that_wastes_its_steps_is_pushed_on(monkeypatch):
-    """Only then, and once for all."""
+    """Only such a path switches to pushes, and it does not switch back."""
     looked = []
     push = driven_relaxation.DrivenRelaxation.push
     monkeypatch.setattr(driven_relaxation.DrivenRelaxation, "push", lambda *now: looked.append(1) or push(*now))
@@ -139,8 +139,8 @@ def test_a_path_that_wastes_its_steps_is_pushed_on(monkeypatch):
 
 
 def test_a_path_that_is_given_up_is_pushed_on(monkeypatch):
-    """Blocks let go too often. With a friction of 3 the limit depends much on the path; no path ends above 1.5278
-    (linear programming)."""
+    """A path on which blocks let go too often. With friction 3 the limit depends strongly on the path; no path ends
+    above 1.5278 (linear programming)."""
     walls = (Wall("wall", "stone", (0.2, 0.22, 0.12), courses=2, blocks=3, base=0.1),)
     given = scene(PushoverControl((-0.8, 0.6, 0.0), 1e-4), friction=3.0, walls=walls)
     let_go, _ = energies_of(given)
@@ -158,7 +158,7 @@ def test_without_an_end_it_says_so(impatient, monkeypatch):
 
 
 def test_bounds_of_pushes():
-    """(given, V, lower, upper, closes): the last two and three of them, half of that range more, what V still grew."""
+    """Of (given, V, lower, upper, closes): the last two or three, widened by half their range and the growth of V."""
     seen = [(1.0, 7.0, 7.0, 7.5, False), (2.0, 8.0, 7.5, 8.25, False), (4.0, 7.75, 7.25, 8.0, False)]
     assert pushed_bounds(seen[:2], False) == (0.0, NEVER, False)
     assert pushed_bounds(seen, False) == (7.25 - 0.5, 8.25 + 0.5, True)
@@ -170,7 +170,7 @@ def test_bounds_of_pushes():
 
 
 def test_bounds_of_blocks_that_were_let_go():
-    """Loads that fell to 7.25 and rose to 8 after half of the way, over .75; a mechanism that takes 8.5 at most."""
+    """Loads fell to 7.25 and rose to 8 in the second half of the path, by .75; a mechanism carries 8.5 at most."""
     before = [(0.0, 0.0, 0.0, NEVER, False), (1.0, 5.0, 5.0, 9.0, False), (2.0, 7.75, 7.75, 9.0, False)]
     recent = [(2.5, 8.0, 7.75, NEVER, True), (3.0, 7.25, 7.25, NEVER, True), (4.0, 7.5, 7.5, 8.5, True)]
     assert bounds_after_jumps([*before, *recent[1:]], False) == (0.0, NEVER, False)
@@ -181,7 +181,7 @@ def test_bounds_of_blocks_that_were_let_go():
 
 
 def crushing_wall():
-    """A convex wall that a load crushes and a jack presses: its corners stick with a friction of 2, and let go."""
+    """A convex wall crushed by a load and pressed by a jack: its corners stick with a friction of 2, then slip."""
     width, deep, high = 0.342, 0.247, 0.46
     blocks = [Block("floor", "stone", (3.0, deep, 0.2), (0.0, 0.0, -0.1), fixed=True)]
     for course in range(3):
@@ -196,7 +196,7 @@ def crushing_wall():
 
 
 def test_blocks_that_nothing_pushes_on_are_let_go_again_and_again():
-    """Driven relaxation knows no crushing. V rises and falls by some 1e-4, below what limit analysis allows."""
+    """Driven relaxation does not cover crushing. V fluctuates by some 1e-4, below the bound of limit analysis."""
     found, most = simulate(crushing_wall(), record=False), limit(crushing_wall()).upper
     point = found.yield_point
     assert found.as_dict()["path"]["wanders"] == [point.V_lower, point.V_upper]
@@ -218,7 +218,7 @@ def test_the_json_says_from_where_to_where(impatient):
 
 
 def test_every_push_is_worth_a_frame(impatient, tmp_path):
-    """Of more than a hundred blocks every eighth equilibrium has one else."""
+    """With more than a hundred blocks only every eighth equilibrium has a frame otherwise."""
     result = simulate(dome("output.channels=['frames']"), tmp_path / "dome.h5")
     with read(tmp_path / "dome.h5") as file:
         assert file.frame_time[-3:].tolist() == file.time[-3:].tolist()

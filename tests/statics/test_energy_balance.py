@@ -1,4 +1,4 @@
-"""The energy balance: they balance, each term is what a closed form says, and a run whose balance is off fails."""
+"""The energy balance: it closes, each term agrees with a closed form, and a run with a wrong balance fails."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from helpers.scenario_text import block, header, jack
 
 
 def balance(name: str, formulation: str, rate: float | None = None):
-    """Energies (T,) by name of a replay, its audit and the replay."""
+    """Energies (T,) by name of a search, its audit and the search."""
     scenario = lab.lab_scenario(name, formulation)
     built = build.assemble(scenario)
     parts: list[dict] = []
@@ -48,7 +48,8 @@ def test_the_energy_balance_closes(formulation):
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_friction_takes_what_the_loads_give_along_a_search(formulation):
-    """Dead torques included: by the trapezoidal rule along its last step, much longer than the elastic ones."""
+    """Friction work equals the work of the loads, dead torques included: by the trapezoidal rule along the last step,
+    much longer than the elastic ones."""
     scenario = lab.lab_scenario("set4a", formulation, 1e-5)
     beside = dataclasses.replace(scenario.loads[0], point=(0.005, -0.01, 0.05))
     energies = simulate(dataclasses.replace(scenario, loads=(beside,))).rows["energy"]
@@ -80,7 +81,7 @@ def test_points_that_miss_the_continuum_are_not_passed_over():
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_work_and_friction_of_a_plateau_are_force_times_path(formulation):
-    """At the limit the jack works V times its path, and friction takes all of it."""
+    """At the limit the jack does the work V times its path, all of which friction dissipates."""
     energies, _, run = balance("set4a_curve", formulation)
     T = len(energies["external"])
     late = slice(T // 2, T - 1)
@@ -92,18 +93,18 @@ def test_work_and_friction_of_a_plateau_are_force_times_path(formulation):
 
 
 def test_elastic_and_jack_energy_are_half_force_times_displacement():
-    """Before anything slips, the springs hold V u / 2."""
+    """Before anything slips, the springs store V u / 2."""
     scenario = lab.lab_scenario("set2a_curve", "convex")
     result = simulate(scenario)
     rows = result.rows
     i = int(np.argmax(rows["load"] > 0.5 * result.yield_point.V))
-    weights = 2.0  # two jacks move by the driven displacement each
+    weights = 2.0  # each of the two jacks moves by the driven displacement
     expected = 0.5 * weights * rows["load"][i] * rows["displacement"][i]
     assert rows["energy"]["elastic"][i] == pytest.approx(expected, rel=0.03)
 
 
 def test_friction_work_meets_the_law_to_first_order_in_the_step():
-    """Coarse against fine rate: the difference falls with the slip of a step."""
+    """Coarse against fine rate: the difference falls with the slip per step."""
     errors = [abs(balance("set4a_curve", "concave", rate=rate)[1].friction_law_error) for rate in (1e-3, 1e-4)]
     assert errors[0] < 1e-3
     assert errors[1] < 0.2 * errors[0]
@@ -128,8 +129,8 @@ def test_an_energy_balance_that_does_not_close_fails_the_run(monkeypatch):
 
 
 def test_what_actuators_give_to_gravity_is_put_in_too():
-    """A block that rocks far, V = W (b / 2 cos th - h / 2 sin th) / (h cos th + b sin th): what jack and gravity give
-    together is a few thousandths of what the jack does."""
+    """A block that rocks far, V = W (b / 2 cos th - h / 2 sin th) / (h cos th + b sin th): the work of jack and gravity
+    together is a few thousandths of the jack's."""
     b, h, travel = 0.4, 0.4, 2e-3
     text = header("concave", 1.5, 1e10) + block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true")
     text += block("stone", (0, 0, 0.5 * h), (b, b, h)) + jack("stone", (-0.5 * b, 0, h))
@@ -144,8 +145,8 @@ def test_what_actuators_give_to_gravity_is_put_in_too():
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_brittle_bond_that_breaks_at_a_constant_rate_loses_what_its_springs_held(formulation):
-    """A weightless block, pressed by N: springs hold (c A + mu N)^2 / (2 ks A) as the bond breaks, then what is left
-    at mu N. Blocks swing, so that the balance is worse, or friction gives back more in a step, than may be without."""
+    """A weightless block pressed by N: as the bond breaks the springs store (c A + mu N)^2 / (2 ks A), afterwards what
+    they store at mu N. Blocks oscillate, so that the audit's limits without a bond do not hold."""
     A, N, mu, c, kn, travel = 0.08, 300.0, 0.5, 1e4, 1e10, 2e-5
     keys = f"cohesion = {c}\n" + ("points = [4, 3]\n" if formulation == "distributed" else "")
     text = header(formulation, mu, kn, gravity=(0.0, 0.0, 0.0), keys=keys)
@@ -171,7 +172,7 @@ def test_the_json_carries_the_audit():
 
 
 def naive_books(points, motions, viscous):
-    """Friction, dashpot work and mu N |slip| of one point joint, point by point: the slow twin of `point_forces`."""
+    """Friction, dashpot work and mu N |slip| of one point joint, point by point, as in `point_forces`."""
     count = len(points.k_n)
     elastic, dash, dash_n = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
     friction = dashpots = by_law = 0.0
@@ -181,7 +182,7 @@ def naive_books(points, motions, viscous):
             x, y = points.x_n[i], points.y_n[i]
             penetration, closing = -(dn + r1 * y - r2 * x), -(pn + pr1 * y - pr2 * x)
             k = points.k_n[i]
-            # contact that began in the step has lasted for g / d of it, and a force stands for half a step on
+            # contact that began within the step has lasted for g / d of it, and a force acts for half a step beyond it
             met = penetration + 0.5 * closing if 0.0 < penetration <= closing else closing
             normal = max(k * (penetration + viscous * met), 0.0) if penetration > 0.0 else 0.0
             s = np.array([p1 - pr * points.y_s[i], p2 + pr * points.x_s[i]])
@@ -189,7 +190,7 @@ def naive_books(points, motions, viscous):
             trial = elastic[i] + k_s * (1.0 + viscous) * s
             size = np.linalg.norm(trial)
             plastic = np.zeros(2) if size <= cap else (size - cap) / (k_s * (1.0 + viscous)) * trial / size
-            if normal == 0.0:  # an open point keeps nothing: the spring lets all of it go
+            if normal == 0.0:  # an open point stores nothing: its spring releases everything
                 plastic = s + elastic[i] / k_s
             now = elastic[i] + k_s * (s - plastic)
             force = trial * min(1.0, cap / size) if size else trial
@@ -204,7 +205,7 @@ def naive_books(points, motions, viscous):
 
 
 def test_the_energy_terms_of_a_point_joint_against_points_one_by_one():
-    """The dashpots are summed by their resultants: the same as point by point, also where points open and slide."""
+    """Dashpots are summed by their resultants: the same as point by point, also when points open and slide."""
     rng, opened = np.random.default_rng(5), 0
     for _ in range(20):
         n = 5

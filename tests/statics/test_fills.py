@@ -1,4 +1,4 @@
-"""Fills on arches: weight and thrust in closed form, and limits beside the same forces given by hand."""
+"""Fills on arches: weight and thrust in closed form, and limits equal to those of the same forces given by hand."""
 
 import math
 
@@ -36,7 +36,7 @@ def scene(state='pressure = "active"\nfriction_angle = 30.0', surface=3.0, headi
 
 
 def corners(scenario):
-    """The corners of the extrados (21, 2) in the plane of the arch, from the left springing to the right."""
+    """Corners of the extrados (21, 2) in the plane of the arch, from the left springing to the right."""
     assembly = assemble(scenario)
     radius = max(
         np.linalg.norm((assembly.position[0] + assembly.rotation[0] @ v)[[0, 2]]) for v in assembly.shapes[0].vertices
@@ -122,7 +122,7 @@ def test_a_turned_arch_bears_the_same():
 
 
 def test_real_time_carries_the_fill():
-    # an arch at rest under its fill stays, and its supports bear what the fill weighs
+    # an arch in equilibrium under its fill stands, and its supports carry the weight of the fill
     text = SCENE.format(fill=FILL.format(surface=3.0, state="coefficient = 0.4"), heading=0.0)
     text = text[: text.index("[control]")] + '[control]\nkind = "dynamic"\nduration = 0.02\nrestitution = 0.2\n'
     scenario = toml.loads(text)

@@ -17,7 +17,7 @@ from helpers.stone_scenes import law, of_stone
 
 
 def test_free_fall_and_steady_torque():
-    """Centroid: central differences are exact for a constant force; a sphere under a constant torque about an axis."""
+    """Central differences are exact for a centroid under a constant force and a sphere under a constant torque."""
     at_rest = np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)), np.zeros((1, 3))
     blocks, inertia = blocks_at_rest(*at_rest), Inertia(np.array([2.0]), np.diag([2.0, 2.0, 2.0])[None])
     blocks.force[0] = 2.0 * np.array([1.0, -2.0, -9.81])
@@ -77,7 +77,7 @@ def test_critical_step_of_one_block(formulation, ratio, expected, turn_by):
 
 @pytest.mark.parametrize("viscous", [0.0, 0.5, 1.0])
 def test_critical_step_is_where_central_differences_turn_unstable(viscous):
-    """One spring with a dashpot that acts on the last increment: bounded just below the critical step, not above."""
+    """A spring with a dashpot that acts on the last increment: bounded just below the critical step, not above it."""
     frequency = 300.0
     for factor, bounded in ((0.999, True), (1.001, False)):
         dt = factor * critical_step.critical_time_step(frequency, viscous)
@@ -92,7 +92,7 @@ def test_critical_step_is_where_central_differences_turn_unstable(viscous):
 
 
 def test_bound_of_a_stack_against_its_true_frequency():
-    """Three blocks on each other: the bound from the blocks alone is not below the assembly's greatest frequency."""
+    """Three stacked blocks: the bound from single blocks is not below the assembly's highest frequency."""
     block = {"material": "stone", "box": (0.3, 0.2, 0.1)}
     built = build.assemble(
         of_stone(

@@ -1,4 +1,4 @@
-"""What stops a run: blocks that jump or are no number, energy from nowhere, a load that does not settle."""
+"""What stops a run: blocks that jump or are not a number, spurious energy, a load that does not become steady."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def built():
 
 @pytest.mark.parametrize("steps", [1, 9, 64, 1000, 4097, 1_000_003])
 def test_stretches_part_the_travel(built, steps):
-    """Every step belongs to a stretch, a look ends each, and there are not many more than wanted."""
+    """Every step belongs to a stretch, a check ends each, and there are not many more stretches than wanted."""
     guard = new_guard(built, initial_state(built), steps)
     look = guard.mask + 1
     assert look & guard.mask == 0 and guard.stretch % look == 0 and 1 <= look <= LOOK
@@ -52,7 +52,7 @@ def test_stretches_part_the_travel(built, steps):
 
 
 def test_the_energy_put_in_is_that_of_the_balance(built, monkeypatch):
-    """Work of head and dead loads by the guard and by the energy terms; and their sums of V are those of the record."""
+    """The work of head and dead loads in the guard equals the energy terms; its sums of V equal those of the record."""
     seen = {}
     original = constant_rate.new_guard
     monkeypatch.setattr(constant_rate, "new_guard", lambda *a: seen.setdefault("guard", original(*a)))
@@ -60,7 +60,7 @@ def test_the_energy_put_in_is_that_of_the_balance(built, monkeypatch):
     run = constant_rate.push_at_constant_rate(built, Protocol.one_way(2.5e-5, 1e-3), 0.9, lambda r, f: rows.append(r))
     guard, blocks, dt = seen["guard"], run.state.blocks, run.time_step
     assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[0].head, rel=4e-3)
-    # the dead forces work on the way that the blocks went after the dead-load equilibrium
+    # dead forces do work on the displacement after the dead-load equilibrium
     dead, at_rest = (float((blocks.dead_force * way).sum()) for way in (run.moved, blocks.displacement - run.moved))
     tiny = 1e-9 * run.energy.work[0].head
     assert kernel.dead_force_work(blocks) - run.energy.work[0].dead_loads == pytest.approx(dead, rel=1e-6, abs=tiny)
@@ -74,7 +74,7 @@ def test_the_energy_put_in_is_that_of_the_balance(built, monkeypatch):
 
 
 def watched(built, speed):
-    """What the guard says of a block that moves at ``speed`` (m/s) under no load, looked at once."""
+    """Whether the guard accepts a block that moves at ``speed`` (m/s) under no load, at its first check."""
     state = initial_state(built)
     guard = new_guard(built, state)
     guard.start[:] = 1e-3
@@ -88,7 +88,7 @@ def watched(built, speed):
 
 
 def test_energy_from_nowhere_is_seen(built):
-    """Energy of 1 mJ allows 4 mJ: v^2 = 8 mJ / m."""
+    """An energy input of 1 mJ allows 4 mJ: v^2 = 8 mJ / m."""
     b = int(np.flatnonzero(~built.fixed)[0])
     most = np.sqrt(2.0 * kernel.TIMES * 1e-3 / built.mass[b])
     assert watched(built, (0.999 * most, 0.0, 0.0))
@@ -99,7 +99,7 @@ def test_energy_from_nowhere_is_seen(built):
 @pytest.mark.parametrize("name", ["set2a_curve", "set4b_curve"])
 @pytest.mark.parametrize("rate", [1e-1, 1e-4])
 def test_no_false_alarm(name, rate):
-    """Fast pushes throw the block about, and yet it has no more energy than it was given."""
+    """Fast pushes throw the block about, yet it never has more energy than was put in."""
     scenario = lab_scenario(name, "concave")
     constant_rate.push_at_constant_rate(build.assemble(scenario), Protocol.one_way(2.5e-5, rate), 0.9)
 
@@ -136,7 +136,7 @@ POINT = YieldPoint(90.0, 80.0, None, "open", 120.0, 0.0, 90.0, 0.0, 90.0, 0.0, 4
 
 
 def told(load, swing=0.0, stretch=64, point=POINT, rate=1e-3, ahead=lambda factor: None):
-    """The guard's sums of a load given at the middle of each stretch, with a swing (rms) in each; and the verdict."""
+    """Give the guard a load at the middle of each stretch, with a swing (rms) in each; return the verdict."""
     load = np.asarray(load, float)
     sums = np.stack([np.full(len(load), stretch), stretch * load, stretch * (load**2 + swing**2)], axis=1)
     guard = kernel.Guard(1.0, 63, stretch, 1.0, np.zeros(0, np.int64), *np.zeros((2, 2)), np.zeros(3), sums)
@@ -158,7 +158,8 @@ def test_a_load_that_falls_is_what_the_blocks_still_carry():
 
 @pytest.mark.parametrize(("gain", "bounds"), [(-1.0, (80.0, 100.4375)), (0.5, (98.84375, 99.5))])
 def test_the_bracket_holds_the_geometry_of_the_start(gain, bounds):
-    """A straight drift: from the middle of the last quarter, 7/8 of the way, back to the start, and half of it more."""
+    """A linear drift is traced back to the start from the middle of the last quarter, 7/8 of the path, plus half of
+    it."""
     bracket = dataclasses.replace(POINT, V_lower=80.0 if gain < 0.0 else 99.4, V_upper=99.5, bracket="indicator")
     point = told((100.0 if gain < 0.0 else 99.0625) + gain * U, point=bracket)
     V = 100.0 - 0.875 if gain < 0.0 else 99.0625 + 0.4375
@@ -168,7 +169,7 @@ def test_the_bracket_holds_the_geometry_of_the_start(gain, bounds):
 
 @pytest.mark.parametrize("strip, drift", [(0.8, 0.56), (0.8, 2.0), (0.05, 1.0)])
 def test_the_bracket_of_a_rocking_joint_holds_the_geometry_of_the_start(strip, drift):
-    """A load near the top of its curve: the strip that presses shrinks, which hides that V falls as the block turns."""
+    """A load near the top of its curve: the shrinking strip in contact hides that V falls as the block rotates."""
     rocks = dataclasses.replace(POINT, V_lower=97.0, V_upper=99.0, bracket="indicator", mechanism="rocking")
     point = told(100.0 - strip / np.sqrt(U) - drift * U, point=rocks)
     assert point.V_lower == 97.0 or point.V_lower == point.V < 97.0
@@ -196,7 +197,7 @@ def test_the_bracket_of_a_block_that_rocks_on_a_convex_joint_holds_what_a_rigid_
 
 
 def test_a_joint_that_sticks_and_slips_says_that_its_peak_is_no_strength():
-    """A convex joint, open but for a fifth, tilts as it slides; its certified bracket is that of rigid blocks."""
+    """A convex joint, a fifth of it in contact, tilts as it slides; its certified bracket is that of rigid blocks."""
     blocks = (
         Block("base", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
         Block("b", "stone", (0.4, 1.0, 1.0), (0.0, 0.0, 0.5)),
@@ -217,9 +218,9 @@ def test_a_swing_is_refused():
 
 
 def test_a_load_that_still_rises_is_refused():
-    """1 - c/sqrt(u): what is still missing at the end is c; a hundredth of the load is let pass, twice that is not."""
+    """In 1 - c/sqrt(u) the shortfall at the end is c; a hundredth of the load is accepted, twice that is not."""
     assert told(100.0 * (1.0 - 0.008 / np.sqrt(U))).V == pytest.approx(100.0, rel=STEADY)
-    advice = r"quarter; lengthen control.travel, say to 6e-05 m$"  # 1e-5 m by (2.2 %/1 %)^2, and rounded up
+    advice = r"quarter; lengthen control.travel, say to 6e-05 m$"  # 1e-5 m times (2.2 %/1 %)^2, rounded up
     with pytest.raises(NotConvergedError, match=rf"still rises.*{advice}"):
         told(100.0 * (1.0 - 0.02 / np.sqrt(U)))
     with pytest.raises(NotConvergedError, match='on a longer travel it falls: take control.kind = "yield"'):
@@ -227,14 +228,14 @@ def test_a_load_that_still_rises_is_refused():
 
 
 def test_a_slow_test_that_swings_is_not_made_slower():
-    """A tenth of the rate below which no head makes a load swing, 2.3e-4 m/s here."""
+    """At a tenth of the rate below which no head makes the load swing, 2.3e-4 m/s here, no lower rate is advised."""
     for rate, advice in ((3e-5, "lower control.rate, say to 3e-06 m/s"), (2e-5, '; take control.kind = "y')):
         with pytest.raises(NotConvergedError, match=advice):
             told(np.full(64, 100.0), swing=1.1, rate=rate)
 
 
 def near_a_wall(formulation, height):
-    """A block, pushed at nine tenths of its height over .1 mm, with a wall .15 mm before it."""
+    """A block, pushed at nine tenths of its height by 0.1 mm, with a wall 0.15 mm in front of it."""
     blocks = (
         Block("base", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
         Block("b", "stone", (0.3, 0.2, height), (0.0, 0.0, 0.5 * height)),
@@ -246,7 +247,7 @@ def near_a_wall(formulation, height):
 
 @pytest.mark.parametrize("formulation, height, most", [("concave", 0.1, 2), ("convex", 0.5, 4)])
 def test_near_another_block_the_advice_leads_to_an_answer(formulation, height, most):
-    """mu W, which a fast head swings over; W b / 2 z, which a convex joint nears as its block nears the wall."""
+    """mu W, about which a fast head makes V swing; W b / 2 z, which a convex joint tends to near the wall."""
     weight = 0.3 * 0.2 * height * 2000.0 * 9.81
     scenario = near_a_wall(formulation, height)
     for _ in range(most):
@@ -266,7 +267,7 @@ def test_near_another_block_the_advice_leads_to_an_answer(formulation, height, m
 
 
 def test_nought_is_a_load_too():
-    """Without friction the load is zero, and rounding in it is no swing."""
+    """Without friction the load is zero, and its rounding is no swing."""
     assert told(1e-9 * np.cos(40.0 * U)).V == pytest.approx(0.0, abs=1e-9)
 
 
@@ -276,7 +277,7 @@ def test_too_few_steps_to_tell():
 
 
 def test_an_uncertified_test_that_ends_on_the_way_up_has_no_limit_load():
-    """The load at mid-height moves the normal forces, so that no bracket is strict: half an elastic slip of travel."""
+    """A load at mid-height shifts the normal forces, so no bracket is strict; the travel is half an elastic slip."""
     scenario = lab_scenario("set4a_curve", "concave")
     jacks = tuple(dataclasses.replace(j, point=(*j.point[:2], 0.05)) for j in scenario.actuators)
     built = build.assemble(dataclasses.replace(scenario, actuators=jacks))
@@ -291,7 +292,7 @@ CERTIFIED = dataclasses.replace(POINT, V=100.0, V_lower=99.0, V_upper=101.0, bra
 
 @pytest.mark.parametrize(("mean", "swing", "stops"), [(89.15, 9.85, False), (89.05, 0.0, True), (99.0, 9.95, True)])
 def test_a_slow_certified_test_carries_what_its_bracket_says(built, mean, swing, stops):
-    """A load a tenth below the certified one, or that swings as much, is refused; not in a fast test or a far one."""
+    """A load a tenth below the certified one, or that swings as much, is refused; not in a fast test or far away."""
     guard = new_guard(built, initial_state(built), 1000)
     guard.load[:20] = [10.0, 10.0 * mean, 10.0 * (mean**2 + swing**2)]
     near, far = (dataclasses.replace(CERTIFIED, displacement=moved) for moved in (1.791e-3, 1.809e-3))
@@ -306,7 +307,7 @@ def test_a_slow_certified_test_carries_what_its_bracket_says(built, mean, swing,
 
 @pytest.mark.parametrize("friction", [0.7, 1.0])
 def test_blocks_that_fall_are_named_and_not_called_a_divergence(friction):
-    """The right foot of an arch is pulled away on its floor, until the stones fall between the feet."""
+    """The right foot of an arch is pulled away on its floor until the stones fall between the feet."""
     stones = [block for block in Arch("arch", "stone", 1.5, 0.3, 0.5, 7).build() if block.name != "arch.right"]
     foot = Block("foot", "stone", (0.6, 0.8, 0.3), (1.5, 0.0, -0.15))
     floor = Block("floor", "stone", (6.0, 2.0, 0.3), (2.5, 0.0, -0.45), fixed=True)

@@ -1,7 +1,7 @@
 """Limit loads of `distributed` joints of several pieces (L, T, U, feet, ring) against an independent quadrature.
 
-The reference knows no contact points: the linear pressure of elastic springs over all pieces, friction summed on a fine
-grid of cells, and the least of dissipation over power among all slip twists; the pressure follows the load.
+The reference has no contact points: the linear pressure of elastic springs over all pieces, friction summed on a fine
+grid of cells, and the minimum of dissipation over power among all slip twists; the pressure follows the load.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def rectangles(shape: str, rng) -> list[tuple[float, float, float, float]]:
 
 
 def grid(pieces) -> tuple[np.ndarray, np.ndarray]:
-    """Places (k, 2) and areas (k,) of the Gauss points of the cells."""
+    """Positions (k, 2) and areas (k,) of the Gauss points of the cells."""
     places, areas = [], []
     steps = np.add.outer(np.arange(CELLS) + 0.5, np.array([-0.5, 0.5]) / np.sqrt(3.0)).ravel() / CELLS
     for x0, y0, x1, y1 in pieces:
@@ -54,8 +54,8 @@ def grid(pieces) -> tuple[np.ndarray, np.ndarray]:
 
 
 def drawn(seed: int, shape: str) -> tuple[Scenario, list]:
-    """A block with a foot of that shape on a floor, weighed down, pushed by one or two actuators near the joint plane;
-    and the pieces of its foot."""
+    """A block with a foot of random shape on a floor, under a dead load, pushed by one or two actuators near the joint
+    plane; and the pieces of its foot."""
     rng = np.random.default_rng([seed, SHAPES.index(shape)])
     pieces = rectangles(shape, rng)
     places, areas = grid(pieces)
@@ -87,7 +87,7 @@ def drawn(seed: int, shape: str) -> tuple[Scenario, list]:
 
 
 def by_quadrature(scenario: Scenario, pieces) -> tuple[float, bool]:
-    """V where friction on the cells balances the load, and whether every cell is pressed there."""
+    """V at which friction on the cells balances the load, and whether every cell is in compression there."""
     places, areas = grid(pieces)
     middle = areas @ places / areas.sum()
     volume = 0.2 * areas.sum()
@@ -138,7 +138,7 @@ def by_quadrature(scenario: Scenario, pieces) -> tuple[float, bool]:
 
 
 def compared(seed: int, shape: str) -> tuple[str, float]:
-    """What came of a draw ("right", "wrong", "opens" or "refused") and V over the reference, less 1."""
+    """Outcome of a draw ("right", "wrong", "opens" or "refused") and V over the reference, less 1."""
     scenario, pieces = drawn(seed, shape)
     expected, closed = by_quadrature(scenario, pieces)
     if not closed:

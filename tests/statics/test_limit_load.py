@@ -1,5 +1,5 @@
 # ruff: noqa: SIM300 - V is a variable of the paper, not a constant
-"""Limit loads by replay against theory: the lab tests, random joints, and what must not change an answer."""
+"""Limit loads by search against theory: the lab tests, random joints, and invariance of the answers."""
 
 import math
 import os
@@ -23,7 +23,7 @@ from dembrick.simulation.statics import joint_families as families_of_a_state
 from helpers.one_joint import MU, A, B, N, scene, single
 
 SETS = ("2a", "2b", "4a", "4b")
-SLACK = 1e-9  # of V, by which theory may lie outside a certified bracket
+SLACK = 1e-9  # of V, by which theory may lie outside a certified bracket, for rounding
 
 
 def run(*arguments, **options):
@@ -31,7 +31,7 @@ def run(*arguments, **options):
 
 
 def formulation_of(result):
-    """The joint as theory sees it; ``distributed`` takes the points that the scenario ended with."""
+    """The joint's formulation in theory; ``distributed`` takes the points that the scenario ended with."""
     joint = result.assembly.joints[0]
     law = joint.law
     a, b, _ = result.scenario.blocks[1].box
@@ -42,7 +42,7 @@ def formulation_of(result):
 
 
 def check(result, expected, tolerance, certified=True):
-    """Within tolerance of theory; a certified bracket holds theory and is as narrow as was asked for."""
+    """Check V against theory; a certified bracket must hold theory and be as narrow as asked for."""
     point = result.yield_point
     assert point.V == pytest.approx(expected, rel=tolerance)
     assert point.half_width <= tolerance * point.V * (1 + 1e-9)
@@ -67,7 +67,7 @@ def test_lab_set_in_the_joint_plane(name, formulation, tolerance):
     result = simulate(lab_scenario(f"set{name}", formulation, tolerance), record=False)
     law = formulation_of(result).law(N)
     point = check(result, theory.limit_load(law, lab_load(name)).V, tolerance)
-    # what the joint carries is on the limit surface; N is what statics says
+    # the joint force is on the limit surface; N is given by statics
     assert point.N == pytest.approx(N, rel=1e-10)
     assert theory.gauge(law, [point.V_1, point.V_2, point.M_T]) == pytest.approx(1.0, rel=2 * tolerance)
     assert point.mechanism == ("torsion" if name.startswith("2") else "torsion-shear")
@@ -77,7 +77,7 @@ def test_lab_set_in_the_joint_plane(name, formulation, tolerance):
         assert abs(result.theory.discretisation_error) < 0.5 * tolerance
 
 
-MID_HEIGHT = {  # set 4a, 4b in N, the pressure following the overturning
+MID_HEIGHT = {  # set 4a, 4b in N, the pressure following the overturning moment
     "concave": (252.0031, 208.5214),
     "corrected": (195.7532, 146.0687),
     "corrected-shear": (205.5717, 151.9369),
@@ -118,7 +118,7 @@ def test_force_along_the_long_side(formulation, expected):
 
 @pytest.mark.parametrize("dead, expected", [(60.0, 178.17), (-60.0, 252.18)])
 def test_tangential_dead_load(dead, expected):
-    """Convex, e = a/4, with a dead force in the joint plane beside the force of the jack."""
+    """Convex, e = a/4, with a dead force in the joint plane in addition to the force of the jack."""
     point = run(jacks=single((0.25 * A, 0.0)), dead=(0.0, dead), tolerance=1e-5).yield_point
     assert point.V == pytest.approx(expected, abs=0.008)
     law = theory.formulation_law("convex", A, B, MU, N)
@@ -142,7 +142,7 @@ def test_without_friction(formulation):
 
 
 def test_rocking_before_sliding():
-    """Where friction is high and the jack too, the block turns about its edge: V h = N b / 2."""
+    """With high friction and a high jack the block rotates about its edge: V h = N b / 2."""
     height = 0.3
     point = run("concave", height=height, friction=2.0, jacks=single((0, 0), z=height)).yield_point
     assert point.mechanism == "rocking"
@@ -150,7 +150,7 @@ def test_rocking_before_sliding():
     assert point.V < 0.3 * 2.0 * N
 
 
-# --- what must not change an answer
+# --- invariance of an answer
 
 TURN = tuple(np.array([0.3, -0.7, 0.2, 0.5]) / math.sqrt(0.87))
 
@@ -161,7 +161,7 @@ TURN = tuple(np.array([0.3, -0.7, 0.2, 0.5]) / math.sqrt(0.87))
     "moved", [{"turn": TURN}, {"shift": (600.0, -800.0, 0.0)}, {"turn": TURN, "shift": (0, 600, 800)}]
 )
 def test_frame_invariance(formulation, z, moved):
-    """The same scene turned in space and moved by a kilometre: same numbers to 1e-9."""
+    """The same scene rotated in space and moved by a kilometre gives the same numbers to 1e-9."""
     options = {"jacks": single((0.07, 0.02), (0.6, 0.8, 0.0), z), "tolerance": 1e-4}
     here = run(formulation, **options).yield_point
     there = run(formulation, **options, **moved).yield_point
@@ -187,13 +187,13 @@ NUMERICAL = [
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_numerical_choices_do_not_count(formulation):
-    """Stiffness, density and time step change no limit load beyond the tolerance."""
+    """Stiffness, density and time step change the limit load by no more than the tolerance."""
     tolerance, jacks = 1e-4, single((0.25 * A, 0.03))
     base = run(formulation, jacks=jacks, tolerance=tolerance)
     expected = theory.limit_load(formulation_of(base).law(N), (0, 1, 0.25 * A)).V
     for choice in NUMERICAL:
         result = run(formulation, jacks=jacks, tolerance=tolerance, **choice)
-        # each run places the points of ``distributed`` itself: their own limit load hardly moves
+        # each run places the points of ``distributed`` itself: their own limit load hardly changes
         own = theory.limit_load(formulation_of(result).law(N), (0, 1, 0.25 * A)).V
         assert own == pytest.approx(expected, rel=0.5 * tolerance)
         check(result, own, tolerance)
@@ -201,7 +201,7 @@ def test_numerical_choices_do_not_count(formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_stiffness_of_the_joint_itself_does_not_count(formulation, monkeypatch):
-    """Four corners are three times stiffer in rotation than the area they stand for: no yield point depends on it."""
+    """Four corners are three times stiffer in rotation than the area they represent; no yield point depends on that."""
     jacks = single((0.25 * A, 0.0))
     base = run(formulation, jacks=jacks, tolerance=1e-5).yield_point
     exact = families_of_a_state.stiffness
@@ -228,11 +228,11 @@ def test_no_equilibrium_under_the_dead_load(formulation):
 
 # --- random joints
 
-SOFTNESS = 1e-5  # most of N/(kn A) and V_0/(ks A) over the short side
+SOFTNESS = 1e-5  # greatest N/(kn A) and V_0/(ks A) relative to the short side
 
 
 def joint_from(u):
-    """A joint out of twelve numbers in [0, 1), drawn jointly so that it is stiff: none has to be thrown away."""
+    """A joint from twelve numbers in [0, 1), combined so that it is stiff: no draw is rejected."""
     short = 10 ** (3 * u[0] - 3)
     sides = (short, short * 10 ** u[1]) if u[2] < 0.5 else (short * 10 ** u[1], short)
     normal, friction = 10 ** (6 * u[3]), 0.05 * 40 ** u[4]
@@ -254,7 +254,7 @@ def joint_from(u):
 
 
 def against_theory(formulation, joint, tolerance):
-    """(V of theory, the yield point): checks them against each other."""
+    """Check the yield point against theory; return (V of theory, the yield point)."""
     if formulation == "distributed":
         joint = {**joint, "points": (5, 4)}
     result = run(formulation, tolerance=tolerance, **joint)
@@ -275,7 +275,7 @@ def test_any_joint_agrees_with_theory(u, formulation):
 
 
 def random_joints(count, seed):
-    """Error over half-width of ``count`` joints, as a summary; joints without an error to speak of are left out."""
+    """Print error over half-width of ``count`` joints; those without a measurable error are left out."""
     rng = np.random.default_rng(seed)
     quotients, drawn = [], []
     for k in range(count):
@@ -308,7 +308,7 @@ def test_error_over_half_width_of_a_thousand_joints():
 
 
 def caught(result_of, expected):
-    """Whether a run betrays itself: theory outside its bracket, or no bracket at all."""
+    """Whether an error is detected: theory lies outside the bracket, or there is no bracket at all."""
     try:
         point = result_of().yield_point
     except DembrickError:
@@ -364,7 +364,7 @@ print(point.V, point.V_lower, point.V_upper)
 
 @pytest.mark.parametrize("name", ["4a", "4b"])
 def test_an_ellipse_for_the_exact_surface_is_caught(name):
-    """The common choice of robotics is unsafe by 9 and 8 % here: theory lies outside the bracket it gives."""
+    """The ellipse common in robotics is unsafe by 9 and 8 % here: theory lies outside the bracket that it gives."""
     expected = theory.limit_load(theory.formulation_law("convex", A, B, MU, N), lab_load(name)).V
     radius = theory.equations.torsion_parameter(A, B)
 

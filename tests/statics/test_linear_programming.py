@@ -1,7 +1,8 @@
 """Load factors of assemblies in space against limit analysis by linear programming (static theorem).
 
-Any forces in equilibrium within Coulomb's cones bound the load factor from below if sliding dilates, so the largest
-such factor is never less than what blocks carry that slide level; where the blocks only rock, the two are the same.
+With associative (dilatant) sliding, any forces in equilibrium within Coulomb's cones bound the load factor from below,
+so the greatest such factor is never less than that of blocks that slide without dilatancy; if blocks only rock, both
+agree.
 """
 
 from contextlib import suppress
@@ -23,7 +24,7 @@ from dembrick.scenario.model import JointLaw, Scenario
 from helpers.key_lines import key_lines
 from helpers.stone_scenes import of_stone
 
-FACETS = 64  # of a cone; they stand around it, so that the programme allows 0.12 % more friction
+FACETS = 64  # of a cone; they circumscribe it, so that the programme allows 0.12 % more friction
 
 
 def scene(direction, friction=0.7, stiffness=(1e10, 4e9), **parts) -> Scenario:
@@ -39,7 +40,7 @@ def stack(blocks, height):
 
 
 def rigid_load_factor(scenario: Scenario) -> float:
-    """Largest share of the weights along the direction that forces at the corners of the joints can balance."""
+    """Greatest share of the weights along the direction that forces at the corners of the joints can balance."""
     built = build.assemble(scenario)
     push = np.array(scenario.control.direction) / np.linalg.norm(scenario.control.direction)
     row = np.where(built.fixed, -1, 6 * (np.cumsum(~built.fixed) - 1))
@@ -96,8 +97,8 @@ def test_blocks_that_only_rock_meet_the_programme(scenario):
     [(1.64, 0.37, 11, 119.0), (3.04, 0.8, 10, 122.0), (4.33, 1.19, 11, 123.0), (2.03, 0.52, 20, 120.0)],
 )
 def test_stiff_convex_arches_meet_the_programme(radius, thickness, stones, angle):
-    """A direction that is off by rounding must not grow from equilibrium to equilibrium: these turned back at half of
-    their limit."""
+    """A direction that is off by rounding must not grow from equilibrium to equilibrium: these paths once turned back
+    at half of their limit."""
     arch = Arch("arch", "stone", radius, thickness, 0.3, stones, angle=angle)
     joint = JointLaw("convex", 1.5, 1e11, 4e10)
     scenario = of_stone(joint, PushoverControl((1.0, 0.0, 0.0)), arches=(arch,))
@@ -132,7 +133,7 @@ SLIDING = {
 
 @pytest.mark.parametrize("scenario", SLIDING.values(), ids=SLIDING)
 def test_a_wall_slides_as_a_whole_at_the_friction_of_its_bed(scenario):
-    """V c = mu (1 - V s) for a push at an angle of sine s upwards; many head joints are at the brink of closing."""
+    """V c = mu (1 - V s) for a push at an angle of sine s upwards; many head joints are about to close."""
     push = np.array(scenario.control.direction)
     along, up = np.hypot(*push[:2]) / np.linalg.norm(push), push[2] / np.linalg.norm(push)
     found = simulate(scenario, record=False)
@@ -143,7 +144,7 @@ def test_a_wall_slides_as_a_whole_at_the_friction_of_its_bed(scenario):
 
 
 def test_a_peak_on_the_way_is_told_from_what_the_mechanism_carries():
-    """Rough joints lock forces in: how high the peak is depends on the stiffness, what comes after it does not."""
+    """Rough joints lock in forces: the height of the peak depends on the stiffness, the load after it does not."""
     parts = wall((0.31, 0.17, 0.21), 5, 3)
     found = [
         simulate(scene((1.0, 0.07, 0.0), 3.0, stiffness, **parts), record=False)
@@ -156,13 +157,13 @@ def test_a_peak_on_the_way_is_told_from_what_the_mechanism_carries():
 
 
 def test_refining_shows_what_the_path_leaves_open():
-    """A wall whose end turns over along rough head joints: the way it was loaded decides what those still carry."""
+    """A wall whose end overturns along rough head joints: the load path decides how much those still carry."""
     scenario = scene((0.114, 0.993, 0.0), 3.0, **wall((0.24, 0.11, 0.24), 2, 5, 77.0))
     fallen = simulate(scenario, refine=True).collapse
     assert fallen["mechanism"] == "rocking"
     found = []
     for one, *_ in refinements(scenario):
-        with suppress(NotConvergedError):  # such a path is counted, and not part of the range
+        with suppress(NotConvergedError):  # such a path is counted, but not part of the range
             found.append(simulate(one, record=False).collapse["load_factor"])
     assert fallen["error_estimate"] > 0.01 * fallen["load_factor"]
     assert max(abs(factor - fallen["load_factor"]) for factor in found) == pytest.approx(

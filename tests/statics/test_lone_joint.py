@@ -22,7 +22,7 @@ RECTANGLE = theory.polygons.rectangle(A, B)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("slides", [False, True])
 def test_the_tangent_is_that_of_the_law(formulation, slides):
-    """By differences of the forces: closed, with some points open, sticking and sliding."""
+    """The tangent against differences of the forces: closed, with some points open, sticking and sliding."""
     points = (4, 3) if formulation == "distributed" else None
     state = initial_state(build.assemble(scene(formulation, points=points)))
     lone, room = lone_joint.LoneSearch(state, 1e-3).lone, kernel.new_room()
@@ -46,8 +46,8 @@ def test_the_tangent_is_that_of_the_law(formulation, slides):
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_brackets_of_loads_above_the_joint_hold_what_finer_ones_close_on(formulation):
-    """The pressure follows the load, so that brackets are indicators: of 60 drawn joints that bend, slide and rock,
-    each to 1e-3 and 1e-5 holds the answer to 1e-8, where there is one."""
+    """The pressure follows the load, so that brackets are indicators: for 60 random joints that bend, slide and rock,
+    each bracket to 1e-3 and 1e-5 holds the answer to 1e-8, if there is one."""
     rng, k = np.random.default_rng(7), 60
     shapes = [slender_polygon(rng, 10 ** rng.uniform(-2, 1)) for _ in range(k)]
     size = np.array([np.abs(p).max() for p in shapes])[:, None]
@@ -79,7 +79,7 @@ def test_brackets_of_loads_above_the_joint_hold_what_finer_ones_close_on(formula
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_the_fixed_block_may_come_last(formulation):
-    """The joint then rides between the other two sides: V is the same, and the reaction of the support is the other."""
+    """The joint then has the axes of the other block: V is the same, and so is the reaction of the support."""
     jacks = single((0.25 * A, 0.0))
     first = scene(formulation, jacks=jacks, tolerance=1e-6)
     last = dataclasses.replace(first, blocks=first.blocks[::-1])
@@ -100,7 +100,7 @@ def test_a_record_changes_no_bit(formulation):
 
 
 def test_what_presses_as_fast_as_it_shears_has_no_limit():
-    """Friction 0.64 under a force at 45 degrees into the joint: it locks."""
+    """Friction 0.64 under a force that presses the joint twice as much as it shears it: it locks."""
     found = batch.find_limit_loads(
         batch.Cases.on(
             RECTANGLE, "concave", friction=MU, normal_force=N, actuator_point=[[0.0, 0.0, 0.0]],

@@ -8,7 +8,7 @@ from dembrick.simulation.mechanism import joint_mechanism
 @pytest.mark.parametrize(
     ("twist", "centre", "name"),
     [
-        ((1.0, 0.0, 1e-5), None, "sliding"),  # 3e-6 at the rim: rounding of a search, no centre 100 km away
+        ((1.0, 0.0, 1e-5), None, "sliding"),  # 3e-6 at the edge: rounding of a search, no centre 100 km away
         ((1.0, 0.0, 1e-3), (0.0, 1e3), "torsion-shear"),
         ((0.0, 0.3, 1.0), (-0.3, 0.0), "torsion-shear"),
         ((0.0, 3e-7, 1.0), (-3e-7, 0.0), "torsion"),

@@ -37,7 +37,7 @@ def arch(thickness, voussoirs, angle=180.0, curved=False):
 
 
 def on_table(mu, control, loads=(), actuators=()) -> Scenario:
-    """One block 0.3 x 0.2 x 0.4 on a fixed one."""
+    """A block 0.3 x 0.2 x 0.4 on a fixed one."""
     return scene(
         control,
         friction=mu,
@@ -63,7 +63,7 @@ def test_a_block_slides_at_the_friction_angle(axis, sign):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_joint_that_tilts_before_it_slides_is_said_to_slide(formulation):
-    """A convex joint may reach its limit surface on an elastic step, in which it tilts more than it slips."""
+    """A convex joint may reach its limit surface in an elastic step, in which it tilts more than it slips."""
     given = on_table(0.6, PushoverControl((1.0, 0.0, 0.0)))
     fallen = simulate(replace(given, joint=replace(given.joint, formulation=formulation))).collapse
     assert fallen["load_factor"] == pytest.approx(0.6, rel=1e-3) and fallen["mechanism"] == "sliding"
@@ -79,7 +79,7 @@ def test_loads_turn_with_gravity():
 
 
 def test_a_table_tilts_the_side_of_its_axis():
-    """About +x the side towards +y rises, and the block goes towards -y."""
+    """By a rotation about +x the side towards +y rises, and the block moves towards -y."""
     moved = simulate(on_table(0.3, tilt())).run.state.blocks.velocity[1]
     assert moved[1] < 0.0 and abs(moved[0]) < 1e-6 * abs(moved[1])
 
@@ -97,7 +97,7 @@ def test_a_wall_turns_about_its_toe(formulation):
 
 
 def test_a_large_wall_takes_few_newton_steps():
-    """Trial steps that lead nowhere are given up at once: nearly all that is asked for is elastic, or a mechanism."""
+    """Trial steps without progress are given up at once: nearly all steps are elastic or follow a mechanism."""
     wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=24, blocks=12, base=0.1)
     result = simulate(scene(tilt(), friction=0.64, walls=(wall,)), record=False)
     assert result.collapse["load_factor"] == pytest.approx(0.2 / 2.4, rel=1e-5)
@@ -106,7 +106,7 @@ def test_a_large_wall_takes_few_newton_steps():
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
 def test_a_high_wall_takes_no_more_newton_steps(formulation):
-    """A step beyond the limit opens the joints of many courses, and one mechanism is found among them by halves."""
+    """A step beyond the limit opens the joints of many courses; bisection finds the one mechanism among them."""
     wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=60, blocks=6, base=0.1)
     result = simulate(scene(tilt(), friction=0.64, walls=(wall,), formulation=formulation), record=False)
     assert result.collapse["load_factor"] == pytest.approx(0.2 / 6.0, rel=1e-4)
@@ -114,7 +114,7 @@ def test_a_high_wall_takes_no_more_newton_steps(formulation):
 
 
 def test_a_newton_step_is_cut_where_the_forces_do_no_more_work_on_it():
-    """A dome pushed elastically to loads beyond its limit, .37: a whole step from there goes too far."""
+    """A dome displaced elastically to loads beyond its limit, 0.37: a whole Newton step from there goes too far."""
     dome = Dome("dome", "stone", radius=2.0, thickness=0.2, rings=4, blocks=8, key=8.0)
     setup = Setup(build.assemble(scene(tilt((0.0, 1.0, 0.0)), domes=(dome,))), 1e-3)
     follower = PathFollower(setup.state, setup.load, setup.factor, setup.certificate)
@@ -134,7 +134,7 @@ def test_a_newton_step_is_cut_where_the_forces_do_no_more_work_on_it():
 
 
 def test_a_mechanism_is_followed_without_newton_steps():
-    """Once V stays the same the next equilibrium lies on the tangent: ever longer steps need no iteration."""
+    """Once V is constant the next equilibrium lies on the tangent: ever longer steps need no iteration."""
     wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=12, blocks=12, base=0.1)
     assembly = build.assemble(scene(tilt(), friction=0.64, walls=(wall,)))
     begun, gone = (limit_load.find_limit_load(assembly, 1e-4, goal=goal) for goal in (None, 1e-2))
@@ -144,7 +144,7 @@ def test_a_mechanism_is_followed_without_newton_steps():
 
 
 def test_corrected_joints_let_the_wall_fall_early():
-    """Their points carry the weight too, and stand s = 0.537 of the half thickness from the middle."""
+    """Their points also carry the weight, and lie at s = 0.537 of the half thickness from the middle."""
     assert simulate(leaf("corrected")).collapse["angle"] == pytest.approx(6.1302, rel=1e-3)
 
 
@@ -159,8 +159,8 @@ WALLS = {
 
 @pytest.mark.parametrize("name, blocks, joints", [("W1", 33, 83), ("W2", 55, 141), ("W3", 46, 102)])
 def test_walls_in_plane(name, blocks, joints):
-    """Friction without dilatancy: at or below the associative limit of Ferris and Tin-Loi, which lets joints that slide
-    lift what stands on them. W3 gives way in stages: blocks beside its openings let go and come to rest again."""
+    """Friction without dilatancy: at or below the associative limit of Ferris and Tin-Loi, in which sliding joints lift
+    the blocks above. W3 fails in stages: blocks beside its openings slip suddenly and come to rest again."""
     pattern, courses, associative = WALLS[name]
     wall = Wall("wall", "stone", (0.4, 0.2, 0.175), courses=courses, pattern=pattern, base=0.2)
     built = build.assemble(scene(PushoverControl((1.0, 0.0, 0.0)), friction=0.65, walls=(wall,)))
@@ -188,7 +188,7 @@ def rigid_multiplier(thickness, voussoirs, friction):
     out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     along = np.stack([out[:, 1], -out[:, 0]], axis=1)
     radii = (1.0 - thickness / 2, 1.0 + thickness / 2)
-    variables = 3 * (voussoirs + 1) + 1  # N at the intrados, N at the extrados, T of each joint; the multiplier
+    variables = 3 * (voussoirs + 1) + 1  # N at intrados and extrados, T of each joint; the multiplier
     equations, dead = np.zeros((3 * voussoirs, variables)), np.zeros(3 * voussoirs)
     for i in range(voussoirs):
         x, y = np.array([radii[0] * out[i], radii[1] * out[i], radii[1] * out[i + 1], radii[0] * out[i + 1]]).T
@@ -216,7 +216,7 @@ def test_the_programme_is_right():
 
 @pytest.mark.parametrize("share", [0.01, 0.02])
 def test_a_plateau_while_gaps_close_is_no_limit(share):
-    """This arch has opened at its left springing; the load turns it back at two thirds of its limit, at constant V."""
+    """This arch has opened at its left springing; at two thirds of its limit the load closes it again at constant V."""
     thickness = 0.107442 * (1.0 + share)
     scenario = scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(thickness, 50),))
     expected = rigid_multiplier(thickness, 50, 0.7)
@@ -249,7 +249,7 @@ LEAST = [(7, 0.095703), (9, 0.101525), (11, 0.104589), (15, 0.106068), (21, 0.10
 
 @pytest.mark.parametrize("voussoirs, least", LEAST)
 def test_least_thickness_of_a_semicircle(voussoirs, least):
-    """An arch two thousandths thinner than the least does not stand, one two thousandths thicker does."""
+    """An arch 0.2 % thinner than the least thickness does not stand, one 0.2 % thicker does."""
     assert not stands(arches=(arch(0.998 * least, voussoirs),)) and stands(arches=(arch(1.002 * least, voussoirs),))
 
 
@@ -299,7 +299,7 @@ def test_a_path_goes_on_to_the_displacement_asked_for():
     scenario = scene(PushoverControl((1.0, 0.0, 0.0), displacement=0.05), arches=(arch(0.15, 17),))
     result = simulate(scenario)
     way = np.linalg.norm(result.frames["displacement"][-1] - result.frames["displacement"][0], axis=1)
-    assert result.collapse["displacement"] < 0.05 <= way.max()  # that of the result is at the limit, long before
+    assert result.collapse["displacement"] < 0.05 <= way.max()  # the reported one is at the limit, long before that
 
 
 # --- refusals
@@ -325,7 +325,7 @@ def test_an_arch_too_thin_stands_no_load():
 
 
 def test_the_load_of_a_tilt_is_a_number_and_that_of_jacks_a_force(tmp_path):
-    """In the history and in the text made of it."""
+    """In the history and in the text exported from it."""
     path, text = tmp_path / "tilt.h5", tmp_path / "tilt.csv"
     simulate(on_table(0.3, tilt()), path)
     with h5py.File(path) as file:
@@ -353,7 +353,7 @@ def test_the_plan_tells_the_memory_of_a_search(blocks):
 @pytest.mark.parametrize("short", [1e-4, 1e-3, 5e-3])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
 def test_a_load_that_is_next_to_nothing(short, tolerance):
-    """Four blocks at 1 - x of the harmonic overhang l/(2k) fall by a push of x of their weight."""
+    """Four blocks at 1 - x of the harmonic overhang l/(2k) overturn under a push of 1.25 x of their weight."""
     place, blocks = 0.0, [Block("base", "stone", (1.0, 0.5, 0.2), (0.0, 0.0, -0.1), fixed=True)]
     for level, k in enumerate((4, 3, 2, 1)):
         place += (1.0 - short) * 0.5 / k

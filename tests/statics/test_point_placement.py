@@ -1,4 +1,4 @@
-"""Points on rays from the torsion centre, and the rounds that find that centre."""
+"""Points on rays from the torsion centre, and the iteration that finds that centre."""
 
 import dataclasses
 
@@ -71,7 +71,7 @@ def test_placed_points_meet_the_continuum_within_half_the_tolerance(name, tolera
 
 
 def test_points_for_another_centre_would_miss():
-    """The same number of points, placed for pure torsion, are wrong for set 4a: the placing is what counts."""
+    """The same number of points, placed for pure torsion, is wrong for set 4a: the placement matters."""
     built = build.assemble(lab_scenario("set4a", "distributed", 1e-5))
     placed, _ = place_points(built, 1e-5)
     arms, areas = ray_quadrature.rays(RECTANGLE, (0.0, 0.0), 3, 2)
@@ -81,7 +81,7 @@ def test_points_for_another_centre_would_miss():
 
 
 def test_a_joint_that_opens_keeps_the_lattice():
-    """Pushed 0.2 m above the joint the block stands on part of its bed when it slides."""
+    """Pushed 0.09 m above the joint, the block has only part of its bed in contact when it slides."""
     scenario = lab_scenario("shear", "distributed", 1e-2)
     jacks = [dataclasses.replace(jack, point=(*jack.point[:2], 0.09)) for jack in scenario.actuators]
     built = build.assemble(dataclasses.replace(scenario, actuators=tuple(jacks)))
@@ -99,7 +99,7 @@ def test_other_formulations_are_left_alone(formulation):
 
 @pytest.mark.parametrize(("friction", "cohesion"), [(0.6, 2e4), (0.6, 1e3), (0.0, 2e4)])
 def test_points_of_a_bonded_joint_meet_the_bonded_continuum(friction, cohesion):
-    """As a lattice of 120 by 90 points does. Once it was compared with the dry one, 90 % off and more."""
+    """As with a lattice of 120 by 90 points. The reference was once the dry continuum, 90 % off and more."""
     side = (0.4, 0.3, 0.1)
     text = header("distributed", friction, 1e10, keys=f"cohesion = {cohesion}\nresidual_cohesion = {cohesion}")
     text += block("floor", (0.0, 0.0, -0.1), (1.0, 1.0, 0.2), "fixed = true") + block("block", (0.0, 0.0, 0.05), side)

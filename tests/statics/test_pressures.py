@@ -1,4 +1,4 @@
-"""Convex joints whose friction follows the bending (pressures "effective", "linear"), by theory and by quadrature."""
+"""Convex joints whose friction follows the bending (pressures "effective", "linear"), against theory and quadrature."""
 
 import dataclasses
 
@@ -31,13 +31,13 @@ TORSION = {
 
 
 def outline(polygon):
-    """The `Polygon` of corners (v, 2)."""
+    """`Polygon` with the corners (v, 2)."""
     x, y = np.ascontiguousarray(polygon.T)
     return Polygon(x, y, 0, len(x), float(polygons.area(polygon)), None, float(np.hypot(x, y).max()))
 
 
 def pressed_by(pressure, polygon, g0, gx, gy, follow=kernels.follow_pressure):
-    """The pressed part of one joint under the penetration g0 + gx x + gy y, with N = 1 and its centre of pressure."""
+    """Part of one joint in contact under the penetration g0 + gx x + gy y, with N = 1, and its centre of pressure."""
     x, y = np.ascontiguousarray(polygon.T)
     part = pressed_parts([pressure], [len(x)])
     if (g0 + polygon @ [gx, gy]).min() >= 0.0:
@@ -51,7 +51,7 @@ def pressed_by(pressure, polygon, g0, gx, gy, follow=kernels.follow_pressure):
 
 
 def random_bending(rng):
-    """A polygon and a penetration that closes all of it, or a part down to a twentieth of its depth."""
+    """A polygon and a penetration under which all of it is in contact, or a part down to a twentieth of its depth."""
     polygon = random_polygon(rng, 10 ** rng.uniform(-3, 1))
     slope = rng.normal(size=2)
     along = polygon @ slope
@@ -60,7 +60,7 @@ def random_bending(rng):
 
 
 def law_of(pressure, polygon, centre, g0, gx, gy):
-    """The same by theory: a uniform or a linear friction stress whose strength is 1."""
+    """The same in theory: a uniform or a linear friction stress of strength 1."""
     if pressure == "effective":
         return theory.convex(theory.formulations.effective_polygon(polygon, centre), 1.0, 1.0)
     law = theory.linear_pressure([polygon], 1.0, g0, (gx, gy))
@@ -78,7 +78,7 @@ def test_surface_against_theory(pressure, form):
         part, centre = pressed_by(pressure, polygon, *plane, follow)
         law = law_of(pressure, polygon, centre, *plane)
         size = np.abs(polygon).max()
-        loss = slenderness(polygon) ** 2 * 20**2  # digits that the pressed strip may cost, twice
+        loss = slenderness(polygon) ** 2 * 20**2  # loss of digits due to the strip in contact, doubled
         corner = int(part.start[0])
         centres = [
             centre + rng.normal(size=2) * part.reach[0],
@@ -107,7 +107,7 @@ def test_surface_against_theory(pressure, form):
 
 @pytest.mark.parametrize("pressure", ["effective", "linear"])
 def test_surface_against_quadrature(pressure):
-    """The integral of p |v + w x r| itself, by a fine rule on the pressed part: nothing in common with edge sums."""
+    """The integral of p |v + w x r| by a fine rule on the part in contact, independent of edge sums."""
     rng = np.random.default_rng(22)
     nodes, weights = np.polynomial.legendre.leggauss(150)
     s, w_s = 0.5 * (nodes + 1), 0.5 * weights
@@ -161,7 +161,7 @@ def test_near_and_far_meet():
 
 @pytest.mark.parametrize("pressure", ["effective", "linear"])
 def test_a_line_of_contact(pressure):
-    """Pressed on one edge only: M_T about its middle is V_0 a/4, however thin the strip is."""
+    """In contact along one edge only: M_T about its middle is V_0 a/4, however thin the strip is."""
     for gy in (1e-3, 1.0, 1e6):
         for depth in (1e-3, 1e-6, 1e-12):  # of the joint, pressed along the edge y = b/2
             part, _ = pressed_by(pressure, RECTANGLE, gy * B * (depth - 0.5), 0.0, gy)
@@ -174,7 +174,7 @@ def test_a_line_of_contact(pressure):
 
 
 def bent(pressure, eccentricity, load, **options):
-    """A convex joint under N at an eccentricity (e_x, e_y), pushed in its plane; (V of the replay, theory)."""
+    """A convex joint under N at an eccentricity (e_x, e_y), pushed in its plane; (V of the search, theory)."""
     base = scene("convex", jacks=load, tolerance=1e-5, normal=1.0, **options)
     point = (*eccentricity, base.blocks[1].box[2])
     return dataclasses.replace(
@@ -220,7 +220,7 @@ LAB = {
 
 @pytest.mark.parametrize("name, pressure", LAB)
 def test_lab_sets(name, pressure):
-    """At mid-height friction follows the overturning; in the joint plane it is that of eq. (5)."""
+    """At mid-height friction follows the overturning moment; in the joint plane it is that of eq. (5)."""
     for ending, expected in (("_mid", LAB[name, pressure]), ("", {"4a": 216.0549, "4b": 161.9025}[name])):
         base = lab_scenario(f"set{name}{ending}", "convex", 1e-5)
         law = dataclasses.replace(base.joint, pressure=pressure)
@@ -233,7 +233,7 @@ def test_lab_sets(name, pressure):
 
 @pytest.mark.parametrize("pressure", ["effective", "linear"])
 def test_the_energy_balance_of_a_constant_rate_closes(pressure):
-    """Physical inertia above the joint moves the pressure: an indicator, and the energy balances all the same."""
+    """Physical inertia above the joint shifts the pressure: an indicator, but the energy balance closes."""
     base = lab_scenario("set4a_mid", "convex")
     base = dataclasses.replace(
         base,
@@ -247,7 +247,7 @@ def test_the_energy_balance_of_a_constant_rate_closes(pressure):
 
 
 def test_full_pressure_stays_out_of_it(monkeypatch):
-    """A scene without these pressures carries no room for them; beside such joints full ones stay what they are."""
+    """A scene without these pressures stores nothing for them; full pressures beside them are unchanged."""
     base = lab_scenario("set4b_mid", "convex", 1e-5)
     built = build.assemble(base)
     assert state.initial_state(built).areas.pressed is None

@@ -1,4 +1,4 @@
-"""Reactions of supports in searches and constant-rate tests: they carry the weight and every load."""
+"""Reactions of supports in searches and constant-rate tests: they balance the weight and every load."""
 
 import csv
 import dataclasses
@@ -21,7 +21,7 @@ G = 9.81
 
 
 def pull(result) -> np.ndarray:
-    """Force and moment about the origin (6,) that weight and loads put on the free blocks at the last row."""
+    """Force and moment about the origin (6,) of weight and loads on the free blocks in the last row."""
     assembly, V = result.assembly, result.rows["load"][-1]
     free = np.flatnonzero(~assembly.fixed)
     total = np.zeros(6)
@@ -36,7 +36,7 @@ def pull(result) -> np.ndarray:
 
 
 def push_back(result) -> np.ndarray:
-    """The reactions of a row, moments taken to the origin."""
+    """Sum of the reactions of a row, with moments about the origin."""
     assembly, reaction = result.assembly, result.rows["reaction"][-1]
     force = reaction[:, :3]
     moment = reaction[:, 3:] + np.cross(assembly.position[assembly.fixed], force)
@@ -45,7 +45,7 @@ def push_back(result) -> np.ndarray:
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_reactions_balance_weight_and_push(formulation):
-    """An arch on two supports, pushed to its limit: forces and moments add up to nothing."""
+    """An arch on two supports, pushed to its limit: forces and moments sum to zero."""
     result = simulate(scenes.arch(law(formulation, 0.7), (1.0, 0.0, 0.0)))
     assert result.rows["reaction"].shape == (len(result.rows["load"]), 2, 6)
     expected, scale = pull(result), np.abs(pull(result)).max()
@@ -59,7 +59,7 @@ def test_reactions_balance_weight_and_push(formulation):
 
 
 def test_a_constant_rate_test_pushes_its_support():
-    """One jack at an eccentricity: the floor takes V, the weight, and torsion and bending of V about its centroid."""
+    """One jack at an eccentricity: the floor carries V, the weight, and torsion and bending of V about its centroid."""
     blocks = (
         Block("floor", "stone", (0.6, 0.6, 0.2), (0.0, 0.0, -0.1), fixed=True),
         Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
@@ -97,11 +97,11 @@ def test_a_dead_load_that_is_no_weight_is_carried_too():
     # the arm of the load from the floor's centroid is (.1, 0, .3)
     moment = -np.cross((0.1, 0.0, 0.3), (100.0, 20.0, -300.0))
     np.testing.assert_allclose(found["floor"], [-100.0, -20.0, weight + 300.0, *moment], rtol=1e-6, atol=1e-6 * weight)
-    assert found["aside"] == [0.0] * 6  # a support that nothing touches carries nothing
+    assert found["aside"] == [0.0] * 6  # a support without contact has no reaction
 
 
 def test_reactions_in_files(tmp_path):
-    """A history has every row's, a CSV a column for each number, and the result those of the end."""
+    """A history has the reactions of every row, a CSV a column per component, and the result those of the end."""
     path = tmp_path / "arch.h5"
     result = simulate(scenes.arch(law("convex", 0.7), (1.0, 0.0, 0.0)), path)
     with history.read(path) as found:

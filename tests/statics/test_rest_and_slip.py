@@ -1,4 +1,4 @@
-"""At rest nothing moves, what is not connected is not disturbed, and friction points against slip."""
+"""At rest nothing moves, unconnected blocks are not disturbed, and friction opposes slip."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from helpers.stone_scenes import law, of_stone
 @pytest.mark.parametrize("kind", ["middle", "eccentric"])
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear", "convex"])
 def test_no_creep_below_the_limit(formulation, kind):
-    """At 0.98 of the limit load, for a hundred thousand steps; ``stress.py --long`` does ten million."""
+    """Nothing moves at 0.98 of the limit load for a hundred thousand steps; ``stress.py --long`` runs ten million."""
     scene = tool_module("stress_scenes").rest_scene(formulation, kind)
     outcome = tool_module("stress_judge").rest(scene, 100_000)
     assert outcome.status == "right" and outcome.error < 1e-12, outcome
@@ -33,7 +33,7 @@ ASIDE = 0.6  # m
 
 
 def two_pairs(formulation):
-    """A pair that is pushed over its limit; and in its own words a pair held at a third of it, ASIDE of the first."""
+    """A pair pushed over its limit with another under a third of it, ASIDE of the first; and the other pair alone."""
     scenes = tool_module("stress_scenes")
     pushed = scenes.pair(formulation, scenes.jack(0.075))
     limit = scenes.by_judge(build.assemble(pushed))
@@ -50,7 +50,7 @@ def two_pairs(formulation):
 
 
 def part_of(state: State, alone: State) -> State:
-    """The state of the second pair out of the state of both, in the arrays of the pair ``alone``."""
+    """Copy the state of the second pair from the state of both into the arrays of the pair ``alone``."""
     for name in ("blocks", "joints", "points", "areas"):
         whole, own = getattr(state, name), getattr(alone, name)
         if whole is None:
@@ -63,7 +63,7 @@ def part_of(state: State, alone: State) -> State:
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_block_beside_a_test_moves_as_it_does_alone(formulation):
-    """Joints that are not connected share no arithmetic: at an equal time step the same to the last bit."""
+    """Unconnected joints share no arithmetic: at the same time step results are equal bit for bit."""
     together, apart = two_pairs(formulation)
     judge = tool_module("stress_judge")
     setup = load_system.Setup(build.assemble(together), tolerance=0.0)
@@ -73,7 +73,7 @@ def test_a_block_beside_a_test_moves_as_it_does_alone(formulation):
     alone = part_of(loop.state, alone)
     inertia = constant_rate.physical_inertia(built)
     moving = ties.start_moving(alone, built)
-    guard = new_guard(built, alone)._replace(mask=1 << 62)  # that never looks: nothing drives this pair
+    guard = new_guard(built, alone)._replace(mask=1 << 62)  # one that never checks: nothing drives this pair
     other = dataclasses.replace(loop, state=alone, inertia=inertia, guard=guard, ties=moving)
     for one in (loop, other):
         assert one.advance(20_000) == RUNNING
@@ -114,8 +114,8 @@ def pushed_polygon(seed: int):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_friction_is_opposite_to_slip(seed):
-    """Every plastic increment above 1e-12 m of every corner points along the shear force on the lower block, whose size
-    is mu N there: friction pushes back on the block that slips. The forces are those that the joint hands on."""
+    """Every plastic increment above 1e-12 m of every corner is parallel to the shear force on the lower block, whose
+    size is mu N there: friction opposes slip. The forces are those that the joint passes on to its blocks."""
     built = pushed_polygon(seed)
     setup = load_system.Setup(built, tolerance=0.0)
     loop = tool_module("stress_judge").at_rest(setup, 1e-4)

@@ -1,4 +1,4 @@
-"""Limit loads of several blocks and of blocks that rock: against statics and the theory of one joint."""
+"""Limit loads of stacks and of rocking blocks, against statics and the theory of one joint."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_block_with_much_friction_overturns(formulation, e):
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
 def test_a_convex_joint_turns_about_the_strip_that_it_presses(tolerance):
-    """The strip narrows for ever, and V grows with it: the bracket holds what is still missing."""
+    """The strip in contact narrows without end, and V grows with it: the bracket holds the remaining shortfall."""
     rigid = (400.0 + WEIGHT) * 0.5 * B / H
     point = tower(1, "convex", 0, e=0.0, friction=2.0, up=H, tolerance=tolerance)
     assert point.V_lower < rigid < point.V_upper and point.half_width <= tolerance * point.V
@@ -80,7 +80,7 @@ def test_a_convex_joint_turns_about_the_strip_that_it_presses(tolerance):
 def weakest(formulation: str, count: int, top: float, e: float) -> float:
     """Limit load of a tower whose uppermost block is pushed at its foot, by statics.
 
-    Either that block slides, or a joint further down overturns: bending leaves its torsion strength large enough.
+    Either that block slides, or a joint below overturns: under that bending its torsion strength is still large enough.
     """
     lever = 0.5 * B
     if formulation == "corrected":
@@ -92,7 +92,7 @@ def weakest(formulation: str, count: int, top: float, e: float) -> float:
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "corrected-shear", "convex"])
 @pytest.mark.parametrize("count, top", [(2, 0.0), *((n, t) for n in (5, 10, 20, 50, 100, 200) for t in (0.0, 2000.0))])
 def test_towers_of_any_height(formulation, count, top):
-    """The search follows the equilibrium, so that the long elastic way of a tower costs nothing."""
+    """The search follows the equilibrium, so that the long elastic displacement of a tower costs nothing."""
     expected = weakest(formulation, count, top, 0.075)
     point = tower(count, formulation, pushed=count - 1, top=top)
     assert point.V == pytest.approx(expected, rel=1e-3)
@@ -103,7 +103,7 @@ def test_towers_of_any_height(formulation, count, top):
 @pytest.mark.parametrize("formulation", ["convex", "corrected-shear"])
 @pytest.mark.parametrize("count, top, e", [(2, 0.0, 0.075), (20, 0.0, 0.12), (5, 2000.0, 0.0), (20, 2000.0, 0.075)])
 def test_towers_meet_their_closed_form(formulation, count, top, e):
-    """Torsion with shear by the exact limit surface, and overturning, to a hundred-thousandth."""
+    """Torsion with shear by the exact limit surface, and overturning, to 1e-5."""
     expected = weakest(formulation, count, top, e)
     point = tower(count, formulation, pushed=count - 1, top=top, e=e, tolerance=1e-5)
     assert point.V == pytest.approx(expected, rel=3e-6)
@@ -113,7 +113,7 @@ def test_towers_meet_their_closed_form(formulation, count, top, e):
 
 @pytest.mark.parametrize("steps", [0.1, 0.5, 3.0, 100.0])
 def test_any_first_step_will_do(steps, monkeypatch):
-    """Even one that goes far beyond the limit at once, or lands short of it with joints that have opened."""
+    """Even one far beyond the limit, or one that falls short of it with joints that have opened."""
     monkeypatch.setattr(path_following, "ELASTIC_STEPS", steps)
     for formulation in ("concave", "convex"):
         for top in (0.0, 2000.0):

@@ -1,4 +1,4 @@
-"""kind = "statics": stands or falls, reactions, and which blocks do not stand."""
+"""kind = "statics": stability, reactions, and which blocks do not stand."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def scene(blocks, friction=0.6, control=None, **parts) -> Scenario:
 
 
 def overhanging(share: float, control=None) -> Scenario:
-    """Three bricks of length 1 on a base, each further out: the k-th from the top by ``share`` / (2 k)."""
+    """Three bricks of length 1 on a base; the k-th from the top overhangs by ``share`` / (2 k)."""
     blocks, end = [Block("base", "stone", (1.0, 0.5, 0.2), (0.0, 0.0, -0.1), fixed=True)], 0.0
     for k, name in ((3, "lowest"), (2, "middle"), (1, "top")):
         end += share * 0.5 / k
@@ -41,7 +41,7 @@ def overhanging(share: float, control=None) -> Scenario:
 
 
 def test_a_stone_that_falls_is_shown_where_its_mechanism_is_seen():
-    """It turns about the edge of its base, however far the search for rest has let it fall."""
+    """It is shown rotated about the edge of its base, however far the search for equilibrium has let it fall."""
     base = Block("base", "stone", (1.0, 0.5, 0.2), (0.0, 0.0, -0.1), fixed=True)
     result = simulate(scene((base, Block("over", "stone", (1.0, 0.5, 0.2), (0.7, 0.0, 0.1)))))
     assert result.status == "falls" and result.as_dict()["statics"]["mechanism"] == "rocking"
@@ -61,7 +61,7 @@ def test_harmonic_stack(share, stands):
     if stands:
         weight = 3 * 2000.0 * G * 0.1
         assert found["reactions"]["base"][2] == pytest.approx(weight, rel=1e-9)
-        # the weight acts at the middle of the three bricks
+        # the weight acts at the centroid of the three bricks
         middle = share * np.mean([1 / 6, 1 / 6 + 1 / 4, 1 / 6 + 1 / 4 + 1 / 2])
         assert found["reactions"]["base"][4] == pytest.approx(-weight * middle, rel=1e-6)
         assert result.plain_answer == "stands under its dead loads"
@@ -83,7 +83,7 @@ def test_two_supports_share_the_weight_by_the_lever():
     found = simulate(scene((*ends, beam))).reactions
     weight = 2000.0 * G * 1.2 * 0.04
     for name, x, other in (("a", -0.5, 0.3), ("b", 0.3, -0.5)):
-        # the small moment of each stiff support belongs to its own reaction
+        # the small moment of each stiff support is part of its own reaction
         at = x - found[name][4] / found[name][2]
         assert at == pytest.approx(x, abs=0.01)
         share = other / (other - x)
@@ -113,7 +113,7 @@ def test_it_is_read_and_written(tmp_path):
 
 
 def test_nothing_to_carry_is_carried():
-    """Without gravity and loads there is no force at all: blocks stand, and no actuator finds friction."""
+    """Without gravity and loads there is no force at all: blocks stand, and an actuator would find no friction."""
     floating = replace(overhanging(0.9), gravity=(0.0, 0.0, 0.0))
     result = simulate(floating)
     assert result.status == "stands" and result.run.rest.unbalanced == 0.0
@@ -125,7 +125,7 @@ def test_nothing_to_carry_is_carried():
 
 @pytest.mark.parametrize("deformed", [False, True])
 def test_what_is_driven_carries_nothing_in_statics_and_that_is_said(deformed, tmp_path):
-    """Dead loads alone are asked for: a pressure that would slide the stack by its foot is left out, with a remark."""
+    """Statics asks for dead loads only: a driven pressure that would slide the stack is left out, with a remark."""
     wet = Pressure("top", (1.0, 0.0, 0.0), value=1e6, actuator=True)
     said: list[str] = []
     stack = overhanging(0.9)
@@ -139,7 +139,7 @@ def test_what_is_driven_carries_nothing_in_statics_and_that_is_said(deformed, tm
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_block_between_two_jaws_whose_faces_lean_out(formulation):
-    """A squeeze P = 1000 N carries 2 P tan(phi - alpha), of friction .3 and 10 deg. The right jaw slides on its bed."""
+    """A squeeze P = 1000 N carries 2 P tan(phi - alpha), friction 0.3 and 10 deg. The right jaw slides on its bed."""
     lean, width, height, depth = math.tan(math.radians(10.0)), 0.1, 0.2, 0.2
 
     def body(name, *corners, **more):
@@ -172,14 +172,14 @@ def test_a_block_between_two_jaws_whose_faces_lean_out(formulation):
 
 
 def voussoirs(count: int, control=None) -> Scenario:
-    """A semicircular arch of t/R .15; least .1075, load factor .14433 by limit analysis."""
+    """A semicircular arch of t/R = 0.15; by limit analysis the least is 0.1075 and the load factor 0.14433."""
     arch = Arch("arch", "stone", 1.0, 0.15, 0.3, count)
     law = JointLaw("concave", 0.7, 1e10, 4e9)
     return replace(scene((), control=control, arches=(arch,)), joint=law)
 
 
 def test_an_arch_of_400_voussoirs_stands_and_is_pushed_over():
-    """Relaxation alone had not balanced it in 20,000 steps."""
+    """Relaxation alone had once found no equilibrium within 20,000 steps."""
     result = simulate(voussoirs(400), record=False)
     assert result.status == "stands" and result.run.rest.unbalanced <= 1e-9
     weight = 2000.0 * G * 0.3 * 0.5 * math.pi * (1.075**2 - 0.925**2)
@@ -190,8 +190,8 @@ def test_an_arch_of_400_voussoirs_stands_and_is_pushed_over():
 
 def diamond(rows: int, weights: float, formulation: str, gap: float = 0.0) -> Scenario:
     """Rows of 1, 2 .. ``rows`` .. 2, 1 blocks of length 1, each half on two, frictionless, on a table (Paterson and
-    Zwick, Amer. Math. Monthly 116 (2009) 19); its top block is loaded through its centre by so many ``weights`` of a
-    block. With a ``gap`` beside them blocks are that much shorter."""
+    Zwick, Amer. Math. Monthly 116 (2009) 19); its top block carries a central load of ``weights`` times the weight of a
+    block. Blocks are shorter by the ``gap`` beside them."""
     long, wide, high = 1.0 - gap, 0.4, 0.25
     counts = [*range(1, rows + 1), *range(rows - 1, 0, -1)]
     blocks = [Block("table", "stone", (3.0, wide, 0.25), (0.0, 0.0, -0.125), fixed=True)]
@@ -208,7 +208,8 @@ def diamond(rows: int, weights: float, formulation: str, gap: float = 0.0) -> Sc
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 @pytest.mark.parametrize("rows, gap, least", [(5, 0.0, 6.0), (6, 0.0, 27.0), (7, 0.0, 78.0), (7, 0.001, 78.64)])
 def test_diamonds_stand_from_a_weight_on_their_top(rows, gap, least, formulation):
-    """2^m - m^2 - 1 blocks; forces double from row to row, so that rest is hard to find and a fall hard to tell."""
+    """The least load is 2^m - m^2 - 1 blocks; forces double from row to row, so that equilibrium is hard to find and a
+    fall is hard to detect."""
     assert gap or least == 2**rows - rows**2 - 1
     for share, status in ((0.98, "falls"), (1.02, "stands")):
         found = simulate(diamond(rows, share * least, formulation, gap), record=False)
@@ -217,7 +218,7 @@ def test_diamonds_stand_from_a_weight_on_their_top(rows, gap, least, formulation
 
 
 def test_blocks_fall_early_whatever_the_stiffness():
-    """Stones that overhang too far fall within some hundred steps, with joints of any stiffness."""
+    """Stones that overhang too far are found to fall within some hundred steps, with joints of any stiffness."""
     for stiffness in (1e9, 1e11, 1e13):
         heap = replace(overhanging(1.01), joint=JointLaw("concave", 0.6, stiffness, 0.4 * stiffness))
         found = simulate(heap, record=False)
@@ -225,7 +226,7 @@ def test_blocks_fall_early_whatever_the_stiffness():
 
 
 def told_in_per_cent(error):
-    """Whether a message says what is out of balance as all do: less than all of it, and more than nothing."""
+    """Whether a message gives the out-of-balance force in per cent of the joint forces, between 0 and 100."""
     (share,) = re.findall(r" ([-+.e\d]+) % of the joint forces are still out of balance", str(error))
     return 0.0 < float(share) < 100.0
 
@@ -236,7 +237,7 @@ def test_words_for_a_share_of_the_joint_forces_are_in_per_cent():
 
 
 def test_what_neither_stands_nor_falls_is_undecided(monkeypatch, tmp_path, capsys):
-    """Within too little effort nothing is claimed, by any control, and a search takes it for neither."""
+    """With too few steps no control claims an outcome, and a search over a parameter counts it as neither."""
     monkeypatch.setattr("dembrick.simulation.statics.rest.dead_load.MOST_STEPS", 3)
     monkeypatch.setattr("dembrick.simulation.statics.rest.viscous_rest.MOST_STEPS", 3)
     weak = diamond(5, 6.12, "convex")
@@ -257,8 +258,8 @@ def test_what_neither_stands_nor_falls_is_undecided(monkeypatch, tmp_path, capsy
 
 
 def test_shaken_stones_that_cannot_stand_are_refused_early():
-    """Three bricks that overhang two thousandths too far: statics proves the fall, and the run in real time need not
-    wait until a brick has moved by its own length (300,000 steps without a verdict)."""
+    """Three bricks that overhang by 0.2 % too far: statics proves the fall, and the run in real time need not wait
+    until a brick has moved by its own length (300,000 steps without a verdict)."""
     shaken = BaseMotionControl(0.05, (1.0, 0.0, 0.0), sine=Sine(0.1, 5.0))
     heap = overhanging(1.002, shaken)
     steps: list[int] = []
@@ -272,7 +273,7 @@ def test_shaken_stones_that_cannot_stand_are_refused_early():
 
 
 def test_relaxation_in_moving_geometry_that_ends_unbalanced_is_undecided(monkeypatch):
-    """After 2,048 steps a convex stack has not come to rest, and no joint has come apart."""
+    """After 2,048 steps a convex stack is not in equilibrium yet, and no joint has come apart."""
     monkeypatch.setattr("dembrick.simulation.dynamics.dead_load.MOST_STEPS", 2048)
     monkeypatch.setattr("dembrick.simulation.dynamics.paths.equilibria.ROUNDS", 1)
     leaning = replace(overhanging(0.95), joint=JointLaw("convex", 0.6, 1e10, 4e9))
@@ -296,8 +297,8 @@ def test_a_search_looks_beside_what_is_undecided():
 
 
 def test_what_still_balances_itself_is_no_fall():
-    """Four convex voussoirs at .35 of friction, where forces exist that balance them (at .345 none do): what is out of
-    balance falls on and on as the motion grows, and such a motion proves nothing."""
+    """Four convex voussoirs with friction .35, for which forces in equilibrium exist (for .345 none do): the
+    out-of-balance force keeps falling as the motion grows, and such a motion proves no fall."""
     arch = Arch("arch", "stone", 1.0, 0.15546812583867825, 0.3, 4)
     law = JointLaw("convex", 0.35, 1.673022368709644e9, 4.11681107321e8)
     given = replace(scene((), arches=(arch,)), joint=law)
@@ -313,8 +314,8 @@ def with_friction(scenario: Scenario, friction: float) -> Scenario:
 
 @pytest.mark.parametrize("over, falls", [(0.98, False), (1.15, True)])
 def test_what_only_a_squeeze_would_hold_up_falls_on_its_path_and_no_more_is_said(over, falls):
-    """The corner stone of a wall weighs ``over`` times what its bed bears, f_c A. Limit analysis knows forces that hold
-    it, by friction 2 on its side; a squeeze makes them, and "never balanced" was more than is known."""
+    """The corner stone of a wall weighs ``over`` times the crushing strength f_c A of its bed. Limit analysis finds
+    forces that hold it by friction 2 on its side, which need a squeeze; so "never balanced" would claim too much."""
     w = 0.125 * 0.1 * 0.4 * 2000.0 * G
     blocks = [Block("floor", "stone", (3.0, 0.1, 0.2), (0.0, 0.0, -0.1), fixed=True)]
     places = {"one": (0.25, -0.125), "two": (0.25, 0.125), "left": (0.125, -0.1875), "middle": (0.25, 0.0)}

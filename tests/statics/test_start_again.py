@@ -1,4 +1,4 @@
-"""Blocks that do not come to rest by relaxation start again from exactly where they were, in every array but counts."""
+"""Blocks not at rest after relaxation start again from their exact initial state, in every array except counters."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from helpers.stone_scenes import of_stone
 
 
 def leaning(formulation: str, ties=(), **law) -> Scenario:
-    """Two blocks on a floor, the upper one too far out to stay."""
+    """Two blocks on a floor, the upper one too far out to stand."""
     points = {"points": (4, 4)} if formulation == "distributed" else {}
     return of_stone(
         JointLaw(formulation, 0.3, 1e10, 4e9, **points, **law),
@@ -44,7 +44,7 @@ SCENES = {
 
 
 class Begun(Exception):
-    """Viscous motion begins, in this state."""
+    """Raised when viscous motion begins, with its initial state."""
 
 
 @pytest.mark.parametrize("kind", SCENES)
@@ -61,6 +61,6 @@ def test_everything_is_as_it_was(kind, monkeypatch):
         dead_load.rest(state, block_stiffness(state, shared=2.0), assembly.position, factor)
     (found,) = begun.value.args
     assert found.keys() == start.keys()
-    counted = {"state.areas.evaluations"}  # a count of work, which goes on
+    counted = {"state.areas.evaluations"}  # a counter of work, which is not reset
     for name in found.keys() - counted:
         np.testing.assert_array_equal(found[name], start[name], err_msg=name)

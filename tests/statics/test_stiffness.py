@@ -1,4 +1,4 @@
-"""Stiffness of joints and of assemblies, taken for all joints at once, against closed forms and plain loops."""
+"""Stiffness of joints and of assemblies, computed for all joints at once, against closed forms and plain loops."""
 
 import dataclasses
 
@@ -102,5 +102,5 @@ def test_walls_against_plain_loops(formulation):
     assert assembled_stiffness(state) == pytest.approx(whole, abs=1e-12 * size)
     assert block_stiffness(state, 2.0) == pytest.approx(single, abs=1e-12 * size)
     assert np.concatenate([blocks for _, blocks in couplings(state)]) == pytest.approx(np.array(off), abs=1e-12 * size)
-    # a wall that moves as one rigid body on a free base would store nothing: here the base alone holds it
+    # a wall that moves as one rigid body on a free base would store nothing: here only the base resists
     assert np.linalg.eigvalsh(assembled_stiffness(state))[0] > 0.0

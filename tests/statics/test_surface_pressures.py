@@ -1,4 +1,4 @@
-"""Surface pressures: resultants in closed form, and the limits of dams and retaining walls that they push."""
+"""Surface pressures: resultants in closed form, and limits of the dams and retaining walls under them."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ FILL = "surface = 2.0\nweight = 6000.0"
 
 
 def courses(widths, height, back=None):
-    """Blocks dam.1 ... upwards, 1 m deep; their backs flush at x = ``back``, or centred."""
+    """Blocks dam.1 and so on upwards, 1 m deep; their backs flush at x = ``back``, or centred."""
     entries = []
     for i, width in enumerate(widths):
         x = 0.0 if back is None else back + 0.5 * width
@@ -70,7 +70,7 @@ def test_force_and_centre_of_a_fluid_on_a_face(z1, z2):
     height = 9810.0 * (0.9 * (top**2 - z1**2) / 2 - (top**3 - z1**3) / 3) / force
     np.testing.assert_allclose(loads.force[row], [force, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(loads.at.arm[row], [-0.3, 0.0, height - (z1 + 0.1)], atol=1e-12)
-    assert loads.at.block[row] == row + 1 and len(loads.at.block) == 5  # the course above the water feels nothing
+    assert loads.at.block[row] == row + 1 and len(loads.at.block) == 5  # the course above the water carries none
 
 
 PUSH = 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]'
@@ -86,20 +86,20 @@ def test_a_dead_pressure_lowers_the_load_factor_that_is_left():
 
 
 def test_a_tilt_in_the_geometry_of_the_start_refuses_pressures():
-    """They turn with the table and not with gravity; see test_pressures_follow_faces for the tilt that knows them."""
+    """They rotate with the table, gravity does not; test_pressures_follow_faces covers the tilt that allows for it."""
     tilt = 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]'
     with pytest.raises(ScenarioError, match="stay normal to the faces"):
         assemble(scene(courses([0.6], 1.2), "value = 5000.0", 0.64, tilt))
 
 
 def test_a_covered_face_feels_no_pressure():
-    """Two blocks side by side: the joint between them is not loaded, only the bare end is."""
+    """Two blocks side by side: the joint between them carries no pressure, only the exposed end does."""
     beside = courses([0.6], 1.2) + block("dam.b", (0.6, 0.0, 0.25), (0.6, 1.0, 0.5))
     loads = assemble(scene(beside, "value = 5000.0", control=PUSH)).point_loads
     np.testing.assert_allclose(loads.force[:, 0].sum(), 5000.0 * 1.2, rtol=1e-12)
     upright = scene(beside, "value = 5000.0", control=PUSH)
     turned = toml.loads(toml.dumps(upright).replace("direction = [-1.0, 0.0, 0.0]", "direction = [1.0, 0.0, 0.0]", 1))
-    loads = assemble(turned).point_loads  # of the tall block only what stands out above the low one, and that whole
+    loads = assemble(turned).point_loads  # of the tall block only the part above the low one, and that in full
     np.testing.assert_allclose(sorted(loads.force[:, 0]), [-5000.0 * 0.7, -5000.0 * 0.5], rtol=1e-12)
     np.testing.assert_allclose(loads.at.arm[loads.at.block == 1], [[0.3, 0.0, 0.5 + 0.35 - 0.6]], atol=1e-12)
 
@@ -108,7 +108,7 @@ UPLIFT = '[[pressures]]\nblock = "stone"\ndirection = [0.0, 0.0, -1.0]\nvalue = 
 
 
 def on_a_pedestal(control, pedestal=(1.2, 0.5)):
-    """A stone of two cubes of 1 m, side by side, on a pedestal that both stand on, and under an uplift of 10 kPa."""
+    """A stone of two cubes of 1 m side by side, both on a pedestal, under an uplift of 10 kPa."""
     cubes = ", ".join(f"{{ box = [1.0, 1.0, 1.0], position = [{x}, 0.0, 0.5] }}" for x in (0.5, 1.5))
     stone = f'[[blocks]]\nname = "stone"\nmaterial = "stone"\nparts = [{cubes}]\n'
     base = block("base", (0.9, 0.0, -0.5), (*pedestal, 1.0), "fixed = true")
@@ -119,7 +119,7 @@ BARE, WEIGHT = 2.0 - 1.2 * 0.5, 2.0 * 2000.0 * 9.81
 
 
 def test_a_joint_covers_of_each_part_what_lies_on_it():
-    """Two parts share a joint; it was taken off the faces of both, in full."""
+    """Two parts share a joint, whose full area was once subtracted from the faces of both."""
     result = simulate(on_a_pedestal('kind = "statics"'), record=False)
     assert result.reactions["base"][2] == pytest.approx(WEIGHT - 1e4 * BARE, rel=1e-9)
     assert result.reactions["base"][4] == pytest.approx(0.9 * (WEIGHT - 1e4 * BARE) - WEIGHT + 1e4 * (2.0 - 0.6 * 0.9))
@@ -164,7 +164,7 @@ def test_round_trip_through_toml():
 
 
 def test_the_multiplier_of_a_pressure_has_no_unit(tmp_path, capsys):
-    """V is a force if an actuator pushes; what multiplies pressures is a factor, in history and text."""
+    """V is a force if an actuator pushes; a multiplier of pressures is a factor, in history and text."""
     path = tmp_path / "dam.h5"
     assert main(["run", "dam", "--out", str(path)]) == 0
     assert "load factor 1.28000000 +- 1.2e-07 (indicator" in words(capsys.readouterr().out)

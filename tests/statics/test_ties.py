@@ -82,7 +82,7 @@ def test_the_limit_of_a_tied_arch():
 
 
 def test_a_push_of_a_tied_arch_stays_below_its_limit_analysis_and_above_no_tie():
-    """What a ductile tie that has to stretch adds to an arch, by following equilibria."""
+    """The path of equilibria shows the contribution of a ductile tie that has to stretch."""
     bare = simulate(arch(), record=False).yield_point.V
     tied = simulate(arch(4, 1000.0), record=True)
     assert bare == pytest.approx(0.2856458, rel=2e-3)
@@ -99,14 +99,14 @@ def test_a_push_of_a_tied_arch_stays_below_its_limit_analysis_and_above_no_tie()
 
 
 def test_more_prestress_than_needed_is_not_more_strength():
-    """A cable so soft that it holds 4000 N whatever the arch does: .3399844, below .3938275."""
+    """A cable so soft that it carries 4000 N whatever the arch does: .3399844, below .3938275."""
     found = simulate(arch(4, prestress=4000.0, stiffness=1.0), record=False)
     assert found.yield_point.V == pytest.approx(0.3399844, rel=1e-3)
 
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_prestress_across_a_bed_adds_to_its_friction(formulation):
-    """V = mu (N + T); the joint is compressed by the tie, which costs it k times that."""
+    """V = mu (N + T); the tie compresses the joint, and loses k times that displacement."""
     soft = simulate(bed(across(prestress=300.0), formulation=formulation))
     assert soft.yield_point.V == pytest.approx(MU * (N + 300.0), rel=1e-4)
     stiff = simulate(bed(across(1e7, prestress=300.0), formulation=formulation))
@@ -116,14 +116,14 @@ def test_prestress_across_a_bed_adds_to_its_friction(formulation):
     (one,) = stiff.as_dict()["ties"]
     assert one["tension"] == pytest.approx(T, rel=1e-6)
     assert stiff.yield_point.V == pytest.approx(MU * (N + T), rel=1e-4)
-    assert stiff.as_dict()["reactions"]["lower"][2] == pytest.approx(N, rel=1e-6)  # of joint and tie together
-    found = limit(bed(across(strength=300.0), formulation=formulation))  # it may be stretched to that
+    assert stiff.as_dict()["reactions"]["lower"][2] == pytest.approx(N, rel=1e-6)  # joint and tie together
+    found = limit(bed(across(strength=300.0), formulation=formulation))  # up to its strength
     assert found.load_factor == pytest.approx(MU * (N + 300.0), rel=1e-6)
 
 
 def test_a_tie_that_would_push_is_slack_and_a_bar_is_not():
-    """Under its weight alone the bed shortens: a slack tie carries nothing, a bar its share, and a bar that yields no
-    more than its strength."""
+    """Under its weight the bed shortens: a slack tie carries nothing, a bar its share, a bar that yields its
+    strength."""
     K, k = 1e10 * 0.06, 1e8
     slack, bar, weak = (
         simulate(bed(across(k, **more), control=StaticsControl())).as_dict()["ties"][0]
@@ -136,7 +136,7 @@ def test_a_tie_that_would_push_is_slack_and_a_bar_is_not():
 
 
 def test_a_tie_holds_a_block_up_a_slope_that_is_too_steep():
-    """T = W (sin a - mu cos a) at least; without it the block slides."""
+    """The tie carries at least T = W (sin a - mu cos a); without it the block slides."""
     steep = replace(bed(), gravity=(0.0, 9.81 * np.sin(0.8), -9.81 * np.cos(0.8)), loads=(), control=StaticsControl(),
                     actuators=())  # fmt: skip
     assert simulate(steep).status == "falls"
@@ -150,7 +150,7 @@ def test_a_tie_holds_a_block_up_a_slope_that_is_too_steep():
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 @pytest.mark.parametrize("stiffness, prestress", [(1e5, 0.0), (1e5, 30.0), (1e7, 30.0)])
 def test_no_limit_before_a_tie_that_slip_stretches_yields(formulation, stiffness, prestress):
-    """V = mu (N + T sin a) + T cos a with T its strength, however soft it is."""
+    """V = mu (N + T sin a) + T cos a with T the strength of the tie, however soft it is."""
     strength = 60.0
     held = tie(("lower", (0.0, -0.1, -0.1)), ("upper", (0.0, 0.1, 0.1)), stiffness, strength=strength,
                prestress=prestress)  # fmt: skip
@@ -163,7 +163,7 @@ def test_no_limit_before_a_tie_that_slip_stretches_yields(formulation, stiffness
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_no_limit_before_a_cable_that_slip_lets_go_is_slack(formulation):
-    """Drawn towards its anchor by 30 N, the block begins to slide at mu N - 30 and slides on at mu N."""
+    """Pulled towards its anchor by 30 N, the block begins to slide at mu N - 30 and then slides at mu N."""
     held = tie(("lower", (0.0, 0.1, 0.0)), ("upper", (0.0, -0.1, 0.0)), 1e4, prestress=30.0)
     found = simulate(bed(held, formulation=formulation), record=False).yield_point
     assert found.V == pytest.approx(MU * N, rel=1e-4)
@@ -228,7 +228,7 @@ def test_ties_are_written_as_they_are_read():
 
 @pytest.mark.parametrize("part", [1.0, 0.5])
 def test_a_tie_may_carry_the_whole_weight(part):
-    """A block whose weight the prestress bears stands, and its joint presses by what is left of the weight: nothing."""
+    """A block whose weight the pre-stress carries stands, and its joint carries the rest of the weight: nothing."""
     weight = 0.3 * 0.2 * 0.1 * 1500.0 * 9.81
     held = tie(("upper", (0.0, 0.0, 0.1)), ("beam", (0.0, 0.0, 0.5)), 1.0, prestress=part * weight)
     beam = Block("beam", "tuff", (0.3, 0.2, 0.1), (0.0, 0.0, 0.55), fixed=True)

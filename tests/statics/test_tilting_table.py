@@ -1,4 +1,4 @@
-"""A table that tilts, in the geometry of the start: its search divides loads by cos(psi), what it tells does not."""
+"""A tilting table in the geometry of the start: the search divides loads by cos(psi), the results do not."""
 
 import math
 
@@ -65,8 +65,8 @@ def test_what_is_told_of_the_limit_is_of_the_table(ended):
 
 
 def test_frames_of_a_table_are_of_its_angle(ended):
-    """The springs shorten by W cos(psi) / K, and points carry together what the joint does; the block has turned by
-    what the moment W sin(psi) h / 2 at the bed gives."""
+    """The springs shorten by W cos(psi) / K, and the forces at points sum up to the joint's; the rotation of the block
+    is due to the moment W sin(psi) h / 2 at the bed."""
     frames, rows = ended.frames, ended.rows
     psi = angle_of(rows)[np.searchsorted(rows["time"], frames["time"])]
     assert len(psi) > 5
@@ -75,7 +75,7 @@ def test_frames_of_a_table_are_of_its_angle(ended):
     stiffness = STIFFNESS * AREA * SIDES[0] ** 2 / 4.0  # of four points, or less of a polygon
     turned = WEIGHT * np.sin(psi) * SIDES[2] / 2.0 / stiffness
     about = 2.0 * np.abs(frames["orientation"][:, 1, 2])
-    few = psi < 0.2  # no point has opened, nor slid
+    few = psi < 0.2  # no point has opened or slid yet
     times = 1.0 if frames["contact_force"].shape[1] else 3.0
     np.testing.assert_allclose(about[few], times * turned[few], rtol=1e-6, atol=1e-15)
     if frames["contact_force"].shape[1]:
@@ -100,7 +100,7 @@ def test_in_the_deformed_geometry_the_load_is_that_of_the_table_too():
 
 
 def test_what_a_stage_before_has_moved_stays_as_the_table_tilts():
-    """A jack pushes the block sideways by 5 mm: it slides, and the table that tilts does not take it back."""
+    """A jack slides the block sideways by 5 mm; the table that tilts afterwards does not undo it."""
     text = header("concave", MU, STIFFNESS) + block("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
     text += block("stone", (0.0, 0.0, 0.1), SIDES) + jack("stone", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     text += '[[control_points]]\nname = "c"\nblock = "stone"\npoint = [0.0, 0.0, 0.1]\n'
