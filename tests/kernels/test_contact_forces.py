@@ -1,4 +1,4 @@
-"""New contacts: the surface of equal penetration, its forces, and what friction remembers."""
+"""New contacts: the surface of equal penetration, its forces, and the memory of friction."""
 
 import math
 from itertools import pairwise
@@ -17,7 +17,7 @@ from helpers.plain_python import cases
 @pytest.mark.parametrize("depth", [1e-7, 1e-5])
 @pytest.mark.parametrize("angle", [0.0, 0.3, 1.0])
 def test_flat_faces_carry_the_joints_law(depth, angle):
-    """kn A g on the shared polygon, as a joint: but for the rim, where the way out is sideways, of g/4 around it."""
+    """kn A g on the shared polygon, as in a joint, but for a rim of width g/4, whose shortest way out is sideways."""
     plate = box((1.0, 1.0, 0.2))
     pair = Pair(plate, BLOCK)
     q = turned(((0, 0, 1), angle))
@@ -45,7 +45,7 @@ def test_slightly_tilted_faces_carry_the_joints_integral(tilt):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_forces_are_those_of_the_pressure_field(name):
-    """Against a grid over the common volume that knows pressures only, no surface and no patches."""
+    """Against a grid over the common volume that uses the pressures only, no surface and no patches."""
     pair = set_up(name)
     wrench = pair.touch()
     energy, expected = pair.potential()
@@ -56,7 +56,7 @@ def test_forces_are_those_of_the_pressure_field(name):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_action_is_reaction(name):
-    """Forces add up to nothing, and so do their moments about any point; either block may come first."""
+    """Forces sum to zero, and so do their moments about any point, whichever block comes first."""
     pair = set_up(name, ratio=0.2)
     rng = np.random.default_rng(1)
     pair.bodies.velocity[:], pair.bodies.spin[:] = rng.normal(size=(2, 2, 3))
@@ -92,7 +92,7 @@ PATHS = {
 
 @pytest.mark.parametrize("name", PATHS)
 def test_nothing_jumps(name):
-    """The greatest step of the wrench along a path halves with its steps: there is no jump in it."""
+    """The greatest change of the wrench along a path halves when the path's steps do: it is continuous."""
     pair = Pair(BLOCK, BLOCK)
     steps = []
     for n in cases((500, 1000, 2000), (500, 1000)):
@@ -104,7 +104,7 @@ def test_nothing_jumps(name):
 
 
 def test_a_square_loop_gives_nothing_back():
-    """The work of the normal forces round a closed path is zero, to the order of the quadrature."""
+    """The work of the normal forces along a closed path is zero, to the order of the quadrature."""
     pair = Pair(BLOCK, BLOCK, friction=0.0)
     q = turned(((0, 1, 0), 0.7), ((1, 0, 0), 0.5))
     angle = np.linspace(0.0, 2.0 * math.pi, 401)
@@ -121,7 +121,7 @@ def test_apart_means_no_force_and_no_memory():
     pair.contact.stiffness[:] = 1.0
     assert not pair.wrench((0.0, 0.0, 0.1001)).any()
     assert not pair.contact.elastic.any() and not pair.contact.normal.any()
-    assert pair.contact.plane[0] == 1  # the top of the first keeps them apart, and is asked first from now on
+    assert pair.contact.plane[0] == 1  # the top of the first block separates them, and is tested first from now on
     pair.place(1, (0.0, 0.0, 0.0999))
     assert pair.touch()[2] > 0.0
 
@@ -136,7 +136,7 @@ def test_too_deep_and_too_crowded_are_said():
 
 
 def slide(pair, velocity, spin, steps, dt=1e-6):
-    """Move the second block at constant velocity and spin; returns the wrenches on it."""
+    """Move the second block at constant velocity and spin; return the wrenches on it."""
     found = []
     pair.bodies.velocity[1], pair.bodies.spin[1] = velocity, spin
     q = pair.bodies.orientation[1].copy()
@@ -150,7 +150,7 @@ def slide(pair, velocity, spin, steps, dt=1e-6):
 
 
 def test_friction_sticks_and_slips():
-    """ks A while it sticks, mu N when it slips, and back again; the slip path is what lies between."""
+    """ks A per displacement while it sticks, mu N when it slips, and back; the slip path is the difference."""
     pair = Pair(box((1.0, 1.0, 0.2)), BLOCK)
     pair.place(1, (0.0, 0.0, 0.15 - 1e-6))
     normal = pair.touch()[2]
@@ -180,7 +180,7 @@ def test_pure_torsion_is_that_of_the_mean_distance():
 
 
 def test_memory_turns_with_both_blocks():
-    """Two blocks that turn as one body keep the friction between them, seen from themselves."""
+    """Two blocks that rotate as one rigid body keep the friction between them, in their own axes."""
     pair = Pair(BLOCK, BLOCK)
     pair.place(1, (0.02, 0.0, 0.1 - 1e-6))
     pair.touch()
@@ -203,8 +203,8 @@ def test_memory_turns_with_both_blocks():
 
 
 def strengths(place, orientation, depth):
-    """The wrench on a block flush on another (moments over 0.1 m), and the shear and torsion at which friction gives
-    way: after a step in which the elastic forces alone would be several times as large."""
+    """Wrench on a block flush on another (moments over 0.1 m), and its shear and torsion strength, found by a step in
+    which the elastic forces alone would be several times as large."""
     found = []
     for velocity, spin in (((5e6 * depth, 0.0, 0.0), 0.0), ((0.0, 0.0, 0.0), 5e7 * depth)):
         pair = Pair(BLOCK, BLOCK)
@@ -214,7 +214,7 @@ def strengths(place, orientation, depth):
     return np.array([*wrench[:3], *(wrench[3:] / 0.1), -found[0][0], -found[1][5] / 0.1])
 
 
-FLUSH = {  # what takes side faces through one plane: by how far (m or rad), place and orientation
+FLUSH = {  # motions in which side faces become coplanar: range (m or rad), position and orientation
     "turn": (1e-3, lambda s: ((0.0, 0.0, 0.0), turned(((0, 0, 1), s)))),
     "shift along": (1e-3, lambda s: ((s, 0.0, 0.0), turned())),
     "shift across": (1e-3, lambda s: ((0.0, s, 0.0), turned())),
@@ -224,8 +224,8 @@ FLUSH = {  # what takes side faces through one plane: by how far (m or rad), pla
 @pytest.mark.parametrize("depth", [1e-7, 1e-5, 1e-4])
 @pytest.mark.parametrize("name", FLUSH)
 def test_flush_side_faces_change_no_strength(name, depth):
-    """Side faces that pass through one plane move the resultant and the strength by no more than twice the overlap
-    over the shorter edge; a joint whose four points become eight would lose 14 % there."""
+    """Side faces that become coplanar change resultant and strength by no more than twice the overlap over the shorter
+    edge; doubling a joint's four points would cost 14 % there."""
     far, path = FLUSH[name]
     found = []
     for s in far * np.array([-1.0, -0.1, -1e-3, -1e-6, 0.0, 1e-6, 1e-3, 0.1, 1.0]):
@@ -235,15 +235,15 @@ def test_flush_side_faces_change_no_strength(name, depth):
     bound = 2.0 * depth / 0.2
     assert found[4, 2] == pytest.approx(1.0, abs=bound)
     assert found[4, 6] == pytest.approx(0.6, abs=bound)
-    # from just this side of flush to just that side: the jump; the two thousandths besides move the common area by 1e-5
+    # the jump from one side of flush to the other; apart from it 2e-3 of motion changes the common area by 1e-5
     assert np.ptp(found[3:6], axis=0).max() < bound + 1e-5
-    # 1e-3 further the common area has shrunk by 1/200 at the most, and its middle has moved by 1/200 of 0.1 m
+    # 1e-3 further on the common area is smaller by at most 1/200, and its centre has moved by 1/200 of 0.1 m
     assert np.ptp(found, axis=0).max() < bound + 0.01
 
 
 @pytest.mark.parametrize("depth", [1e-6, 1e-4])
 def test_a_seam_between_flush_tops_is_not_felt(depth):
-    """Slid over the seam of two blocks side by side, normal force and push along stay within overlap over length."""
+    """Over the seam between two blocks, normal force and shear strength change by no more than overlap over length."""
     half = box((0.5, 1.0, 0.2))
     found = []
     for x in np.concatenate([np.linspace(-0.2, 0.2, 81), 0.15 + depth * np.linspace(-2.0, 2.0, 41)]):

@@ -1,4 +1,4 @@
-"""The torsion-shear limit surface of new contacts, against quadrature that knows no kernel."""
+"""The torsion-shear limit surface of new contacts, against quadrature that uses no kernel."""
 
 import math
 from functools import cache
@@ -19,8 +19,8 @@ FAST = 1.0  # m/s, in steps of 1e-6 s
 
 
 def rubbed(pair, velocity, spin, about):
-    """Force and moment about the point ``about`` on the second block after it has slipped for long where it is, with
-    that velocity (3,) of the point and that spin (3,)."""
+    """Force and moment about the point ``about`` on the second block in steady slip at its present place, with this
+    velocity (3,) of the point and this spin (3,)."""
     velocity, spin, about = (np.asarray(vector, float) for vector in (velocity, spin, about))
     pair.bodies.spin[1] = spin
     pair.bodies.velocity[1] = velocity + np.cross(spin, pair.bodies.position[1] - about)
@@ -72,16 +72,16 @@ CENTRES = {
 
 
 def standing(corners, tilt=(0.0, 0.0), depth=DEEP):
-    """A prism on the floor, its foot the polygon, sunk in by ``depth`` at (0, 0) and by ``tilt`` more along x and y."""
+    """A prism on the floor, its foot the polygon; its penetration is ``depth`` at (0, 0), with the slopes ``tilt``."""
     shape = prism([tuple(corner) for corner in corners], 0.1)
     pair = Pair(FLOOR, shape, friction=FRICTION)
-    x, y = np.asarray(corners[0]) - shape.vertices[0, :2]  # the middle of the foot, where it is level
+    x, y = np.asarray(corners[0]) - shape.vertices[0, :2]  # centroid of the foot
     pair.place(1, (x, y, 0.15 - depth - tilt[0] * x - tilt[1] * y), turned(((0, 1, 0), tilt[0]), ((1, 0, 0), -tilt[1])))
     return pair
 
 
 def turning_about(c):
-    """Velocity of the origin and spin of a turn about c, at about 1 m/s."""
+    """Velocity of the origin and spin of a rotation about c, at about 1 m/s."""
     w = FAST / (0.1 + np.linalg.norm(c))
     return w * np.array([c[1], -c[0]]), w
 
@@ -89,7 +89,7 @@ def turning_about(c):
 @pytest.mark.parametrize("centre", CENTRES)
 @pytest.mark.parametrize("name", FACES)
 def test_a_flat_contact_follows_its_surface(name, centre):
-    """Force and moment of a foot that turns about C are those of Coulomb friction under an even pressure."""
+    """Force and moment of a foot that rotates about C are those of Coulomb friction under uniform pressure."""
     c = CENTRES[centre]
     pair = standing(FACES[name])
     normal = pair.touch()[2]
@@ -98,13 +98,13 @@ def test_a_flat_contact_follows_its_surface(name, centre):
     v, w = turning_about(c)
     force, moment = rubbed(pair, (*v, 0.0), (0.0, 0.0, w), (0.0, 0.0, 0.1))
     expected, about = friction_of(points, load * normal / load.sum(), v, w)
-    near = 2e-4 if name == "plank" else 1e-5  # a Gauss rule has its trouble with C on something so slender
+    near = 2e-4 if name == "plank" else 1e-5  # the Gauss rule is less accurate with C on something so slender
     np.testing.assert_allclose(force[:2], expected, atol=near * FRICTION * normal)
     assert moment[2] == pytest.approx(about, abs=near * FRICTION * normal * 0.1)
 
 
 def pressed_part(corners, depth, tilt):
-    """The corners of what is sunk in of a convex foot."""
+    """Corners of the part of a convex foot with positive penetration."""
     g = depth + corners @ tilt
     found = []
     for p, q, a, b in zip(np.roll(corners, 1, axis=0), corners, np.roll(g, 1), g, strict=True):
@@ -118,7 +118,7 @@ def pressed_part(corners, depth, tilt):
 @pytest.mark.parametrize("centre", CENTRES)
 @pytest.mark.parametrize("name", ["rectangle", "triangle"])
 def test_friction_follows_the_linear_pressure(name, centre):
-    """A foot that is tilted, and half open: the pressure is kn times how deep a point is."""
+    """A foot that is tilted, and half open: the pressure is kn times the penetration of each point."""
     tilt = 3.0 * DEEP * np.array([4.0, -3.0])
     pair = standing(FACES[name], tilt)
     normal = pair.touch()[2]
@@ -133,7 +133,7 @@ def test_friction_follows_the_linear_pressure(name, centre):
 
 
 def test_pure_torsion_of_an_l():
-    """Two contacts of one foot, an L, turn about one point: the one of least mean distance, where no force is left."""
+    """Two contacts of one foot, an L, rotate about one point: that of least mean distance, where the force vanishes."""
     legs = [
         np.array([(0.0, 0.0), (0.3, 0.0), (0.3, 0.1), (0.0, 0.1)]),
         np.array([(0.0, 0.1), (0.1, 0.1), (0.1, 0.25), (0.0, 0.25)]),
@@ -162,11 +162,12 @@ def test_pure_torsion_of_an_l():
     "c", [(0.0, 1e-9), (0.0, 0.03), (0.05, 0.0), (0.05, 0.02), (0.12, 0.0), (-0.2, 0.3), (4.0, 3.0)]
 )
 def test_an_edge_rubs_as_a_line(c, depth):
-    """A block on an edge of L = 0.2 m along y: about a point at (h, s) from its middle the friction of an even load is
+    """A block on an edge of L = 0.2 m along y: about a point at (h, s) from its middle the friction under a uniform
+    load is
 
         V_x = mu q [r],  V_y = mu q h [asinh(s/|h|)],  M = mu q [s r + h^2 asinh(s/|h|)]/2
 
-    between its ends; mu N L/4 where that is its middle.
+    between its ends; M = mu N L/4 about the middle.
     """
     turn, long = 0.7, 0.2
     down = 0.15 * math.sin(turn) + 0.05 * math.cos(turn)
@@ -191,9 +192,9 @@ def test_an_edge_rubs_as_a_line(c, depth):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_what_presses_rubs(name):
-    """Whatever it touches with, a contact rubs by the part of its pressure that is along the mean normal."""
+    """Whatever parts touch, friction follows from the part of the pressure along the mean normal."""
     pair = set_up(name, friction=FRICTION)
-    pair.contact.k_s[:] = 1e20  # however deep, it slips after 1e-12 m
+    pair.contact.k_s[:] = 1e20  # at any penetration it slips after 1e-12 m
     pair.contact.scratch.start[:] = -1
     force = pair.touch()[:3]
     normal = np.linalg.norm(force)
@@ -202,7 +203,7 @@ def test_what_presses_rubs(name):
     axes = np.array([t / np.linalg.norm(t), np.cross(n, t / np.linalg.norm(t))])
     place, load = patch_points(pair.contact.scratch, n)
     load *= normal / load.sum()
-    # seen from the centre of pressure
+    # relative to the centre of pressure
     points = (place - load @ place / normal) @ axes.T
     centre = pair.contact.point[0]
     size = np.sqrt((load * (points**2).sum(axis=1)).sum() / normal)
@@ -210,7 +211,7 @@ def test_what_presses_rubs(name):
         w = 0.1 / max(1.0, np.linalg.norm(c) / size)
         v = w * np.array([c[1], -c[0]])
         pair.contact.elastic[:] = 0.0
-        resting = pair.touch()  # frictionless: nothing remembered, nothing moves
+        resting = pair.touch()  # without friction: no memory and no motion
         force, moment = rubbed(pair, v @ axes, w * n, centre)
         arm = pair.bodies.position[1] - centre
         rubbing = force - resting[:3]
@@ -239,8 +240,8 @@ FEET = {"square": (0.0, 0.0), "rectangle": (1e-7, 2e-7), "triangle": (0.0, 0.0),
 
 @pytest.mark.parametrize("name", [*SETTINGS, *FEET])
 def test_the_bound_within_which_nothing_is_worked_out(name):
-    """|V|/V_0 + |M|/(V_0 r) <= 1 lies in the surface: r is at most the least mean distance from any point, to which
-    it comes within 40 % on a line; and at least a quarter of it anywhere."""
+    """|V|/V_0 + |M|/(V_0 r) <= 1 lies inside the surface: r is at most the least mean distance from any point, within
+    40 % of it on a line and at least a quarter of it anywhere."""
     pair = set_up(name) if name in SETTINGS else standing(FACES[name], FEET[name])
     pair.touch()
     pressed = pair.contact.pressed

@@ -1,4 +1,4 @@
-"""A joint law of the user's own at a point: both engines call it alike, dashpots and energy stand beside it."""
+"""A user's own joint law at a point: both engines call it alike, and dashpots and energy terms are added to it."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ LAWS = {
 
 
 class StaticCustom(engines.StaticPoints):
-    """A joint of four points with a law of the user's own in the searches."""
+    """A joint of four points with a user's own law in the searches."""
 
     def __init__(self, law):
         super().__init__()
@@ -27,7 +27,7 @@ class StaticCustom(engines.StaticPoints):
 
 
 class MovingCustom(engines.MovingPoints):
-    """The same in a tile."""
+    """The same joint in a tile of the dynamics."""
 
     def __init__(self, law):
         super().__init__()
@@ -61,8 +61,8 @@ def test_without_dashpots_coulomb_is_the_programs_own_law(monkeypatch):
 
 
 def test_what_the_law_does_not_hold_is_lost():
-    """Work of the forces along any path is what is held at its end, what was lost, and what the dashpots took: with
-    dashpots too, by the trapezium, which is how a time loop adds up its work."""
+    """The work of the forces along any path is the energy stored at its end, the energy lost and that of the dashpots:
+    by the trapezoidal rule also with dashpots, as in the time loop."""
     arm = np.array([1.0, -1.0, -1.0, -1.0, -1.0, -1.0])  # action on b: N against the opening, shear along the slip
     for path in random_states():
         joint, before, work = StaticCustom(FOLLOWING), np.zeros(6), 0.0
@@ -79,7 +79,7 @@ def test_what_the_law_does_not_hold_is_lost():
 
 
 def test_dashpots_act_where_the_law_answers_elastically():
-    """All of it in a joint that sticks, none in one that slides steadily or is open."""
+    """The whole dashpot acts in a joint that sticks, none in one that slides steadily or is open."""
     joint, rate = StaticCustom(COULOMB), engines.VISCOUS
     k = engines.K_S * engines.AREAS.sum()
     joint.step((-1e-5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

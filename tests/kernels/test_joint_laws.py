@@ -1,4 +1,4 @@
-"""The laws of points and of the pressure: Coulomb return and no-tension integral."""
+"""Laws of points and of the pressure: Coulomb return mapping and no-tension integral."""
 
 import math
 
@@ -34,16 +34,16 @@ def test_coulomb_against_a_naive_return(coulomb):
         size = np.linalg.norm(trial)
         expected = trial * min(1.0, cap / size)
         np.testing.assert_allclose(force, expected, rtol=1e-13, atol=1e-13 * cap)
-        # spring and dashpot in parallel, both behind the slider
+        # spring and dashpot in parallel, both in series with the slider
         np.testing.assert_allclose(force, after + viscous * (after - before), rtol=1e-11, atol=1e-10 * size)
         assert plastic == pytest.approx(max(0.0, size - cap) / (k * (1 + viscous)), rel=1e-12, abs=1e-13 * size / k)
         assert (plastic > 0.0) == (size > cap)
         plastic_seen += plastic > 0
-        # the slip that is no elastic deformation is along the force: friction takes cap times its length
+        # plastic slip is along the force: friction dissipates cap times its length
         lost = force @ (slip - (after - before) / k)
         assert lost == pytest.approx(cap * plastic, rel=1e-9, abs=1e-12 * cap * size / k)
         assert lost >= -1e-12 * cap * size / k
-        # and the elastic force, which is less with a dashpot beside it, takes its mean times that
+        # the elastic force, which is less beside a dashpot, dissipates its mean times that slip
         spent = point_law.shear_loss(tuple(before), tuple(after), tuple(slip), k)
         mean = 0.5 * (before + after) @ (slip - (after - before) / k)
         assert spent == pytest.approx(mean, rel=1e-9, abs=1e-12 * cap * size / k)
@@ -76,7 +76,7 @@ def test_coulomb_without_friction_or_without_motion():
 
 @pytest.mark.parametrize("point_forces", forms(point_joints.forces))
 def test_point_resultants_are_work_conjugate(point_forces):
-    """What the resultants do on the joint's twist is what the points' forces do on their own slips and openings."""
+    """The resultants do the same work on the joint's twist as the points' forces on their own slips and openings."""
     rng = np.random.default_rng(3)
     n = 5
     for _ in range(100):
@@ -118,7 +118,7 @@ def test_point_resultants_are_work_conjugate(point_forces):
 
 
 def positive_part(polygon, g):
-    """The polygon clipped at g = 0, g a function of a point."""
+    """The polygon clipped to g >= 0, g a function of a point."""
     kept = []
     for p, q in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         gp, gq = g(p), g(q)
@@ -169,7 +169,7 @@ def test_no_tension_integral_against_clipping(integral):
 
 @pytest.mark.parametrize("integral", forms(area_law.pressure_of_four))
 def test_four_corners_without_a_branch(integral):
-    """Of triangles, too, whose last corner is there twice; open, closed, and flat."""
+    """Also for triangles, whose last corner is repeated; open, closed, and level."""
     rng = np.random.default_rng(6)
     seen = set()
     for i in range(600):
@@ -209,7 +209,7 @@ def test_no_tension_integral_against_quadrature_and_on_a_vertex():
 
 
 def test_a_touching_edge_may_be_negative_by_rounding():
-    """Corners at zero penetration, whose sign depends on how a product and a sum were rounded, move no force."""
+    """Corners at zero penetration, whose sign depends on rounding, do not change the force."""
     x, y = np.array([1.0, 2.0, 2.0, 1.0]), np.array([0.0, 0.0, 1.0, 1.0])
     for least in (0.0, -3e-17):
         found = no_tension.no_tension(x, y, 0, 4, least, -1.0 - 2e-16, 1.0, 1e-16)
@@ -217,7 +217,7 @@ def test_a_touching_edge_may_be_negative_by_rounding():
 
 
 def test_no_tension_meets_the_closed_joint():
-    """Continuous where the last corner closes, and equal to area x level, second moments x slope there."""
+    """Continuous where the last corner closes, and equal there to area x level and second moments x slope."""
     rng = np.random.default_rng(5)
     for _ in range(50):
         polygon = random_polygon(rng)
@@ -236,7 +236,7 @@ def test_no_tension_meets_the_closed_joint():
 @pytest.mark.parametrize("bonded_law", forms(point_law.bonded_law))
 @pytest.mark.parametrize("residual", [1.0, 0.6])
 def test_a_dilatant_point_slips_by_what_its_spring_does_not_take(bonded_law, residual):
-    """Slip and lift of a step are one solution: k_s (s - slid) is the strength under N = k_n (g + psi slid)."""
+    """Slip and lift of a step are solved together: k_s (s - slid) is the strength under N = k_n (g + psi slid)."""
     g, s, k_n, k_s, friction, dilation = 1e-5, 3e-5, 1e8, 5e7, 0.5, 0.2
     law = strengths_of({"dilation": dilation, "residual": residual})
     bond = point_law.Bond((0.0, 0.0), 0.0, 0.0, 0.0)

@@ -1,7 +1,7 @@
-"""Where blocks come to rest, laws keep what is so there, and nothing of the swings on the way.
+"""Laws remember the state at an equilibrium, and nothing of the swings towards it.
 
-Moving joints swing about and come to rest; beside them a joint of the searches goes there in one implicit step, without
-dashpots. Both must carry and remember the same.
+A joint of moving blocks swings and comes to rest; a joint of the searches reaches the same place in one implicit step
+without dashpots. Both must have the same forces and the same memory.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from tests.helpers.plain_python import cases
 from tests.helpers.stone_scenes import of_stone
 from tests.kernels.test_custom_law import MovingCustom, StaticCustom
 
-PRESSED = np.array([-2e-4, 0.0, 0.0])  # opening and tilts, so that no corner opens in what follows
+PRESSED = np.array([-2e-4, 0.0, 0.0])  # opening and tilts under which no corner opens in what follows
 LAWS = {
     "dry": None,
     "cohesion": {"cohesion": 2e4, "residual_cohesion": 2e4},
@@ -40,19 +40,19 @@ def made(kinds, family, law):
 
 
 def answer_as(joint, laws):
-    """Have the joint answer as blocks swing, or rest."""
+    """Switch the joint to the laws of swinging or of resting blocks."""
     joint.work.undamped[:] = float(laws == RESTED)
     joint.work.searching[:] = float(laws == SEARCHING)
 
 
 def deformed(joint):
-    """Crushed depth and rise; a bond that goes in a swing is gone, and leaves as much here."""
+    """Crushed depth and rise, without the bond, which may break in a swing: its residual strength here is the same."""
     return joint.bonds[:, 1:] if len(joint.bonds) == 4 else joint.bonds[1:]
 
 
 @pytest.mark.parametrize("family, law", CASES)
 def test_a_joint_that_swings_keeps_what_it_would_without(family, law, monkeypatch):
-    monkeypatch.setattr(engines, "VISCOUS", 0.0)  # of the searches; the moving joint has dashpots, and must not show it
+    monkeypatch.setattr(engines, "VISCOUS", 0.0)  # dashpots of the searches; the moving joint's must not show
     rng, slid = np.random.default_rng(11), 0
     for _ in range(cases(12, 4)):
         still = made(STATIC, family, law)
@@ -87,7 +87,7 @@ def test_a_joint_that_swings_keeps_what_it_would_without(family, law, monkeypatc
 
 @pytest.mark.parametrize("most", [0.0, 1.0])
 def test_a_tie_that_swings_yields_by_no_more_than_it_rests_beyond(most):
-    """It is stretched to twice the elongation at which it yields, and rests at ``most`` of half that more."""
+    """It swings to twice the elongation at yield, and rests ``most`` times half of that beyond it."""
     ends = TieEnd("lower", (0.05, 0.0, -0.1)), TieEnd("upper", (0.05, 0.0, 0.1))
     scene = of_stone(
         JointLaw("concave", 0.6, 1e9, 4e8), StaticsControl(), (

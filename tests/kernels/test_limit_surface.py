@@ -22,7 +22,7 @@ RECTANGLE = np.array([[-A, -B], [A, -B], [A, B], [-A, B]]) / 2
 
 
 def limit_of(polygon, reach_factor=1.0):
-    """The `LimitSurface` of a polygon under full pressure."""
+    """`LimitSurface` of a polygon under full pressure."""
     x, y = np.ascontiguousarray(polygon[:, 0]), np.ascontiguousarray(polygon[:, 1])
     reach = reach_factor * float(np.hypot(x, y).max())
     own = Polygon(x, y, 0, len(x), float(polygons.area(polygon)), None, reach)
@@ -31,7 +31,7 @@ def limit_of(polygon, reach_factor=1.0):
 
 
 def about(c1, c2, w=1.0):
-    """Slip twist that turns about C = (c1, c2)."""
+    """Slip twist of a rotation about C = (c1, c2)."""
     return c2 * w, -c1 * w, w
 
 
@@ -57,7 +57,7 @@ def test_surface_against_independent_numbers(surface, corner, v_y, v_x, m_c):
 @pytest.mark.parametrize("centre", [(0.02, -0.03), (0.15, 0.1), (0.15, 0.02), (0.25, 0.1), (-0.4, 0.7), (9.0, -7.0)])
 @pytest.mark.parametrize("w", [1.0, -2.5])
 def test_surface_against_quadrature(centre, w):
-    """Inside, on a vertex, on an edge, on the line of an edge, outside, and beyond the switch to the series."""
+    """C inside, on a vertex, on an edge, on the line of an edge, outside, and beyond the switch to the series."""
     c1, c2 = centre
     q = about(c1, c2, w)
     d, v1, v2, mt = limit_surface.surface(limit_of(RECTANGLE), *q)[:4]
@@ -135,7 +135,7 @@ def test_series_meets_the_closed_form_at_the_switch():
 
 
 def test_surface_with_the_centre_on_corners_edges_and_their_lines():
-    """Finite there, equal to the independent closed form, and continuous with the values beside."""
+    """There it is finite, equals the independent closed form and is continuous with the values beside."""
     rng = np.random.default_rng(8)
     for polygon in [RECTANGLE, *(random_polygon(rng, 0.3) for _ in range(30))]:
         law = theory.convex(polygon, 1.0, 1.0)
@@ -168,7 +168,7 @@ def test_gauge_against_theory(scale):
             start = rng.normal(size=3) * [1.0, 1.0, 1.0 / reach] if rng.random() < 0.5 else np.zeros(3)
             value, q = limit_surface.gauge(limit, tuple(force), tuple(start))
             assert value == pytest.approx(expected, rel=1e-10)
-            # the twist that shows it
+            # the twist at which the gauge is attained
             assert force @ q / law.dissipation(q) == pytest.approx(expected, rel=1e-10)
             early = limit_surface.gauge(limit, tuple(force), tuple(start), limit.radius)[0]
             assert (early > 1.0) == (expected > 1.0)
@@ -200,7 +200,7 @@ def random_returns(seed, count, far=2.0):
         kind = rng.integers(4)
         if kind == 0:
             start[:] = 0.0
-        elif kind == 1:  # the wrong way round
+        elif kind == 1:  # in the wrong direction
             start = -force / [k_t, k_t, k_r]
         elif kind == 2:  # a pure translation, or nearly
             start[2] *= 10 ** rng.uniform(-12, -3) * rng.integers(2)
@@ -211,9 +211,9 @@ def random_returns(seed, count, far=2.0):
     "proximal_map, count", list(zip(forms(limit_surface.proximal_map), (cases(3000, 500), 500), strict=True))
 )
 def test_proximal_map_is_optimal(proximal_map, count):
-    """Conditions of optimality: f - K q = t, and t is the point of the limit surface whose normal is q.
+    """Conditions of optimality: f - K q = t, and t is the point of the limit surface with the normal q.
 
-    The surface is that of the theory. Trial forces from inside to a hundred times outside, starts at random.
+    The surface is that of `theory`. Trial forces reach from inside to a hundred times outside, starts are random.
     """
     inside, evaluations, balances = [], [], []
     for polygon, law, limit, reach, strength, k_t, k_r, force, start in random_returns(10, count):
@@ -232,7 +232,7 @@ def test_proximal_map_is_optimal(proximal_map, count):
         assert np.abs(normal).max() < 3e-11 * slenderness(polygon), (polygon, force, start)
         assert t @ q > 0.0
         np.testing.assert_array_equal(after, q)
-    # where C is some twenty to sixty half diameters away, rounding of the edge sums stops the iteration early
+    # with C some twenty to sixty half diameters away, rounding of the edge sums ends the iteration early
     assert np.quantile(balances, 0.98) < 1e-10 and max(balances) < 1e-6
     assert len(balances) > 0.5 * count and len(inside) > 0.03 * count
     for law, force in inside[:300]:
@@ -278,7 +278,7 @@ def test_proximal_map_without_strength_and_at_rest():
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0])
 def test_torsion_radius_of_polygons_and_points(scale):
-    """M_T0 / V_0 is the least mean distance from any centre: c_T where the joint is symmetric, less where it is not."""
+    """M_T0 / V_0 is the least mean distance from any centre: c_T if the joint is symmetric, less if it is not."""
     assert friction_integrals.area_radius(scale * RECTANGLE) == pytest.approx(scale * 0.09681061, rel=1e-7)
     rng = np.random.default_rng(12)
     for _ in range(20):

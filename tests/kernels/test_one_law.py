@@ -1,7 +1,7 @@
 """One joint law: searches and real time give the same forces, memory, slip and dissipation for the same joint state.
 
-Each state is a motion of a lone joint over a step, given to the kernels of either engine in its own form: to
-`statics` as opening, tilts and slip twist at O, to `dynamics` as rows of a tile. No block and no loop stands between.
+Each state is a motion of a single joint over a step, given to the kernels of each engine in its own form: to `statics`
+as opening, tilts and slip twist at O, to `dynamics` as rows of a tile. No blocks and no loop are involved.
 """
 
 from functools import partial
@@ -28,8 +28,8 @@ from tests.helpers.joints_of_engines import (
 )
 from tests.helpers.plain_python import cases
 
-PATHS = cases(60, 20)  # of random states
-# opening and tilts of a step ago (m, rad), their change in the step, and the slip twist of it
+PATHS = cases(60, 20)  # number of random states
+# opening and tilts a step ago (m, rad), their change in the step, and its slip twist
 SHUT = (-1e-5, 0.0, 0.0)
 STATES = {
     "closed": [(SHUT, (-1e-6, 0.0, 0.0), (0.0, 0.0, 0.0))],
@@ -50,7 +50,7 @@ STATES = {
 }  # fmt: skip
 
 
-# pressures are some 500 Pa: bonds that random paths break, and a law of each kind
+# pressures are some 500 Pa: bonds that random paths break, and one law of each kind
 BRITTLE = {"cohesion": 4e2, "tension": 3e2, "residual": 0.8}
 LAWS = {
     "brittle": BRITTLE,
@@ -62,7 +62,7 @@ CRUSHES = LAWS | {"crushing": {"crushing": 1.5e3}, "all": BRITTLE | {"dilation":
 
 
 def random_states():
-    """Paths of a joint that closes, slides, turns, rocks and opens."""
+    """Paths of a joint that closes, slides, rotates, rocks and opens."""
     rng = np.random.default_rng(7)
     for _ in range(PATHS):
         motion, path = np.array([-5e-6, 0.0, 0.0]), []
@@ -83,13 +83,13 @@ FAMILIES = {
 
 
 def hold_together(one, other, path):
-    """Both engines through a path of steps: forces, memory, slip and dissipation to rounding; in how many steps the
-    joint was open."""
+    """Run both engines along a path and compare forces, memory, slip and dissipation to rounding; return the number of
+    steps in which the joint was open."""
     opened = 0
     arm = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
     for motion, change, twist in path:
         force, same = one.step(motion, change, twist), other.step(motion, change, twist)
-        scale = 2e-12 * (1.0 + np.abs(force[:3]).max())  # the lift of a step is found to 1e-12 of itself
+        scale = 2e-12 * (1.0 + np.abs(force[:3]).max())  # the lift of a step is found to a relative 1e-12
         np.testing.assert_allclose(same / arm, force / arm, rtol=1e-11, atol=scale)
         np.testing.assert_allclose(other.memory, one.memory, rtol=1e-10, atol=scale)
         np.testing.assert_allclose(other.slip, one.slip, rtol=1e-11, atol=1e-19)
@@ -104,7 +104,7 @@ def test_both_engines_at_the_same_state(family, state):
     one, other = (kind() for kind in FAMILIES[family])
     hold_together(one, other, STATES[state])
     if state == "just opened":
-        assert not one.memory.any()  # an open joint remembers nothing
+        assert not one.memory.any()  # an open joint has no memory
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -118,14 +118,14 @@ def test_both_engines_through_random_states(family):
 
 
 def families_and_laws():
-    """The families with the laws of strengths that they follow in real time."""
+    """The families with the laws of strengths that they support in real time."""
     points = [(StaticPoints, MovingPoints, law) for law in CRUSHES.values()]
     return points + [(StaticArea, MovingArea, law) for law in LAWS.values()]
 
 
 @pytest.mark.parametrize("one, other, law", families_and_laws(), ids=[*CRUSHES, *(f"area {name}" for name in LAWS)])
 def test_both_engines_with_strengths(one, other, law):
-    """Bonds break, crushed depth and rise grow in either engine alike; what they lose, too."""
+    """Broken bonds, crushed depth, rise and the energies lost are the same in either engine."""
     kept = broke = grew = 0
     for path in random_states():
         first, second = one(law=law), other(law=law)
@@ -141,7 +141,7 @@ def test_both_engines_with_strengths(one, other, law):
 
 
 def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
-    """Those that stick, wholly closed, are done by `stick`; what presses the others of four corners, by `press`."""
+    """Sticking, wholly closed ones use `stick`; others with four corners use `press`; both equal the general kernel."""
     stuck = set()
     for path in random_states():
         one, other = MovingArea(), MovingArea(outline=FIVE_CORNERS)
@@ -171,8 +171,7 @@ def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
 
 
 def pressed_integrals(g):
-    """Integrals of <g>+, x <g>+ and y <g>+ over the polygon, g = g[0] + g[1] x + g[2] y, from the part of it where g is
-    positive."""
+    """Integrals of <g>+, x <g>+ and y <g>+ over the polygon, g = g[0] + g[1] x + g[2] y, by its part with g > 0."""
     corners = []
     for here, there in zip(OUTLINE, np.roll(OUTLINE, -1, axis=0), strict=True):
         depth, other = (g[0] + g[1:] @ place for place in (here, there))
@@ -189,8 +188,8 @@ def pressed_integrals(g):
 
 
 def test_springs_of_convex_joints_give_back_what_they_took_but_for_opening_and_closing():
-    """Their work by the trapezium is what they hold more, and what opening and closing within a step takes: also where
-    nothing is kept of a joint, since it was wholly closed or wholly open."""
+    """Their work by the trapezoidal rule is the growth of stored energy plus the error of opening and closing within a
+    step, also if nothing is stored of a joint that was wholly closed or wholly open."""
     still, up = (0.0, 0.0, 0.0), (1.2e-5, 0.0, 0.0)
     through = [(SHUT, up, still), ((2e-6, 0.0, 0.0), (-7e-6, 0.0, 0.0), still), ((-5e-6, 0.0, 0.0), still, still)]
     taken = []
@@ -211,7 +210,7 @@ def test_springs_of_convex_joints_give_back_what_they_took_but_for_opening_and_c
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_both_engines_without_friction(family):
-    """What slides without friction has a slip path, too, and takes no work."""
+    """Slip without friction has a slip path, too, and no dissipation."""
     one, other = (kind(mu=0.0) for kind in FAMILIES[family])
     hold_together(one, other, [(SHUT, (0.0, 0.0, 0.0), (3e-6, 4e-6, 0.0))] * 3)
     assert one.slip == pytest.approx(15e-6, rel=1e-12)
@@ -219,8 +218,8 @@ def test_both_engines_without_friction(family):
 
 
 def impulse(step, phase):
-    """Impulse of a point that is driven in at a constant speed and out again, with a dashpot of a given c, in steps of
-    ``step`` (s) of which contact begins at ``phase``."""
+    """Impulse of a point that is driven in and out at constant speed, with a given dashpot c, in steps of ``step`` (s),
+    contact beginning at ``phase`` of a step."""
     speed, c, k, depth = 1.0, 2.0, 1e3, 1e-2
     turn, total, before = phase * step + depth / speed, 0.0, -1.0
     viscous = c / (k * step)
@@ -230,14 +229,14 @@ def impulse(step, phase):
         normal = point_law(g, g - before, none, none, (k, 1.0), 0.0, (viscous, 1.0, 1.0))[0] if i >= 0 else 0.0
         total += step * normal
         before, last = g, g
-    # what is left until half a step after the last force, exactly
+    # the rest, up to half a step after the last force, exactly
     end = last + 0.5 * speed * step
     return total - (0.5 * k * end * end / speed + c * end)
 
 
 def test_the_onset_rule_makes_the_impulse_right_to_second_order():
-    """The closed form of the impulse is k g^2 / 2 v + c g. With the rule the error is k v dt^2 / 8 at most, whatever
-    the phase of the step at which contact begins; a dashpot that sees the growth of the step alone errs by c v dt / 2.
+    """The impulse in closed form is k g^2 / 2 v + c g. With the onset rule the error is at most k v dt^2 / 8, whatever
+    the phase of the step at which contact begins; a dashpot on the growth within the step alone errs by c v dt / 2.
     """
     k, c, speed = 1e3, 2.0, 1.0
     for step in (1e-3, 5e-4, 2.5e-4):
@@ -247,8 +246,8 @@ def test_the_onset_rule_makes_the_impulse_right_to_second_order():
 
 
 def test_an_opened_point_remembers_nothing_as_its_dashpot_fades():
-    """A dashpot beside the spring of an open point would let it creep back in c / k; without one it forgets at once.
-    The rule is the limit, and does not depend on the dashpot of the contact."""
+    """A dashpot beside the spring of an open point would relax it at the rate k / c; without one its force vanishes at
+    once. The rule is that limit and does not depend on the dashpot of the contact."""
     for viscous in (0.3, 0.03, 0.0):
         normal, t1, t2, e1, e2, slid = point_law(
             -1e-9, -1e-6, (1e-6, 0.0), (5.0, 0.0), (1e6, 5e5), MU, (viscous, 1.0 + viscous, 1.0 / (1.0 + viscous))

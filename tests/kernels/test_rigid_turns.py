@@ -1,4 +1,4 @@
-"""Turns of rigid blocks, as both engines make them: free tops against their closed forms, and tops that are guided."""
+"""Rotations of rigid blocks as in both engines: free tops against their closed forms, and guided tops."""
 
 import math
 
@@ -52,7 +52,7 @@ def test_euler_top_keeps_its_energy(spin, orientation):
     for _ in range(rounds):
         top.turn(0.01, 400)
         errors.append(top.energy / start - 1.0)
-    assert np.abs(errors).max() < 2e-4  # it swings with dt^2
+    assert np.abs(errors).max() < 2e-4  # it oscillates with dt^2
     assert abs(np.mean(errors[rounds // 2 :]) - np.mean(errors[: rounds // 2])) < 1e-4  # and does not drift
     finer, worst = Top(spin, orientation), 0.0
     for _ in range(rounds):
@@ -62,9 +62,9 @@ def test_euler_top_keeps_its_energy(spin, orientation):
 
 
 def exact_spin(spin, times):
-    """Body spin (n, 3) of the free top by Jacobi's functions, started with spin[0] > 0, spin[1] = 0.
+    """Body spin (n, 3) of the free top by Jacobi's elliptic functions, started with spin[0] > 0, spin[1] = 0.
 
-    With 2 E I_2 > L^2 (it turns mainly about axis 1) component 1 is dn, 2 is sn, 3 is cn, and component 3 starts > 0.
+    With 2 E I_2 > L^2 (rotation mainly about axis 1) component 1 is dn, 2 is sn, 3 is cn, and component 3 starts > 0.
     """
     i1, i2, i3 = TENSOR
     L2 = sum((i * w) ** 2 for i, w in zip(TENSOR, spin, strict=True))
@@ -79,7 +79,7 @@ def exact_spin(spin, times):
 
 
 def test_free_top_follows_jacobi_functions():
-    """Spin over two periods, error falling with the square of the step."""
+    """The spin over two periods; its error falls with the square of the step."""
     spin = (1.0, 0.0, 0.4)
     _, period = exact_spin(spin, np.zeros(1))
     worst = []
@@ -95,13 +95,13 @@ def test_free_top_follows_jacobi_functions():
 
 
 def test_flip_period_of_the_intermediate_axis():
-    """A top started near its intermediate axis flips over again and again, at a period known in closed form."""
+    """A top started near its intermediate axis flips over periodically, with a period known in closed form."""
     small = 1e-3
-    # E2 I_2 > L^2 needs the seed on axis 1; from spin[1] = 0 the same motion a quarter period later
+    # E2 I_2 > L^2 needs the perturbation on axis 1; from spin[1] = 0 it is the same motion a quarter period later
     amplitude_1, amplitude_3 = 1.0, math.sqrt(1.0 * (2.0 - 1.0) / (3.0 * (3.0 - 2.0))) * (1 - small)
     spin = (amplitude_1, 0.0, amplitude_3)
     _, period = exact_spin(spin, np.zeros(1))
-    # the world's spin says nothing of flips, they are seen in the body
+    # flips show in the body's spin, not in the world's
     top, n = Top(spin), 20_000
     second = np.empty(3 * 400)
     for k in range(3 * 400):
@@ -126,7 +126,7 @@ def test_quaternion_stays_of_unit_length():
 
 @pytest.mark.parametrize("spin", [(1e-5, 2e-5, -5e-6), (1e-3, 2e-3, -5e-4), (1.0, 2.0, 0.5)])
 def test_spin_is_that_of_the_middle_of_the_step(spin):
-    """w = R_m I^-1 R_m^T L with R_m the orientation half of the step's turn later: to rounding, or to SLOW^2 / 4."""
+    """w = R_m I^-1 R_m^T L with R_m half of the step's rotation on: to rounding, or to SLOW^2 / 4."""
     top, dt = Top(spin, ORIENTATIONS[2]), 0.05
     before = rotation_matrix(top.q[0])
     body = np.array(spin_of_step(top.q, 0, top.inverse, tuple(top.L), dt))
@@ -150,7 +150,7 @@ def rotation_vector_matrix(r) -> np.ndarray:
 @pytest.mark.parametrize("held", [(True, False, False), (False, True, True), (True, True, True)])
 @pytest.mark.parametrize("spin", [(1e-3, 2e-3, -5e-4), (1.0, 2.0, 0.5)])
 def test_a_guided_top_turns_about_its_free_axes_only(spin, held):
-    """The guide changes the momentum about what it holds, and about nothing else."""
+    """The guide changes the momentum about the axes that it holds, and about no other."""
     top, dt, free = Top(spin, ORIENTATIONS[2]), 0.005, ~np.array(held)
     change = np.array(guided_momentum(top.q, 0, top.inverse, np.array(held), tuple(top.L), dt))
     assert (change[free] == 0.0).all() and (change[~free] != 0.0).all()

@@ -1,4 +1,4 @@
-"""Sparse equations of an assembly: multifrontal LU factors in an order of nested dissection, against dense algebra."""
+"""Sparse equations of an assembly: multifrontal LU factors in nested-dissection order, against dense algebra."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def grid(*sizes):
 
 
 def scene(sizes, seed=0):
-    """Position, free numbers of the blocks that joints join (some to fixed ones, -1), and matrices of the joints."""
+    """Positions, numbers of the free blocks of each joint (-1: a fixed one), and matrices of the joints."""
     rng = np.random.default_rng(seed)
     position, pairs = grid(*sizes)
     n = len(position)
@@ -35,7 +35,7 @@ def scene(sizes, seed=0):
     b = np.concatenate([pairs[:, 1], np.full(len(held), -1), held[:1].repeat(2)])
     swap = rng.random(len(a)) < 0.5
     a, b = np.where(swap, b, a), np.where(swap, a, b)
-    order = rng.permutation(n)  # numbers say nothing of places
+    order = rng.permutation(n)  # numbers are unrelated to positions
     a, b = np.where(a >= 0, order[a], -1), np.where(b >= 0, order[b], -1)
     placed = np.empty_like(position)
     placed[order] = position
@@ -44,7 +44,7 @@ def scene(sizes, seed=0):
 
 
 def dense(n, a, b, left_a, left_b, middle):
-    """The sum over the joints of left^T middle left as one matrix (6 n, 6 n), in the numbers of the blocks."""
+    """The sum over the joints of left^T middle left as one matrix (6 n, 6 n), in the order of the blocks."""
     matrix = np.zeros((6 * n, 6 * n))
     for j in range(len(a)):
         left = np.zeros((6, 6 * n))
@@ -83,7 +83,7 @@ def test_rows_are_exchanged_where_the_diagonal_is_zero():
     factors = Factors(analyse(position, a, b))
     assert factors.make(left_a, left_b, middle, 0.1, np.zeros(6)) == -1
     assert factors.answer(np.arange(6.0)[None])[0].tolist() == [5.0, 4.0, 3.0, 2.0, 1.0, 0.0]
-    assert factors.make(left_a, left_b, middle, 0.0, np.zeros(6)) == 0  # nothing may move: a pivot is zero
+    assert factors.make(left_a, left_b, middle, 0.0, np.zeros(6)) == 0  # with no free motion a pivot is zero
 
 
 @pytest.mark.parametrize("sizes", SIZES)
@@ -124,7 +124,7 @@ def test_parts_of_an_elimination_add_up_to_the_whole(monkeypatch):
 
 @pytest.mark.parametrize("sizes", [(40,), (12, 15), (5, 5, 5)])
 def test_pieces_that_touch_stand_one_above_the_other(sizes):
-    """What makes them an elimination tree: no entry fills in between two branches."""
+    """Separated pieces form an elimination tree: no entry fills in between two branches."""
     position, pairs = grid(*sizes)
     pieces = dissect(position, *pairs.T)
     owner = np.empty(len(position), int)
@@ -139,7 +139,7 @@ def test_pieces_that_touch_stand_one_above_the_other(sizes):
 
 
 def test_fill_grows_as_n_log_n():
-    """A square of n bonded blocks: n log n entries; those of a band, n^1.5, would grow by 8 where n grows by 4."""
+    """A square of n bonded blocks has n log n entries; a band's n^1.5 would grow by 8 as n grows by 4."""
     sides = (16, 32, 64)
     entries = [analyse(position, *pairs.T).entries for position, pairs in (grid(s, s) for s in sides)]
     assert entries[1] / entries[0] < 6.0 and entries[2] / entries[1] < 5.5
@@ -148,7 +148,7 @@ def test_fill_grows_as_n_log_n():
 
 
 def test_blocks_in_one_place_are_ordered_too():
-    """Rings about a column have the centroid that it has."""
+    """Rings about a column have the same centroid as the column."""
     n = 20
     pairs = np.array([(i, k) for i in range(n) for k in range(i)])
     pieces = dissect(np.zeros((n, 3)), *pairs.T)

@@ -1,4 +1,4 @@
-"""One law of ties: small displacements and moving geometry give the same forces and keep the same lengths."""
+"""One law of ties: small displacements and moving geometry give the same tensions and plastic elongations."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def tied(**kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_both_engines_stretch_a_tie_alike(kind):
-    """A drawn history of stretching and shortening; energy balances at every step."""
+    """A random history of stretching and shortening; the energy balance closes at every step."""
     assembly = tied(**KINDS[kind])
     state, moving = initial_state(assembly), moving_ties(assembly.ties, assembly.position, assembly.rotation)
     rng, work, lost = np.random.default_rng(7), 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Joints and blocks side by side: nothing depends on who stands beside whom."""
+"""Joints and blocks computed side by side: no result depends on the neighbours in a tile."""
 
 import math
 from itertools import pairwise
@@ -21,7 +21,7 @@ from helpers.resting_blocks import GRAVITY, about, place
 from helpers.stone_scenes import law, of_stone
 from helpers.walls import wall
 
-LAWS = {  # nine points are an odd number
+LAWS = {  # nine points, an odd number
     "concave": {},
     "corrected-shear": {},
     "convex": {},
@@ -30,7 +30,7 @@ LAWS = {  # nine points are an odd number
 
 
 def drawn(n, formulation):
-    """``n`` blocks on as many floors, as they are drawn."""
+    """``n`` blocks on as many floors, in their original positions."""
     built = build.assemble(
         of_stone(
             law(formulation, 0.3, **LAWS[formulation]),
@@ -46,7 +46,7 @@ def drawn(n, formulation):
 
 
 def pairs(n, formulation):
-    """They set down on their floors by hand, ready to write down the forces at their points."""
+    """The blocks in equilibrium on their floors, ready to record the forces at their points."""
     moving, driving = drawn(n, formulation), Driving(GRAVITY)
     moving.state.bodies.position[1::2, 2] -= 2000.0 * 9.81 * 0.1 / 1e10
     moving.state = with_contact_forces(moving.state)
@@ -55,8 +55,8 @@ def pairs(n, formulation):
 
 
 def shake(moving, driving, numbers):
-    """Push and turn the blocks, each by its number: some slip, some open, some lift off; twice, so that dashpots act
-    and the energy terms have a step."""
+    """Move and rotate each block by an amount that depends on its number: some slip, some open, some lift off; twice,
+    so that dashpots act and the energy terms cover a step."""
     moving.energy.open(moving.state)
     for _ in range(2):
         for k, i in enumerate(numbers):
@@ -67,7 +67,7 @@ def shake(moving, driving, numbers):
 
 @pytest.mark.parametrize("formulation", LAWS)
 def test_a_joint_carries_what_it_would_carry_alone(formulation):
-    """Twenty joints fill one tile and a part of another."""
+    """Twenty joints fill one tile and a part of another; each has the forces that it has alone."""
     n = W + 4
     moving, driving = pairs(n, formulation)
     shake(moving, driving, range(n))
@@ -77,11 +77,11 @@ def test_a_joint_carries_what_it_would_carry_alone(formulation):
     sums = dict.fromkeys(("elastic", "friction", "dashpots", "released"), 0.0)
     alone, driving_alone = pairs(1, formulation)
     kept = [*alone.state.arrays, *alone.energy.table]
-    at_rest = [array.copy() for array in kept]  # the same for all, and found once
+    at_rest = [array.copy() for array in kept]  # the same for all, and computed once
     for i in range(n):
         for array, value in zip(kept, at_rest, strict=True):
             array[...] = value
-        viscous = moving.state.links.viscous[[i]]  # the time step's bound has rounding of its own
+        viscous = moving.state.links.viscous[[i]]  # the bound of the time step has rounding of its own
         alone.state.links.put("viscous", viscous)
         shake(alone, driving_alone, [i])
         np.testing.assert_allclose(found[i], joint_resultants(alone.state)[0], rtol=1e-6, atol=1e-5)
@@ -127,13 +127,13 @@ def test_what_stands_in_tiles_is_read_as_a_copy_that_refuses_to_be_written():
 
 
 def test_tiles_of_a_regular_wall_share_what_no_step_changes():
-    """Until that of a joint changes: then no other joint notices."""
+    """Until the data of one joint change: then those of no other joint do."""
     moving = motion(wall("concave", courses=20, blocks=20), 0.1, 0.5)
     links, corners = moving.state.links, moving.state.corners
     points = [corners.points[a:b] for a, b in pairwise(corners.tile_start.tolist())]
 
     def read():
-        """What the loop reads of every tile."""
+        """Data that the loop reads of every tile."""
         return links.tiles[links.like].copy(), [points[t].copy() for t in corners.like]
 
     assert len(np.unique(links.like)) < 0.6 * len(links.like) and len(np.unique(corners.like)) < 0.3 * len(links.like)
@@ -179,7 +179,7 @@ def test_quaternion_of_a_frame():
 
 
 def test_blocks_turn_side_by_side_as_they_do_alone():
-    """Slow ones, and one that is too fast for a series: it turns by the general step."""
+    """Slow blocks by the series, and a fast one by the general step, rotate as each does alone."""
     dt = 1e-4
     one, other = drawn(4, "concave"), drawn(4, "concave")
     rng = np.random.default_rng(2)
