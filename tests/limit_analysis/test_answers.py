@@ -1,4 +1,4 @@
-"""What limit analysis answers where there is no plain number: one sentence, and the right exit code."""
+"""Answers of limit analysis other than a plain number: one sentence each, and the right exit code."""
 
 import json
 import math
@@ -63,7 +63,7 @@ def test_lifting_off():
 
 
 def test_a_dead_load_off_the_centroid_has_its_moment():
-    """A push at the top of a cube turns it over its edge: V h = W b / 2 + P (b / 2 + e), P at e behind the middle."""
+    """A push at the top of a cube overturns it: V h = W b / 2 + P (b / 2 + e), the load P at e behind the middle."""
     pushed = one_block((push((1.0, 0.0, 0.0), (0.0, 0.0, 0.4)),))
     weight = 2000.0 * 9.81 * 0.4**3
     for e in (-0.1, 0.1):
@@ -72,7 +72,7 @@ def test_a_dead_load_off_the_centroid_has_its_moment():
 
 
 def test_a_tilt_knows_that_the_strength_of_a_tie_does_not_turn():
-    """W sin = mu W cos + S for a block on a table that a tie along the table holds."""
+    """W sin = mu W cos + S for a block on a table, with S the strength of a tie along the table."""
     weight, strength = 2000.0 * 9.81 * 0.4**3, 200.0
     post = Block("post", "stone", box=(0.2, 0.2, 0.4), position=(0.8, 0.0, 0.2), fixed=True)
     tie = Tie((TieEnd("post", (0.7, 0.0, 0.2)), TieEnd("stone", (0.2, 0.0, 0.2))), 1e8, strength=strength)
@@ -85,7 +85,7 @@ def test_a_tilt_knows_that_the_strength_of_a_tie_does_not_turn():
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.8, 0.9, 0.98])
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_a_tilt_knows_that_cohesion_does_not_turn(share, formulation):
-    """W sin = mu W cos + S: the more of the weight S carries, the less V = F(V) moves in a round, far from its end."""
+    """W sin = mu W cos + S: the greater the share S of the weight, the slower the rounds V = F(V) converge."""
     found = limit(bonded_tile(share, formulation))
     phi = math.atan(0.3)
     truth = math.tan(phi + math.asin(share * math.cos(phi)))
@@ -98,7 +98,7 @@ def test_a_tile_whose_bond_carries_its_weight_stands_at_any_tilt():
 
 
 def bonded_tile(share, formulation):
-    """A tile on a table, whose bond carries that ``share`` of its weight in shear, and more than that in tension."""
+    """A tile on a table whose bond carries this ``share`` of its weight in shear, and more than that in tension."""
     cohesion = share * 2000.0 * 9.81 * 0.01
     joint = law(formulation, 0.3, cohesion=cohesion, residual_cohesion=cohesion, tensile_strength=cohesion / 0.3)
     blocks = (
@@ -121,12 +121,12 @@ def test_a_rough_table_stands_at_any_tilt():
 
 def test_no_friction_carries_no_push():
     found = limit(one_block((push((1.0, 0.0, 0.0)),), friction=0.0))
-    assert found.lower == pytest.approx(0.0, abs=1e-9) and found.upper < 1e-5  # of a weight of 1256 N
+    assert found.lower == pytest.approx(0.0, abs=1e-9) and found.upper < 1e-5  # relative to a weight of 1256 N
     assert found.mechanism == "sliding"
 
 
 def test_it_does_not_stand_under_its_dead_loads(tmp_path, capsys):
-    """A block on a slope steeper than its friction; the answer names it, and how much is not balanced."""
+    """A block on a slope steeper than its friction: the answer names it and gives the out-of-balance share."""
     steep = (9.81 * math.sin(0.7), 0.0, -9.81 * math.cos(0.7))
     scenario = one_block((push((1.0, 0.0, 0.0)),), gravity=steep)
     with pytest.raises(NotConvergedError, match="does not stand under its dead loads: sliding of stone") as raised:
@@ -143,7 +143,7 @@ def test_it_does_not_stand_under_its_dead_loads(tmp_path, capsys):
 
 @pytest.mark.parametrize("overhang, stands", [(0.999, True), (1.001, False)])
 def test_the_harmonic_stack(overhang, stands):
-    """Four blocks, the k-th from the top overhanging by l/(2k): a push by 1 - x brings it down."""
+    """Four blocks, the k-th from the top overhanging by ``overhang`` times l/(2k), stand below 1 and fall above it."""
     x, blocks = 0.0, [Block("s.4", "stone", box=(1.0, 0.5, 0.2), position=(0.0, 0.0, -0.1), fixed=True)]
     for k, level in ((4, 0), (3, 1), (2, 2), (1, 3)):
         x += overhang * 0.5 / k
@@ -189,7 +189,7 @@ def test_a_scenario_without_a_load(tmp_path, capsys):
 
 
 def test_a_mixture_with_an_inner_state_is_inside_every_strength():
-    """The lower bound: as little of the inner state as the strength that is exceeded worst, for its room, asks for."""
+    """The lower bound moves towards an inner state only as far as the strength that is exceeded worst requires."""
     over, inner = np.array([0.1, 0.3, -1.0]), np.array([-1.0, -0.1, -5.0])
     share = bounds.share_of_inner(over, inner, 0.0)
     mixture = (1.0 - share) * over + share * inner

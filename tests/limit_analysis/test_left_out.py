@@ -1,4 +1,4 @@
-"""What joint laws leave out of a collapse, in numbers."""
+"""The effects on a collapse that joint laws leave out, in numbers."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
 
 def test_corrected_joints_topple_early():
-    """A wall out of its plane turns about points drawn in by s; the bound beside it is that of the true edge."""
+    """A wall out of its plane rotates about points moved inwards by s; the bound beside it is that of the true edge."""
     found = limit(scenes.wall(law("corrected"), 4, 6, Y))
     (said,) = found.left_out
     assert found.load_factor < 0.6 / 3.0
@@ -34,7 +34,7 @@ def test_distributed_points_stop_short_of_the_edge():
 
 
 def test_convex_joints_keep_their_torsion_at_an_edge():
-    """An actuator across a wall: joints turn whose resultant stands at an edge, .6 % above what corners carry."""
+    """An actuator across a wall: joints with the resultant at an edge keep some torsion, 0.6 % above corner points."""
     found = limit(scenes.wall_with_actuator(law("convex")))
     (said,) = found.left_out
     assert said.law == "convex"
@@ -50,7 +50,7 @@ def test_there_is_nothing_to_say_of_what_rocks_about_true_edges(formulation):
 
 
 def test_a_search_says_what_its_joints_leave_out():
-    """The same wall by search: it topples early, and the bound about the true edge stands beside it."""
+    """The same wall by a search: it topples early, and the bound for the true edge is reported beside it."""
     found = simulate(scenes.wall(law("corrected"), 4, 6, Y), record=False)
     (said,) = found.collapse["left_out"]
     assert said["law"] == "corrected" and said["bound"] == pytest.approx(1.0 / 3.0, rel=1e-6)
@@ -65,7 +65,7 @@ def test_a_search_says_it_without_a_solver(monkeypatch):
 
 
 def test_inner_edges_of_a_joint_of_several_pieces_are_no_edges():
-    """Beside the place where the leg of an L begins, and near the edge that a block of this foot would rock about."""
+    """Near the place where the leg of an L begins, and near the edge about which a block on this foot would rock."""
     leg = "{box = [0.4, 0.2, 0.5], position = [0.5, 0.1, 0.25]}"
     text = header("convex") + block("floor", (0.0, 0.0, -0.5), (10.0, 10.0, 1.0), "fixed = true")
     text += '[[blocks]]\nname = "foot"\nmaterial = "stone"\n'

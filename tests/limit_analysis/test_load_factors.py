@@ -1,4 +1,4 @@
-"""Load factors of limit analysis against numbers of other programmes and against closed forms."""
+"""Load factors of limit analysis against those of other programmes and against closed forms."""
 
 import math
 from dataclasses import replace
@@ -66,7 +66,7 @@ def test_points_at_the_corners_meet_the_table(scenario, expected):
 
 @pytest.mark.parametrize("name", ["4 x 6 across", "corner -y", "arch askew"])
 def test_factors_of_large_structures_meet_the_table_too(name, monkeypatch):
-    """Those that large programmes are solved with, on small ones."""
+    """The method for large programmes, tested on small ones."""
     monkeypatch.setattr(solver, "LARGE", 0)
     scenario, expected = CONCAVE[name]
     found = analysis.limit_load(build.assemble(scenario))
@@ -129,7 +129,7 @@ def test_a_bonded_convex_joint_is_as_strong_in_bending_as_its_corners(direction,
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear", "convex"])
 def test_cohesion_scales_the_limit_surface(formulation):
-    """V at fixed eccentricity is (c A + mu N) / (mu N) times the dry one, for a load in the joint's plane."""
+    """V at fixed eccentricity is (c A + mu N) / (mu N) times the dry value, for a load in the joint's plane."""
     from dembrick.scenario import toml
 
     keys = [f"joint.formulation={formulation}"]
@@ -137,7 +137,7 @@ def test_cohesion_scales_the_limit_surface(formulation):
         analysis.limit_load(build.assemble(toml.load("scenarios/set4a.toml", [*keys, *more]))).load_factor
         for more in ([], ["joint.cohesion=1e4"])
     )
-    # corners move their normal forces to where they serve best, dry and bonded alike in a load in the plane
+    # corners distribute their normal forces in the best way, dry or bonded, under a load in the plane
     assert bonded / dry == pytest.approx((600.0 + 0.64 * 467.0) / (0.64 * 467.0), rel=1e-5)
 
 
@@ -157,7 +157,7 @@ def test_a_bonded_convex_joint_that_its_load_presses(push, arm, cohesion):
 
 @pytest.mark.parametrize("push, arm", PRESSED)
 def test_no_limit_is_only_said_where_forces_can_grow(push, arm, monkeypatch):
-    """With too few rounds of planes a finite limit may look like none: then there is no answer."""
+    """With too few rounds of planes a finite limit may look unlimited: then there is no answer."""
     monkeypatch.setattr(analysis, "MOST_ROUNDS", 1)
     with pytest.raises(NotConvergedError, match="no limit was found|further apart"):
         analysis.limit_load(build.assemble(scenes.pressed_cube(law("convex", 0.6, cohesion=1e5), push, arm)))
@@ -202,7 +202,7 @@ def test_a_symmetric_structure_in_its_plane_has_the_limit_it_has_in_space(monkey
 
 
 def test_the_forces_of_the_lower_bound_balance_and_obey_the_law():
-    """Equilibrium from the resultants, by another way than the programme's matrix; Coulomb's law point by point."""
+    """Equilibrium from the resultants, independently of the programme's matrix; Coulomb's law point by point."""
     assembly = build.assemble(scenes.corner(law(), (0.7, 0.6, 0.0)))
     found = analysis.limit_load(assembly)
     joints, force = assembly.joints, found.resultants
@@ -234,7 +234,7 @@ def test_the_mechanism_of_the_upper_bound_does_the_work_and_opens_no_joint_inwar
 
 
 def test_the_bounds_see_less_friction(monkeypatch):
-    """One per cent less friction moves a wall that slides by one per cent, far out of the bounds."""
+    """One per cent less friction lowers the limit of a sliding wall by one per cent, far outside the bounds."""
     found = analysis.limit_load(build.assemble(scenes.wall(law(friction=0.3), 4, 6, DIAGONAL)))
     less = analysis.limit_load(build.assemble(scenes.wall(law(friction=0.297), 4, 6, DIAGONAL)))
     assert less.upper < found.lower
@@ -254,7 +254,7 @@ def test_convex_joints_that_crush(direction, width, strength):
 
 
 def test_dense_points_tend_to_the_convex_joint_that_crushes():
-    """Askew, where no closed form is at hand: 400 points a joint, each with its own strength."""
+    """Under an oblique push, without a closed form: 400 points a joint, each with its own strength."""
     joint = {"friction": 0.9, "compressive_strength": 15e3}
     exact, points = (
         analysis.limit_load(build.assemble(scenes.stack(law(formulation, **joint, **more), DIAGONAL)))
@@ -265,7 +265,7 @@ def test_dense_points_tend_to_the_convex_joint_that_crushes():
 
 
 def test_a_bond_and_crushing_together():
-    """The block bears f_c at its toe and f_t at its heel: M = (N + f_t A)(b - (N + f_t A) / ((f_c + f_t) a)) / 2."""
+    """The block carries f_c at its toe and f_t at its heel: M = (N + f_t A)(b - (N + f_t A) / ((f_c + f_t) a)) / 2."""
     joint = law("convex", friction=0.9, cohesion=1e6, tensile_strength=5e3, compressive_strength=15e3)
     found = analysis.limit_load(build.assemble(scenes.stack(joint, Y)))
     total = W + 5e3

@@ -45,7 +45,7 @@ def test_the_thrust_of_an_arch(formulation, friction, greatest):
     ],
 )
 def test_a_push_is_told_without_signs(ends, push):
-    """A centre of blocks that lies along +x of the support."""
+    """The blocks' centre lies in the direction +x of the support."""
     low, high = (Extreme(value, value, value, None) for value in ends)
     found = ReactionResult(None, None, "left", (1.0, 0.0, 0.0), low, high, {}, towards=0.8)
     assert found.push == (
@@ -58,7 +58,7 @@ def test_a_push_is_told_without_signs(ends, push):
 
 
 def test_what_is_zero_is_told_as_zero():
-    """The reactions of all supports together are the weight, and nothing along the span."""
+    """The reactions of all supports together are the weight, with no component along the span."""
     found = reaction(load("arch"), "arch", (-1.0, 0.0, 0.0))
     for end in (found.least, found.greatest):
         assert end.value == end.reached == end.bound == 0.0
@@ -77,7 +77,7 @@ def test_a_springing_that_sinks():
     "stones, angle, thrust, greatest", [(21, 180.0, 2113.66950, 3526.49507), (21, 140.0, 2122.77539, None)]
 )
 def test_the_thrust_of_other_arches(stones, angle, thrust, greatest):
-    """With a key stone, whose two sides are hinges; and of 140 deg."""
+    """An arch with a key stone, both sides of which are hinges, and one of 140 deg."""
     arch = Arch("arch", "stone", 1.5, 0.3, 0.5, stones, angle)
     given = of_stone(law(friction=0.7), DynamicControl(1.0), arches=(arch,))
     found = reaction(given, "arch.right", (-1.0, 0.0, 0.0))
@@ -113,8 +113,8 @@ def beam_on_three(width=0.2) -> Scenario:
 
 
 def test_a_rigid_beam_on_three_supports():
-    """The middle support may carry everything or nothing; an end nothing, or, if it is pushed up, what lifts the beam
-    off the middle: it presses at its inner edge, .9 m from the centroid, the other end at its outer one, 1.1 m."""
+    """The middle support may carry everything or nothing; an end may carry nothing or, if pushed up, as much as lifts
+    the beam off the middle: it presses at its inner edge, .9 m from the centroid, the other at its outer, 1.1 m."""
     middle = reaction(beam_on_three(), "middle", (0.0, 0.0, 1.0))
     assert middle.least.value == pytest.approx(0.0, abs=1e-4)
     assert middle.greatest.value == pytest.approx(3000.0, rel=1e-7)
@@ -124,7 +124,7 @@ def test_a_rigid_beam_on_three_supports():
 
 
 def test_a_wide_range_of_an_end_is_no_answer(monkeypatch):
-    """One per cent off, what a mechanism proves is further from what forces reach than an answer may be."""
+    """With an error of one per cent, the bounds of mechanism and forces are further apart than an answer allows."""
     exact = limit_analysis.bounds.least_cost
     monkeypatch.setattr(limit_analysis.bounds, "least_cost", lambda *given: 0.99 * exact(*given) - 0.01)
     with pytest.raises(NotConvergedError, match="the bounds .* of a reaction are further apart than 0.0001 of it"):
@@ -154,8 +154,8 @@ FIRST_SPREADS = [
 
 
 def test_the_thrust_before_a_springing_spreads():
-    """A stage that leaves the geometry of the start does not stand in the way of the thrust there; a load after it is
-    refused, with the way in."""
+    """A stage that leaves the initial geometry does not prevent the thrust in it; a load after that stage is refused,
+    and the message names the option for the thrust."""
     heard = []
     found = reaction(load("arch_spread", FIRST_SPREADS), "arch.right", (-1.0, 0.0, 0.0), report=heard.append)
     assert found.least.value == pytest.approx(2130.36785, rel=1e-7)
@@ -166,7 +166,7 @@ def test_the_thrust_before_a_springing_spreads():
 
 
 def test_limit_analysis_beside_a_spreading_arch():
-    """Once it has begun to spread its thrust is the least; at rest it lies between."""
+    """Once the arch has begun to spread its thrust is the least; at rest it lies between least and greatest."""
     found = simulate(load("arch_spread", SPREADS), bound=True, progress=False)
     allowed = found.settlement["limit_analysis"]
     assert allowed["least"] == pytest.approx(2130.36785, rel=1e-7)

@@ -1,7 +1,7 @@
-"""Blocks on plates that are not in line: a search passes one mechanism after another, each a little stiffer than none.
+"""Blocks on plates that are not in line: a search passes one mechanism after another, each with a small stiffness.
 
-V grows in proportion to the way by some kN/m after it has bent off, which no growth before tells of; the next mechanism
-is further on. Limit analysis and plane statics judge.
+Past a bend V grows in proportion to the displacement by some kN/m, which its growth before does not predict; the next
+mechanism is further on. The references are limit analysis and plane statics.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from helpers.stone_scenes import law, of_stone
 
 
 def on_plates(plates, block, jack, way, stiffness):
-    """``plates``: half of their widths, and the middle of each; ``block``: its size and place."""
+    """``plates``: half width and centre of each; ``block``: its size and position."""
     blocks = [
         Block(f"plate {i}", "stone", box=(2.0 * half, 2.0 * half, 0.1), position=(x, y, -0.05), fixed=True)
         for i, (half, x, y) in enumerate(plates)
@@ -53,7 +53,7 @@ def test_drawn_plates(seed):
     given = on_plates(plates, (tuple(size), (0.0, 0.0, 0.5 * size[2])), jack, (np.cos(angle), np.sin(angle), 0.0), 1e12)
     try:
         point = simulate(given, record=False).yield_point
-    except NotConvergedError as error:  # its weight may lie beside the plates
+    except NotConvergedError as error:  # its weight may act beside the plates
         assert "does not stand" in str(error)
         return
     bound = limit(given)

@@ -1,7 +1,7 @@
-"""Every file in scenarios/ runs to its stated number.
+"""Every file in scenarios/ gives its stated number.
 
 The numbers are written here, from the closed forms of the paper worked out independently, and not taken from the
-package: a convex joint under full pressure gives the same V wherever the jack sits above the joint.
+package: a convex joint under full pressure gives the same V at any height of the jack above the joint.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ ASSEMBLIES = {  # free blocks, joints
 FILES = sorted(path.stem for path in shipped.folder().glob("*.toml") if path.stem not in (*ASSEMBLIES, "set4a_cyclic"))
 MU, N = 0.64, 467.0
 LAB = {"2a": 107.165760, "2b": 192.898367, "4a": 216.054938, "4b": 161.902542}  # V (N), convex, joint plane
-# Torsion strength (N m) of a joint of
-# a x 0.3 m under 1 kN with friction 0.7 as printed in Table 1, after a/b; the arm of the couple is 0.9 a.
+# Torsion strength (N m) of a joint of a x 0.3 m under 1 kN with friction 0.7 as printed in Table 1, by a/b; the arm of
+# the couple is 0.9 a.
 TABLE_1 = {"025": (0.25, 55.69), "05": (0.5, 62.29), "1": (1.0, 80.35), "15": (1.5, 101.65), "2": (2.0, 124.58)}
 
 
 def expected(stem: str) -> tuple[float, float]:
-    """V (N) and the relative precision to which it is written here."""
+    """V (N) and the relative precision to which it is given here."""
     if stem == "shear":
         return MU * N, 1e-12
     if stem.startswith("table1_"):
@@ -81,14 +81,14 @@ def test_limits_of_arches_by_theory_of_rigid_blocks(stem, factor):
     [("wall_mortared", 0.2 * (1.0 + 1e4 / (2000.0 * 9.81)), 0.2), ("slope_weak_joints", 0.2728850, 0.0273221)],
 )
 def test_bonds_break_and_leave_a_dry_joint(stem, factor, after):
-    """A wall cracks in its lowest bed at (b/H)(1 + f_t/(rho g H)) and rocks on at b/H; slabs slide off a slope."""
+    """A wall cracks in its lowest bed at (b/H)(1 + f_t/(rho g H)) and then rocks at b/H; slabs slide off a slope."""
     result = dembrick.simulate(shipped.folder() / f"{stem}.toml")
     assert result.collapse["load_factor"] == pytest.approx(factor, rel=1e-3)
     assert result.collapse["mechanism_load_factor"] == pytest.approx(after, rel=2e-3)
 
 
 def test_an_arch_falls_soon_after_its_limit():
-    """The blocks need time to move 20 mm: at 1 deg/s the table is then half a degree beyond the limit, and a little."""
+    """The blocks need time to move 20 mm: at 1 deg/s the table is then just over half a degree past the limit."""
     result = dembrick.simulate(shipped.folder() / "arch_tilt.toml")
     assert result.status == "collapse" and 8.371 < result.collapse["angle"] < 8.371 + 0.7
     assert result.collapse["mechanism"] == "rocking"
@@ -108,16 +108,16 @@ def test_the_third_wall_of_ferris_and_tin_loi_in_real_time():
 
 
 def test_a_wall_breaks_at_its_door_before_it_slides_as_a_whole():
-    """Sliding on its base takes tan = mu = 0.64; some blocks at the foot of each pier stay, and limit analysis bounds
-    it."""
+    """Sliding on its base needs tan = mu = 0.64; some blocks at the foot of each pier do not move, and the load factor
+    is below the bound of limit analysis."""
     result = dembrick.simulate("wall_door", record=False)
     factor, moving = result.collapse["load_factor"], set(result.collapse["blocks"])
     assert factor < 0.64 - 0.1 and factor <= dembrick.limit("wall_door").upper
-    assert {"wall.1.1", "wall.1.2"} - moving and len(moving) < 52  # the course on the base does not go as one
+    assert {"wall.1.1", "wall.1.2"} - moving and len(moving) < 52  # the lowest course does not move as a whole
 
 
 def test_the_corners_of_a_house_hold_its_front():
-    """Alone the front topples at b/h; limit analysis bounds what the cross walls add."""
+    """By itself the front topples at b/h; limit analysis bounds the contribution of the cross walls."""
     result = dembrick.simulate("house", record=False)
     factor, moving = result.collapse["load_factor"], set(result.collapse["blocks"])
     assert 2.0 * 0.2 / 1.8 < factor <= dembrick.limit("house").upper
@@ -166,11 +166,11 @@ def test_constant_rate(stem):
 
 @pytest.mark.slow
 def test_the_thinnest_dome_that_stands():
-    """Without tension a hemisphere stands down to t/R = .0428: one 3 % thicker does, one 4 % thinner comes down."""
+    """Without tension a hemisphere stands down to t/R = .0428: one 3 % thicker stands, one 4 % thinner collapses."""
     finer = ["domes.dome.radius=1.0", "domes.dome.rings=12", "domes.dome.key=6.0"]
     finer += ["control.displacement=0.005", "control.rate=0.5"]
     path = shipped.folder() / "dome.toml"
     standing = dembrick.simulate(dembrick.load(path, [*finer, "domes.dome.thickness=0.044"]))
-    assert 1.0 < standing.collapse["angle"] < 8.0  # it takes a slope to bring it down
+    assert 1.0 < standing.collapse["angle"] < 8.0  # it collapses only on a slope
     with pytest.raises(NotConvergedError, match="no equilibrium under the dead loads"):
         dembrick.simulate(dembrick.load(path, [*finer, "domes.dome.thickness=0.041"]))

@@ -39,11 +39,11 @@ def test_the_load_at_mid_height(e, expected):
     joint = theory.rectangle_formulation("concave", A, B, MU, C)
     found = theory.limit_load_at_height(joint, N, (0.0, 1.0, e * A), height=0.05)
     assert found.V == pytest.approx(expected, rel=2e-7)
-    assert theory.closed_until(joint, N, (0.0, 0.0), (0.0, 0.05)) > expected  # no corner opens before
+    assert theory.closed_until(joint, N, (0.0, 0.0), (0.0, 0.05)) > expected  # no corner opens below that load
 
 
 def test_the_surface_of_a_convex_joint_is_scaled():
-    """By (c A + mu N) / (mu N) = 3.007495, and so are equations (1) to (8) with that V_0."""
+    """By (c A + mu N) / (mu N) = 3.007495; equations (1) to (8) are scaled likewise with that V_0."""
     dry, bonded = (theory.interaction_curve("convex", A, B, MU, N, c, count=9) for c in (0.0, C))
     factor = (C * A * B + MU * N) / (MU * N)
     assert factor == pytest.approx(3.007495, rel=1e-6)

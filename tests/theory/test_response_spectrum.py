@@ -13,13 +13,14 @@ G = 9.80665
 
 
 def test_a_step_of_the_ground_is_felt_twice():
-    """Undamped, a lasting acceleration a moves it to 2 a / omega^2; damped, to (1 + exp(-pi xi / sqrt(1 - xi^2)))."""
+    """A lasting acceleration a moves an undamped oscillator to 2 a / omega^2, a damped one to (1 + exp(-pi xi / sqrt(1
+    - xi^2))) a / omega^2."""
     periods = np.array([0.1, 0.5, 1.3])
     w = 2.0 * np.pi / periods
     for damping in (0.0, 0.05, 0.3):
         found = theory.response_spectrum([0.0, 5.0, 10.0], [3.0, 3.0, 3.0], periods, damping)
         over = np.exp(-np.pi * damping / np.sqrt(1.0 - damping**2))
-        # undamped, the end of the step may leave it in free motion of twice as much again
+        # undamped, the end of the step may leave a free motion of up to twice as much
         limit = 3.0 * (1.0 + over) / w**2
         if damping:
             np.testing.assert_allclose(found.displacement, limit, rtol=4e-3)
@@ -37,13 +38,13 @@ def test_resonance_grows_by_half_a_cycle_each_time():
 
 
 def test_stiff_oscillators_follow_and_soft_ones_stay():
-    """At short periods the pseudo-acceleration is the peak of the ground, at long ones the displacement is its."""
+    """At short periods the pseudo-acceleration is the ground's peak, at long ones the displacement is the ground's."""
     t = np.linspace(0.0, 1.0, 1001)
     ground = 4.0 * np.sin(2.0 * np.pi * t)
     found = theory.response_spectrum(t, ground, [0.02], 0.05)
     assert found.pseudo_acceleration[0] == pytest.approx(4.0, rel=0.02)
     soft = theory.response_spectrum(t, ground, [1e4], 0.0)
-    assert soft.displacement[0] == pytest.approx(4.0 / (2.0 * np.pi), rel=1e-3)  # the way of the ground in a full sine
+    assert soft.displacement[0] == pytest.approx(4.0 / (2.0 * np.pi), rel=1e-3)  # the ground's own in a full sine
 
 
 def test_the_step_of_the_record_does_not_matter():

@@ -61,7 +61,7 @@ def test_fine_points_tend_to_the_linear_pressure():
         points = lab("distributed", cells=(3 * n // 2, n))
         gaps.append(1.0 - limit_load_at_height(points, NORMAL, (0, 1, 0.075), height=0.05).V / linear)
     assert 0 < gaps[2] < 1e-3
-    assert gaps[0] / gaps[1] == pytest.approx(4.0, abs=0.6)  # equal cells are of second order
+    assert gaps[0] / gaps[1] == pytest.approx(4.0, abs=0.6)  # the error of equal cells is of second order
     assert gaps[1] / gaps[2] == pytest.approx(4.0, abs=0.6)
 
 
@@ -204,7 +204,7 @@ def test_effective_polygon_of_a_rectangle_and_of_a_hexagon():
     hexagon = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     (part,) = effective_polygon(hexagon, (0.2, 0.1))
     M = moment_matrix(part, (0.2, 0.1))
-    np.testing.assert_allclose(M[0, 1:], 0.0, atol=1e-15)  # centred where the force is
+    np.testing.assert_allclose(M[0, 1:], 0.0, atol=1e-15)  # centred at the force
     assert 0 < M[0, 0] < moment_matrix(hexagon)[0, 0]
     with pytest.raises(ScenarioError, match="convex"):
         effective_polygon([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]], (0.5, 0.5))

@@ -1,4 +1,4 @@
-"""The inverse problem: laboratory numbers, brute force, certificates, kinks, dead loads."""
+"""The inverse problem (limit load by theory): laboratory numbers, brute force, certificates, kinks, dead loads."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_lab_sets(name, load, V):
 
 
 def test_printed_table_3_within_its_rounding():
-    # the paper prints whole newtons; with the inferred friction all eight are met within 0.6 N
+    # the paper prints whole newtons; with the inferred friction all eight agree within 0.6 N
     printed = {"convex": (107, 193, 216, 162), "concave": (200, 359, 254, 212)}
     loads = [(0, 0, 0.9 * A), (0, 0, 0.5 * A), (0, 1, 0.25 * A), (0, 1, 0.45 * A)]
     for name, values in printed.items():
@@ -53,7 +53,7 @@ def test_force_along_x_with_its_sign(name, V):
     found = limit_load(LAB[name], (1.0, 0.0, -0.05))
     assert found.V == pytest.approx(V, abs=5.1e-5)
     assert limit_load(LAB[name], (1.0, 0.0, 0.05)).V == pytest.approx(found.V, rel=1e-12)
-    # the block turns clockwise about a centre below the force
+    # the block rotates clockwise about a centre below the force
     assert found.twist[2] < 0.0
     assert found.torsion_centre[1] < 0.0
 
@@ -62,7 +62,7 @@ def test_force_along_x_with_its_sign(name, V):
 def test_tangential_dead_load(dead, V):
     found = limit_load(LAB["convex"], (0, 1, 0.25 * A), (0.0, dead, 0.0))
     assert found.V == pytest.approx(V, abs=5e-3)
-    # the sum is on the surface
+    # the sum of dead and driven load is on the surface
     total = found.V * np.array([0, 1, 0.25 * A]) + (0.0, dead, 0.0)
     assert gauge(LAB["convex"], total) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(LAB["convex"].gradient(found.twist), total, atol=1e-6 * NORMAL)
@@ -102,7 +102,7 @@ def test_any_joint_the_bound_is_tight_and_scales(ratio, size, force, friction, a
     q = np.array(found.twist)
     assert q @ f == pytest.approx(1.0, rel=1e-12)
     assert law.dissipation(q) == pytest.approx(found.V, rel=1e-11)
-    # lower bound: the force at that twist, plus what a point at the centre can bear, is the load
+    # lower bound: the force at that twist plus the strength of a point at the centre equals the load
     rest = found.V * f - law.gradient(q)
     if name == "convex":
         assert np.linalg.norm(rest / [1, 1, law.radius]) < 1e-6 * law.strength
@@ -156,7 +156,7 @@ def test_kinks_random_points_cannot_be_bettered():
                 power = near @ load
                 bounds = law.dissipation(near[power > 0]) / power[power > 0]
                 assert np.all(bounds >= V * (1 - 1e-11))
-    assert kinks > 30  # the case is met often enough to mean something
+    assert kinks > 30  # the case occurs often enough to be tested
 
 
 @pytest.mark.parametrize("share", [0.5, 0.999, 1.005, 1.5])
@@ -165,7 +165,7 @@ def test_a_point_holds_the_centre_just_as_long_as_it_can_bear_it(share):
     law = points(arms, [1.0, 2.0, 1.5, 0.5], 1.0)
     x, y = arms[0]
     q = np.array([y, -x, 1.0])
-    t = share * np.array([0.6, -0.8])  # of the 1 N that point 0 can bear
+    t = share * np.array([0.6, -0.8])  # of the strength of 1 N of point 0
     f = points(arms[1:], [2.0, 1.5, 0.5], 1.0).gradient(q) + (t[0], t[1], x * t[1] - y * t[0])
     found = limit_load(law, f)
     distance = np.hypot(found.torsion_centre[0] - x, found.torsion_centre[1] - y)
@@ -184,7 +184,7 @@ def test_a_point_holds_the_centre_just_as_long_as_it_can_bear_it(share):
 
 
 def test_centre_on_a_point_by_hand():
-    # two points, all on a line: a force beyond one of them turns the joint about the other
+    # two collinear points: a force beyond one of them rotates the joint about the other
     law = points([[-1.0, 0.0], [1.0, 0.0]], [1.0, 1.0], 0.5)
     found = limit_load(law, (0.0, 1.0, 3.0))
     assert found.V == pytest.approx(2 * 0.5 / 4.0, rel=1e-14)  # lever 2 against 3 + 1 about the left point
@@ -248,7 +248,7 @@ def test_no_friction_no_load():
 
 @pytest.mark.parametrize("name", ["concave", "distributed", "convex"])
 def test_a_joint_is_closed_as_far_as_a_linear_pressure_presses_all_of_it(name):
-    """Up to that load the limit is concave in it, and needs no search for its first crossing."""
+    """Up to that load the limit is concave in the load, and its first crossing needs no search."""
     joint = rectangle_formulation(name, 0.3, 0.2, 0.64, pressure="linear" if name == "convex" else "full", cells=(6, 4))
     lever, start = np.array([0.02, 0.05]), np.array([0.01, -0.005])
     V = closed_until(joint, 467.0, start, lever)
@@ -264,7 +264,7 @@ def test_a_joint_is_closed_as_far_as_a_linear_pressure_presses_all_of_it(name):
 
 
 def test_corners_that_differ_by_rounding_are_one():
-    """As those of parts of a block that was cut: an edge of 1e-17 m looks anywhere, and let a block tip over."""
+    """Parts of a cut block have such corners: an edge of 1e-17 m points anywhere, and once made a block tip over."""
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, -1.0 + 2e-16], [1.0, 1.0], [-1.0 + 1e-16, 1.0], [-1.0, 1.0]])
     hull = convex_hull(square)
     for way, times in (((1.0, 0.0), 1.0), ((0.0, -2.0), 0.5), ((-1.0, 1.0), 1.0)):

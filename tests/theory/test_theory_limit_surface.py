@@ -101,7 +101,7 @@ def test_dissipation_is_convex_homogeneous_and_supported_by_its_gradient(name, p
     assert law.dissipation(t * p + (1 - t) * q) <= t * D_p + (1 - t) * D_q + slack
     assert law.dissipation(-3.0 * p) == pytest.approx(3.0 * D_p, rel=1e-11)
     assert law.gradient(p) @ p == pytest.approx(D_p, rel=1e-11)
-    assert law.gradient(p) @ q <= D_q + slack  # no force of the set works more against q than q's own
+    assert law.gradient(p) @ q <= D_q + slack  # the force of q has the greatest power of the set on q
 
 
 @given(law_names, twists, st.floats(-3.2, 3.2), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
@@ -122,7 +122,7 @@ def test_turned_and_shifted_joints_give_turned_and_shifted_forces(name, q, angle
     found = moved.gradient(np.array([v[0], v[1], q[2]]))
     turned = R @ V[:2]
     expected = np.array([turned[0], turned[1], V[2] + x * turned[1] - y * turned[0]])
-    # a shift puts the digits of the twist at risk, and point laws turn with them where C is close to a point
+    # a shift costs digits of the twist, and point laws have kinks if C is close to a point
     tolerance = 1e-9 if name != "points" else 1e-7
     if name == "points":
         u = q[:2] + q[2] * np.stack([-law.arms[:, 1], law.arms[:, 0]], axis=1)
@@ -161,7 +161,7 @@ def test_against_brute_force_quadrature(name):
         "rectangle": lambda r: np.full(len(r), 298.88 / 0.06),
     }[name]
     polygon = {"triangle, linear": TRIANGLE, "L": L_SHAPE, "rectangle": rectangle(0.3, 0.2)}[name]
-    # a fan of triangles from a vertex that sees everything, each cut into n^2 small ones, one point in each
+    # a fan of triangles from a vertex from which all is visible, each cut into n^2 small ones, one point in each
     n = 300
     i, j = np.indices((n, n))
     lower = (i + j) < n
@@ -196,7 +196,7 @@ def test_torsion_centre_on_a_point_sticks_there():
 def test_smoothed_points_have_consistent_derivatives():
     law, rng, h = LAWS["points"], np.random.default_rng(8), 1e-6
     q = rng.normal(size=(40, 3))
-    q[0] = about(law.arms[1])  # a point at rest is where smoothing matters
+    q[0] = about(law.arms[1])  # smoothing matters for a point at rest
     D, G, H = law.derivatives(q, 0.1)
     ends = [[law.derivatives(q + sign * h * e, 0.1) for sign in (1, -1)] for e in np.eye(3)]
     numeric_G = np.stack([(up[0] - down[0]) / (2 * h) for up, down in ends], axis=1)

@@ -40,7 +40,7 @@ def test_pure_slide_and_pure_spin_are_the_elementary_ones():
     distance = 1.0 / (2.0 * 0.64 * motion.GRAVITY)
     assert (x, y, theta) == pytest.approx((0.6 * distance, 0.8 * distance, 0.0), abs=1e-8)
     *_, theta = motion.slide_to_rest(law, 1.0, 0.13 / 12.0, (0.0, 0.0), 10.0, tolerance=1e-9)
-    slowing = 12.0 * 0.64 * motion.GRAVITY * 0.09681061 / (0.3**2 + 0.2**2)  # by the torque mu N c_T
+    slowing = 12.0 * 0.64 * motion.GRAVITY * 0.09681061 / (0.3**2 + 0.2**2)  # from the torque mu N c_T
     assert theta == pytest.approx(10.0**2 / (2.0 * slowing), rel=1e-7)
     assert motion.slide_to_rest(law, 1.0, 1.0, (0.0, 0.0), 0.0) == (0.0, 0.0, 0.0)
 

@@ -52,7 +52,7 @@ def test_shear_and_torsion_at_infinity_and_at_o():
 
 
 def test_non_dimensional_curves_nearly_coincide():
-    # what the paper reads off its Fig. 4, and the correction of Fig. 5 scales the torsion alone
+    # values read off the paper's Fig. 4; the correction of Fig. 5 scales only the torsion
     convex_v, convex_m = interaction_curve("convex", A, B, FRICTION, NORMAL).normalised
     concave_v, concave_m = interaction_curve("concave", A, B, FRICTION, NORMAL).normalised
     gap = np.hypot(convex_v, convex_m) / np.hypot(concave_v, concave_m) - 1.0
@@ -68,7 +68,7 @@ def test_gradients_lie_on_the_surface_with_their_normal():
     force = law.gradient(twist)
     np.testing.assert_allclose(gauge(law, force), 1.0, rtol=1e-11)
     np.testing.assert_allclose(surface_along(law, 3.0 * force), force, rtol=1e-10, atol=1e-10 * V_0)
-    # outward normal: no other point of the surface goes further along the twist
+    # outward normal: no other point of the surface has a greater power on the twist
     assert np.all(force @ twist.T <= law.dissipation(twist) * (1 + 1e-12))
 
 
