@@ -92,7 +92,7 @@ def test_a_prism_slides_down_a_trough_without_being_cut_again_and_again(monkeypa
 
 @pytest.mark.parametrize("formulation", ["convex", "concave", "distributed"])
 def test_what_glides_along_an_edge_is_cut_at_its_end(monkeypatch, formulation):
-    """A block as wide as its slab slides off the end: it moves the same as if its polygon were cut as often as ever."""
+    """A block as wide as its slab slides off the end: it moves the same as if its polygon were cut in every check."""
     points = {"points": (6, 4)} if formulation == "distributed" else {}
     slab = Block("slab", "stone", (1.0, 0.2, 0.1), (-0.3, 0.0, -0.05), fixed=True)
     block = Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(3.0, 0.0, 0.0))

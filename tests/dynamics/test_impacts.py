@@ -345,7 +345,7 @@ def test_a_history_counts_new_contacts(tmp_path):
 
 @pytest.mark.parametrize("made", [collapse(), toml.load(SCENARIOS / "rocking_block.toml")], ids=["collapse", "rocking"])
 def test_pairs_are_looked_for_no_later_for_looking_seldom(monkeypatch, made):
-    """Checking for new pairs seldom or after every chunk of steps, contact detection runs at the same moments."""
+    """Contact detection runs at the same moments whether motion is checked seldom or after every chunk of steps."""
     made = dataclasses.replace(made, output=Output((), rows=220, frames=110))
     asked, looked = [], []
     stirred, look = ContactDetection._stirred, ContactDetection._look

@@ -299,8 +299,7 @@ def test_a_block_that_comes_to_another_is_refused(parts):
 
 
 def test_what_hangs_over_an_edge_is_told_by_plane_geometry():
-    """The share left is (1 - x/a)(1 - y/b) after a shift, and 2 (sqrt 2 - 1) for a square turned on another by 45
-    deg."""
+    """The share left is (1 - x/a)(1 - y/b) after a shift, and 2 (sqrt 2 - 1) for a square turned on one by 45 deg."""
     assembly = build.assemble(on_a_floor((0.3, 0.2), 0.1))
     state = starting_state(assembly, None)
     state.blocks.displacement[1] = 0.06, -0.05, 0.0

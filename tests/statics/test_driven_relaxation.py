@@ -139,7 +139,7 @@ def test_a_path_that_wastes_its_steps_is_pushed_on(monkeypatch):
 
 
 def test_a_path_that_is_given_up_is_pushed_on(monkeypatch):
-    """A path on which blocks let go too often. With friction 3 the limit depends strongly on the path; no path ends
+    """A path on which blocks jump too often. With friction 3 the limit depends strongly on the path; no path ends
     above 1.5278 (linear programming)."""
     walls = (Wall("wall", "stone", (0.2, 0.22, 0.12), courses=2, blocks=3, base=0.1),)
     given = scene(PushoverControl((-0.8, 0.6, 0.0), 1e-4), friction=3.0, walls=walls)

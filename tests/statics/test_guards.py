@@ -1,4 +1,4 @@
-"""What stops a run: blocks that jump or are not a number, spurious energy, a load that does not become steady."""
+"""Guards that stop a run: blocks that jump or are not a number, spurious energy, a load that does not become steady."""
 
 from __future__ import annotations
 
@@ -158,8 +158,7 @@ def test_a_load_that_falls_is_what_the_blocks_still_carry():
 
 @pytest.mark.parametrize(("gain", "bounds"), [(-1.0, (80.0, 100.4375)), (0.5, (98.84375, 99.5))])
 def test_the_bracket_holds_the_geometry_of_the_start(gain, bounds):
-    """A linear drift is traced back to the start from the middle of the last quarter, 7/8 of the path, plus half of
-    it."""
+    """A linear drift is traced from the middle of the last quarter to the start, 7/8 of the path, and half more."""
     bracket = dataclasses.replace(POINT, V_lower=80.0 if gain < 0.0 else 99.4, V_upper=99.5, bracket="indicator")
     point = told((100.0 if gain < 0.0 else 99.0625) + gain * U, point=bracket)
     V = 100.0 - 0.875 if gain < 0.0 else 99.0625 + 0.4375

@@ -122,8 +122,7 @@ def test_prestress_across_a_bed_adds_to_its_friction(formulation):
 
 
 def test_a_tie_that_would_push_is_slack_and_a_bar_is_not():
-    """Under its weight the bed shortens: a slack tie carries nothing, a bar its share, a bar that yields its
-    strength."""
+    """Under its weight the bed shortens: a tie is slack, a bar carries its share, one that yields its strength."""
     K, k = 1e10 * 0.06, 1e8
     slack, bar, weak = (
         simulate(bed(across(k, **more), control=StaticsControl())).as_dict()["ties"][0]
