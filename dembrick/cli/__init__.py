@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from contextlib import contextmanager
 
 from dembrick import __version__
-from dembrick.cli.streams import mute, open_closed, put, tell
+from dembrick.cli.streams import mute, open_closed, print_error, print_output
 from dembrick.errors import DembrickError
 
 GARBAGE = 400_000  # new objects before a garbage collection: imports and loading of kernels leave no garbage
@@ -89,13 +89,13 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return _main(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
-        tell("interrupted")
+        print_error("interrupted")
         return 130
     except BrokenPipeError:  # the reader of the output has closed the pipe
         mute(sys.stdout)
         return 0
     except DembrickError as error:
-        tell(f"error: {error}")
+        print_error(f"error: {error}")
         return error.exit_code
     finally:
         try:
@@ -107,22 +107,22 @@ def main(arguments: list[str] | None = None) -> int:
 def _main(arguments: list[str]) -> int:
     """Run the command line; `main` flushes the output and handles errors."""
     if not arguments or arguments[0] in ("-h", "--help", "help"):
-        put(HELP)
+        print_output(HELP)
         return 0 if arguments else 2
     verb, rest = arguments[0], arguments[1:]
     if verb == "--version":
-        put(f"dembrick {__version__}")
+        print_output(f"dembrick {__version__}")
         if {"-v", "--verbose"} & set(rest):
             from dembrick._jit import versions
 
-            put("\n".join(versions()))
+            print_output("\n".join(versions()))
         return 0
     if verb not in VERBS:
         from dembrick.scenario.checks import nearest
 
         message = f"unknown command {verb!r}; {nearest(verb, VERBS)}"
         _failed_json(message, rest)
-        tell(f"error: {message}")
+        print_error(f"error: {message}")
         return 2
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -195,7 +195,7 @@ def _failed_json(message: str, arguments: list[str]) -> None:
     if "--json" in arguments:
         import json
 
-        put(json.dumps({"status": "failed", "error": message}, indent=2))
+        print_output(json.dumps({"status": "failed", "error": message}, indent=2))
 
 
 @contextmanager

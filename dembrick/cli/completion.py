@@ -10,7 +10,7 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Print the script; ``eval "$(dembrick completion bash)"`` in a start-up file activates it."""
     from dembrick.cli import full_parser
-    from dembrick.cli.streams import put
+    from dembrick.cli.streams import print_output
     from dembrick.errors import MissingDependency
 
     try:
@@ -19,5 +19,5 @@ def run(options, console) -> int:
         raise MissingDependency(
             "shell completion needs the package shtab; install it with: pip install shtab"
         ) from None
-    put(shtab.complete(full_parser(), options.shell))
+    print_output(shtab.complete(full_parser(), options.shell))
     return 0

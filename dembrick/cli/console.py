@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 
 from dembrick.cli.progress import Meter
-from dembrick.cli.streams import put, tell
+from dembrick.cli.streams import print_error, print_output
 from dembrick.errors import DembrickError, WriteError
 
 
@@ -41,15 +41,15 @@ class Console:
             import json
 
             self.answered = True
-            put(json.dumps(data, indent=2, allow_nan=False))
+            print_output(json.dumps(data, indent=2, allow_nan=False))
         elif text:
-            put(printable(text))
+            print_output(printable(text))
 
     def part(self, text: str) -> None:
         """Print a part of the answer that is known before the rest, if it is text; JSON is printed as a whole."""
         if not self.json:
             self.meter.clear()
-            put(printable(text))
+            print_output(printable(text))
 
     def failed(self, error: DembrickError) -> None:
         """Report a failure: print a sentence, and the JSON object if it was asked for and has not been printed."""
@@ -61,7 +61,7 @@ class Console:
     def say(self, text: str) -> None:
         """Print a line on standard error, whatever the options are."""
         self.meter.clear()
-        tell(printable(text))
+        print_error(printable(text))
 
     def remark(self, text: str) -> None:
         """Print a remark, unless ``--quiet`` is given."""
@@ -77,4 +77,4 @@ class Console:
         """Print why there is no answer, even with ``--quiet``."""
         self.meter.clear()
         label = "\033[31merror:\033[0m" if self._colour else "error:"
-        tell(f"{label} {printable(text)}")
+        print_error(f"{label} {printable(text)}")

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from dembrick.cli.streams import tell
+from dembrick.cli.streams import print_error
 from dembrick.simulation.expected_cost import duration
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class Meter:
     def clear(self) -> None:
         """Remove the bar before something else is printed."""
         if self._drawn:
-            tell("\r\033[K", end="")
+            print_error("\r\033[K", end="")
             self._drawn = False
 
     def _show(self, done: float, total: float | None, text: str) -> None:
@@ -100,11 +100,11 @@ class Meter:
 
     def _draw(self, text: str) -> None:
         room = max(20, shutil.get_terminal_size().columns - 1)
-        tell(f"\r\033[K{self._printable(text)[:room]}", end="")
+        print_error(f"\r\033[K{self._printable(text)[:room]}", end="")
         self._drawn = True
 
     def _line(self, text: str) -> None:
-        tell(self._printable(text))
+        print_error(self._printable(text))
 
 
 @contextmanager

@@ -13,13 +13,13 @@ def run(options, console) -> int:
 
     from dembrick import history
     from dembrick.cli.paths import require_ending
-    from dembrick.cli.streams import put
+    from dembrick.cli.streams import print_output
     from dembrick.errors import OutputError
     from dembrick.scenario.keys import json_schema
 
     path, text = options.out, json.dumps(json_schema(), indent=2)
     if path is None:
-        put(text)
+        print_output(text)
         return 0
     require_ending(path, (".json",), "the schema")
     if os.path.exists(path):

@@ -29,7 +29,7 @@ def mute(stream) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def put(text: str) -> None:
+def print_output(text: str) -> None:
     """Print on standard output. WriteError if that cannot be written, BrokenPipeError if its reader has gone."""
     try:
         print(text, flush=True)
@@ -41,7 +41,7 @@ def put(text: str) -> None:
         raise WriteError(f"standard output could not be written ({reason})") from None
 
 
-def tell(text: str, end: str = "\n") -> None:
+def print_error(text: str, end: str = "\n") -> None:
     """Print on standard error, ignoring errors: a lost remark must not cost the answer."""
     try:
         print(text, end=end, file=sys.stderr, flush=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dembrick.cli.paths import add_force, require_ending
-from dembrick.cli.streams import put
+from dembrick.cli.streams import print_output
 
 
 def add_arguments(parser) -> None:
@@ -43,12 +43,12 @@ def _verify(picked, options, console) -> int:
 
     outcomes = []
     if not console.json:
-        put(verify.text_header())
+        print_output(verify.text_header())
     for outcome in verify.verify(picked, lambda case: console.progress(len(outcomes), len(picked), case.name)):
         outcomes.append(outcome)
         if not console.json:
             console.progress(len(outcomes), len(picked), "")
-            put(verify.text_row(outcome))
+            print_output(verify.text_row(outcome))
     passed = all(outcome.passed for outcome in outcomes)
     rows = [outcome.as_dict() for outcome in outcomes]
     console.result({"cases": rows, "passed": passed, "version": __version__}, verify.summary(outcomes))
@@ -66,12 +66,12 @@ def _validate(picked, options, console) -> int:
 
     found = []
     if not console.json:
-        put(compare.text_header())
+        print_output(compare.text_header())
     for one in compare.compare(picked, lambda case: console.progress(len(found), len(picked), case.name)):
         found.append(one)
         if not console.json:
             console.progress(len(found), len(picked), "")
-            put(compare.text_row(one))
+            print_output(compare.text_row(one))
     rows = [one.as_dict() for one in found]
     console.result({"cases": rows, "version": __version__}, f"{compare.summary(found)}\n{compare.remarks(found)}")
     if options.report:

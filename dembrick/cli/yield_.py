@@ -17,7 +17,7 @@ def run(options, console) -> int:
     from dembrick.errors import HistoryError
     from dembrick.runs.lab import write_csv
     from dembrick.scenario.regimes import REGIMES
-    from dembrick.views.summary import limit_text, listed, mechanism, on_one_path, part, plain, yield_point
+    from dembrick.views.summary import limit_text, listed, mechanism, part, path_dependence_unknown, plain, yield_point
 
     loading = {regime.name for regime in REGIMES if not regime.stands_or_falls}
     read = {path: history.read(path) for path in options.histories}
@@ -53,7 +53,7 @@ def run(options, console) -> int:
             | {"torsion_centre_1": centre[0], "torsion_centre_2": centre[1], "joint": " - ".join(joint)}
             | {"theory": theory.get("V"), "error_vs_theory": theory.get("error")}
             | {"path_dependent": (file.results or {}).get("path_dependent")}
-            | {"digits_open": on_one_path(beside)}
+            | {"digits_open": path_dependence_unknown(beside)}
         )
     texts = [file.scenario_text for file in files.values()]
     inputs = [path for file in files.values() for path in file.sources]

@@ -17,7 +17,7 @@ from dembrick.scenario.checks import real, require, show
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.dynamics import loads as loads_of
 from dembrick.simulation.dynamics import run
-from dembrick.simulation.dynamics.checkpoint import Past
+from dembrick.simulation.dynamics.checkpoint import RunHistory
 from dembrick.simulation.dynamics.integrator import NO_LIMIT, advance, present_velocities
 from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.session import Session
@@ -91,7 +91,7 @@ def _iterate(scenario: Scenario, every: float, loads) -> Iterator[Step]:
         )
         rows = {assembly.names[block]: own + k for k, block in enumerate(free)}
     run.ask_for(moving, scenario.output, driving)
-    run.start(moving, control, driving, Past(moving, None), Session())
+    run.start(moving, control, driving, RunHistory(moving, None), Session())
     total = run.most_steps(moving, control, None, driving)
     goal = NO_LIMIT if control.furthest is None else control.furthest
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))

@@ -12,7 +12,7 @@ P, R = ParamSpec("P"), TypeVar("R")
 Given: TypeAlias = "Any | str | os.PathLike | Sequence[Any]"  # a history or a result, the path of one, or several
 
 
-def takes_paths(view: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Given, P], R]:
+def accepts_paths(view: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Given, P], R]:
     """Let the first argument of a view, a history or several, also be a path or paths; the files stay open while the
     view runs. Raises HistoryError like `dembrick.read_history`."""
 

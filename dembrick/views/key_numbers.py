@@ -1,7 +1,7 @@
 """The key numbers of a run, declared once for ``run``, ``info``, pages, notebooks and ``repr``.
 
-They are found in the object of ``run --json``; that of a history may be malformed. To add a number, add a `Declared` to
-one of the tables of `motion_numbers`.
+They are found in the object of ``run --json``; that of a history may be malformed. To add a number, add a
+`KeyNumberSpec` to one of the tables of `motion_numbers`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from dembrick.views import structure_numbers as structure
 from dembrick.views.motion_numbers import BESIDE, OF_LAWS, OF_MOTION, OF_SETTLEMENT, OF_WORK
-from dembrick.views.number_lines import KeyNumber, Told, no_bar, refuses_refining, told_by
+from dembrick.views.number_lines import KeyNumber, ValueWithRemark, evaluate, no_bar, refuses_refining
 from dembrick.views.summary import (
     ROUNDING,
     angle_text,
@@ -21,9 +21,9 @@ from dembrick.views.summary import (
     listed,
     mechanism,
     number,
-    on_one_path,
     outward,
     part,
+    path_dependence_unknown,
     peak_text,
     start_text,
     texts,
@@ -48,22 +48,22 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     collapse, path = part(results, "collapse"), part(results, "path")
     point = yield_point(results)
     of_blocks = collapse or unit == "1"
-    lines += told_by(OF_SETTLEMENT, results)
+    lines += evaluate(OF_SETTLEMENT, results)
     lines += _of_collapse(collapse, point, results)
     if not isinstance(results.get("error"), str):  # the last load of a failed run is no limit
         lines += _of_yield(point, "" if of_blocks else unit, results, path | collapse)
         lines += structure.of_path(path | collapse, "" if of_blocks else unit)
         lines += structure.of_collapse(results if "hinges" in results else collapse)
     lines += cycle_numbers(results.get("cycles"), unit)
-    lines += told_by(BESIDE, results)
+    lines += evaluate(BESIDE, results)
     lines += _after(part(results, "after"), "" if of_blocks else unit)
     lines += _of_theory(part(results, "theory"), unit)
     at_rest = point or part(results, "settlement") or part(results, "statics")
-    lines += [] if at_rest else told_by(OF_MOTION, results)
-    lines += told_by(OF_LAWS, results)
+    lines += [] if at_rest else evaluate(OF_MOTION, results)
+    lines += evaluate(OF_LAWS, results)
     for of in (structure.of_stages, structure.of_ties, structure.of_reactions):
         lines += of(results)
-    lines += told_by(OF_WORK, results)
+    lines += evaluate(OF_WORK, results)
     return lines
 
 
@@ -107,21 +107,21 @@ def _of_yield(point: dict, unit: str, results: Mapping, path: dict) -> list[KeyN
     return lines
 
 
-def _limit(point: dict, unit: str, results: Mapping, path: dict, open_ended: bool) -> Told:
+def _limit(point: dict, unit: str, results: Mapping, path: dict, open_ended: bool) -> ValueWithRemark:
     """The limit load with its error bar, and its proven bounds."""
     said = limit_text(point, path, unit)
-    if on_one_path(path):
+    if path_dependence_unknown(path):
         bound = number(part(path, "associative").get("upper"))
         most = "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any path"
         bounded = ", --bound an upper bound" if bound is None else ""
         advice = "" if refuses_refining(results) else f"; --refine gives the range{bounded}"
-        return Told(said.value, f"{said.kind}{most}{advice}")
+        return ValueWithRemark(said.value, f"{said.kind}{most}{advice}")
     if open_ended:
-        return Told(*said)
+        return ValueWithRemark(*said)
     remark = said.kind.replace("indicator", "indicator, not certified")
     if not ("meet" in remark or " to " in said.value):  # these texts give the bounds already
         remark += f": bounds {' and '.join(outward(point['V_lower'], point['V_upper']))} {unit}".rstrip()
-    return Told(said.value, remark)
+    return ValueWithRemark(said.value, remark)
 
 
 def _short_of_the_limit(point: dict) -> bool:
@@ -131,7 +131,7 @@ def _short_of_the_limit(point: dict) -> bool:
     return known and peak < (1.0 - _REACHED) * lower
 
 
-def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: bool) -> Told:
+def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: bool) -> ValueWithRemark:
     """The largest load of the record; ``on_the_way``: it lies on a path in the deformed geometry, for which refined
     runs give its error."""
     at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
@@ -141,10 +141,10 @@ def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: b
         if _short_of_the_limit(point):
             share = 100.0 * point["V_peak"] / point["V_lower"]
             where += f", {share:.3g} % of the limit, which it approaches gradually"
-        return Told(peak, where)
+        return ValueWithRemark(peak, where)
     if error is None:
-        return Told(peak, f"{where}; {no_bar(results)}")
-    return Told(with_error(point["V_peak"], error, unit).rstrip(), f"{where}, from refined runs")
+        return ValueWithRemark(peak, f"{where}; {no_bar(results)}")
+    return ValueWithRemark(with_error(point["V_peak"], error, unit).rstrip(), f"{where}, from refined runs")
 
 
 def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:

@@ -18,7 +18,7 @@ from dembrick.scenario.protocols import turning_points
 THIRD = 1.0 / 3.0  # of the peak: where the secant of the initial stiffness is taken, as in EN 1052-1 for the modulus
 # Share of the range by which a measured displacement may decrease (scatter of the gauge, not a cycle), and by which a
 # measured turning point may lie beyond the simulated one.
-BACK = 0.05
+REVERSAL_TOLERANCE = 0.05
 
 
 NUMBERS = ("rms", "peak", "stiffness", "energy")
@@ -72,9 +72,9 @@ def extent(misfit: Misfit, simulated: Curve, measured: Curve) -> str:
 def between(simulated: Curve, measured: Curve, name: str = "the measured curve") -> Misfit:
     """The misfit; ScenarioError with the reason if the two curves cannot be compared."""
     require_comparable(simulated, measured, name)
-    turning = len(_ways(simulated)) == len(_ways(measured)) > 1
+    turning = len(_branches(simulated)) == len(_branches(measured)) > 1
     if goes_on(simulated, measured):
-        simulated = _Way(*_ways(simulated)[0])
+        simulated = _Branch(*_branches(simulated)[0])
     return _of_loops(simulated, measured, name) if turning else _one_way_each(simulated, measured, name)
 
 
@@ -84,23 +84,25 @@ def require_comparable(simulated: Curve, measured: Curve, name: str) -> None:
     size = np.abs(theirs).max(initial=0.0)
     if not size > 0.0 or not np.ptp(ours) > 0.0 or not np.ptp(theirs) > 0.0:
         return  # reported elsewhere
-    if theirs.max() <= BACK * size and ours.min() >= -BACK * np.abs(ours).max():
+    if theirs.max() <= REVERSAL_TOLERANCE * size and ours.min() >= -REVERSAL_TOLERANCE * np.abs(ours).max():
         raise ScenarioError(
             f"the displacements of {name} are negative ({_range(theirs)}), and those of the run are not; change the "
             "signs of its columns, or reverse the actuator"
         )
-    if turns(ours) < turns(theirs) and (np.maximum.accumulate(theirs) - theirs).max() > BACK * np.ptp(theirs):
+    if turns(ours) < turns(theirs) and (np.maximum.accumulate(theirs) - theirs).max() > REVERSAL_TOLERANCE * np.ptp(
+        theirs
+    ):
         raise ScenarioError(
             f"{name} goes to and fro, but the run turns less often; if it was measured one way, sort its lines by "
             "displacement, else give the envelope of its loops, or their turning points as control.protocol"
         )
-    first = [_ways(curve)[0][0] for curve in (simulated, measured)]
+    first = [_branches(curve)[0][0] for curve in (simulated, measured)]
     if turns(ours) and turns(theirs) and (first[0][-1] - first[0][0]) * (first[1][-1] - first[1][0]) < 0.0:
         raise ScenarioError(
             f"{name} first moves opposite to the run, so their half cycles do not match; change the signs of its "
             "columns, or those of control.protocol"
         )
-    slack = (BACK if turns(ours) else 1e-9) * np.ptp(ours)
+    slack = (REVERSAL_TOLERANCE if turns(ours) else 1e-9) * np.ptp(ours)
     inside = int(((theirs >= ours.min() - slack) & (theirs <= ours.max() + slack)).sum())
     if inside < 2:
         raise ScenarioError(
@@ -136,17 +138,17 @@ def _ways_of_both(
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """For each branch that both curves have: displacement and load of the simulated curve in ascending order, and of
     the measured points that it reaches (see `compared`) in their own order."""
-    ways = _ways(simulated)
-    for (way_u, way_V), (our_u, our_V) in zip(_ways(measured), ways, strict=False):
+    ways = _branches(simulated)
+    for (way_u, way_V), (our_u, our_V) in zip(_branches(measured), ways, strict=False):
         order = np.argsort(our_u, kind="stable")
         x, y = our_u[order], our_V[order]
         # an actuator is compliant, so the blocks turn back slightly before its end does
-        slack = (BACK if len(ways) > 1 else 1e-9) * float(np.ptp(x))
+        slack = (REVERSAL_TOLERANCE if len(ways) > 1 else 1e-9) * float(np.ptp(x))
         inside = beyond | ((way_u >= x[0] - slack) & (way_u <= x[-1] + slack))
         yield x, y, way_u[inside], way_V[inside]
 
 
-class _Way(NamedTuple):
+class _Branch(NamedTuple):
     """A branch of a curve: its displacement does not turn."""
 
     displacement: np.ndarray
@@ -155,10 +157,10 @@ class _Way(NamedTuple):
 
 def goes_on(simulated: Curve, measured: Curve) -> bool:
     """Whether the simulated curve turns and the measured one does not."""
-    return len(_ways(simulated)) > 1 == len(_ways(measured))
+    return len(_branches(simulated)) > 1 == len(_branches(measured))
 
 
-def _ways(curve: Curve) -> list[tuple[np.ndarray, np.ndarray]]:
+def _branches(curve: Curve) -> list[tuple[np.ndarray, np.ndarray]]:
     """Displacement and load of a curve between its turning points."""
     u, V = np.asarray(curve.displacement, float), np.asarray(curve.load, float)
     if len(u) < 2 or not np.ptp(u) > 0.0:
@@ -184,7 +186,7 @@ def _of_loops(simulated: Curve, measured: Curve, name: str) -> Misfit:
             own, other = np.interp(at, x, y), np.interp(at, way_u[order], way_V[order])
             most = max(most, float(np.abs(own).max()))
             areas += np.sign(way_u[-1] - way_u[0]) * np.array([np.trapezoid(own, at), np.trapezoid(other, at)])
-    first = [_ways(curve)[0] for curve in (simulated, measured)]
+    first = [_branches(curve)[0] for curve in (simulated, measured)]
     slopes = [_initial_stiffness(*(np.sign(u[-1] - u[0]) * column for column in (u, V))) for u, V in first]
     return Misfit(
         float(np.sqrt(np.mean((ours - theirs) ** 2))) / peak,
@@ -234,7 +236,7 @@ def one_way(curve: Curve, name: str) -> tuple[np.ndarray, np.ndarray]:
     displacement, load = np.asarray(curve.displacement, float), np.asarray(curve.load, float)
     if len(displacement) < 2 or not np.ptp(displacement) > 0.0:
         raise ScenarioError(f"{name} has no two points at different displacements")
-    if (np.maximum.accumulate(displacement) - displacement).max() > BACK * np.ptp(displacement):
+    if (np.maximum.accumulate(displacement) - displacement).max() > REVERSAL_TOLERANCE * np.ptp(displacement):
         raise ScenarioError(f"{name} goes to and fro; give the part that goes one way, or the envelope of its loops")
     at, place = np.unique(displacement, return_inverse=True)
     return at, np.bincount(place, load) / np.bincount(place)

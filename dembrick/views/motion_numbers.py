@@ -1,4 +1,4 @@
-"""Key numbers of motion, settlements, laws and computing effort of a run: tables of `Declared`.
+"""Key numbers of motion, settlements, laws and computing effort of a run: tables of `KeyNumberSpec`.
 
 The results may come from an untrusted file, so values of unexpected types are skipped.
 """
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from dembrick.views import structure_numbers as structure
-from dembrick.views.number_lines import Declared, Told, no_bar
+from dembrick.views.number_lines import KeyNumberSpec, ValueWithRemark, no_bar
 from dembrick.views.summary import (
     length,
     length_unit,
@@ -26,7 +26,7 @@ from dembrick.views.summary import (
 )
 
 
-def _moved(results: Mapping) -> Told | None:
+def _moved(results: Mapping) -> ValueWithRemark | None:
     """Displacement or rotation of a block up to a limit in the deformed geometry."""
     moved = part(results, "moved")
     way, turn = number(moved.get("displacement")), number(moved.get("turn"))
@@ -34,42 +34,48 @@ def _moved(results: Mapping) -> Told | None:
         return None
     value = f"{moved.get('block')} by {length(way) if turn is None else f'{math.degrees(turn):.3g} deg'}"
     far = "; large_displacements = false gives the limit of the initial geometry" if moved.get("far") is True else ""
-    return Told(value, f"up to the limit{far}")
+    return ValueWithRemark(value, f"up to the limit{far}")
 
 
-def _outcome(results: Mapping) -> Told | None:
+def _outcome(results: Mapping) -> ValueWithRemark | None:
     """Whether the structure stood or fell; undecided if it stands but still moves when the run ends."""
     told, speed = results.get("outcome"), number(results.get("speed_at_the_end"))
     if not isinstance(told, str):
         return None
     open_ended = told == "stood" and speed is not None and speed > 0.0
-    return Told(told, f"so far: blocks still move at {speed:.2g} m/s; give a longer duration" if open_ended else "")
+    return ValueWithRemark(
+        told, f"so far: blocks still move at {speed:.2g} m/s; give a longer duration" if open_ended else ""
+    )
 
 
-def _moving(results: Mapping) -> Told | None:
+def _moving(results: Mapping) -> ValueWithRemark | None:
     """Warning that blocks still move at the end, so the final forces are those of an instant."""
     speed = number(results.get("speed_at_the_end"))
-    return Told(f"at {speed:.2g} m/s at the end", "forces and reactions are those of that instant") if speed else None
+    return (
+        ValueWithRemark(f"at {speed:.2g} m/s at the end", "forces and reactions are those of that instant")
+        if speed
+        else None
+    )
 
 
-def _drift(results: Mapping) -> Told | None:
+def _drift(results: Mapping) -> ValueWithRemark | None:
     drift = part(results, "drift")
     value = number(drift.get("value"))
     if value is None:
         return None
-    return Told(f"{100.0 * value:.3g} %", f"displacement over height of {drift.get('block')}, at any time")
+    return ValueWithRemark(f"{100.0 * value:.3g} %", f"displacement over height of {drift.get('block')}, at any time")
 
 
-def _greatest(results: Mapping) -> Told | None:
+def _greatest(results: Mapping) -> ValueWithRemark | None:
     ways = {name: number(way) for name, way in part(results, "greatest_displacement").items()}
     known_ways = {name: way for name, way in ways.items() if way is not None}
     if not known_ways:
         return None
     furthest = max(known_ways, key=lambda name: known_ways[name])
-    return Told(length(known_ways[furthest]), f"of the centroid of {furthest}, at any time")
+    return ValueWithRemark(length(known_ways[furthest]), f"of the centroid of {furthest}, at any time")
 
 
-def _at_the_end(results: Mapping) -> Told | None:
+def _at_the_end(results: Mapping) -> ValueWithRemark | None:
     moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
     if moved is None:
         return None
@@ -77,32 +83,32 @@ def _at_the_end(results: Mapping) -> Told | None:
     bar = "from stiffer joints" if error is not None else no_bar(results)
     if part(results, "collapse").get("error_estimate") is not None:  # the collapse load has the bar of the refined runs
         bar = "no error bar"
-    return Told(value, f"of a centroid; {bar}")
+    return ValueWithRemark(value, f"of a centroid; {bar}")
 
 
-def _peak_tie(results: Mapping) -> Told | None:
+def _peak_tie(results: Mapping) -> ValueWithRemark | None:
     peaks = [number(tie.get("peak")) for tie in structure.ties_of(results)]
     known_peaks = [peak for peak in peaks if peak is not None]
-    return Told(load_text(max(known_peaks)), "of all ties, at any time") if known_peaks else None
+    return ValueWithRemark(load_text(max(known_peaks)), "of all ties, at any time") if known_peaks else None
 
 
-def _fallen(results: Mapping) -> Told | None:
-    return Told(listed(texts(results["fallen"]))) if isinstance(results.get("fallen"), list) else None
+def _fallen(results: Mapping) -> ValueWithRemark | None:
+    return ValueWithRemark(listed(texts(results["fallen"]))) if isinstance(results.get("fallen"), list) else None
 
 
-def _not_standing(results: Mapping) -> Told | None:
+def _not_standing(results: Mapping) -> ValueWithRemark | None:
     names = texts(results.get("not_standing"))
-    return Told(listed(names), "no equilibrium under the dead loads") if names else None
+    return ValueWithRemark(listed(names), "no equilibrium under the dead loads") if names else None
 
 
-def _left_out(results: Mapping) -> Told | None:
+def _left_out(results: Mapping) -> ValueWithRemark | None:
     said = []
     for found in (own.get("left_out") for own in (results, part(results, "path"), part(results, "collapse"))):
         said += [one.get("text") for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
-    return Told("; ".join(dict.fromkeys(texts(said)))) if texts(said) else None
+    return ValueWithRemark("; ".join(dict.fromkeys(texts(said)))) if texts(said) else None
 
 
-def _settled(results: Mapping) -> Told | None:
+def _settled(results: Mapping) -> ValueWithRemark | None:
     collapse = part(results, "collapse")
     at, bar = number(collapse.get("settlement")), number(collapse.get("error_estimate"))
     if at is None:
@@ -113,53 +119,53 @@ def _settled(results: Mapping) -> Told | None:
     between = ""
     if ends is not None:
         between = "between {} and {} {}; ".format(*outward(factor * ends[0], factor * ends[1]), unit)
-    return Told(text, between + (no_bar(results) if bar is None else "from refined runs"))
+    return ValueWithRemark(text, between + (no_bar(results) if bar is None else "from refined runs"))
 
 
-def _reaction(results: Mapping) -> Told | None:
+def _reaction(results: Mapping) -> ValueWithRemark | None:
     found = part(results, "settlement")
     reaction, bar, reached = (number(found.get(key)) for key in ("reaction", "reaction_error", "displacement"))
     if reaction is None:
         return None
     text = f"{reaction:.6g} N" if bar is None else with_error(reaction, abs(bar), "N")
     remark = "" if reached is None else f"at {length(reached)}; "
-    return Told(text, remark + (no_bar(results) if bar is None else "refined"))
+    return ValueWithRemark(text, remark + (no_bar(results) if bar is None else "refined"))
 
 
-def _extreme_reaction(which: str, results: Mapping) -> Told | None:
+def _extreme_reaction(which: str, results: Mapping) -> ValueWithRemark | None:
     one = part(part(results, "settlement"), which)
     value, where = number(one.get("reaction")), number(one.get("displacement"))
     if value is None or where is None:
         return None
-    return Told(f"{value:.6g} N", f"at {length(where)}" if where else structure.BEFORE)
+    return ValueWithRemark(f"{value:.6g} N", f"at {length(where)}" if where else structure.BEFORE)
 
 
-def _reaction_at_rest(results: Mapping) -> Told | None:
+def _reaction_at_rest(results: Mapping) -> ValueWithRemark | None:
     value = number(part(results, "settlement").get("at_rest"))
-    return None if value is None else Told(f"{value:.6g} N", structure.BEFORE)
+    return None if value is None else ValueWithRemark(f"{value:.6g} N", structure.BEFORE)
 
 
-def _allowed_reaction(results: Mapping) -> Told | None:
+def _allowed_reaction(results: Mapping) -> ValueWithRemark | None:
     """Range of the reaction by limit analysis before the supports move, if it was requested."""
     allowed = part(results, "settlement").get("limit_analysis")
     if not isinstance(allowed, Mapping):
         return None
     low, high = ("no limit" if end is None else f"{end:.6g} N" for end in allowed.values())
-    return Told(f"{low} to {high}", f"{structure.BEFORE}, by limit analysis")
+    return ValueWithRemark(f"{low} to {high}", f"{structure.BEFORE}, by limit analysis")
 
 
-def _equilibria(results: Mapping) -> Told | None:
+def _equilibria(results: Mapping) -> ValueWithRemark | None:
     count = number(part(results, "settlement").get("equilibria") or results.get("equilibria"))
-    return None if count is None else Told(f"{count:.0f}", "in the deformed geometry")
+    return None if count is None else ValueWithRemark(f"{count:.0f}", "in the deformed geometry")
 
 
-def _unbalanced(results: Mapping) -> Told | None:
+def _unbalanced(results: Mapping) -> ValueWithRemark | None:
     value = number(results.get("unbalanced"))
     asked = bool(part(results, "statics") or part(results, "settlement"))
-    return Told(f"{value:.2g}", "of the joint forces") if asked and value is not None else None
+    return ValueWithRemark(f"{value:.2g}", "of the joint forces") if asked and value is not None else None
 
 
-def _load_path(results: Mapping) -> Told | None:
+def _load_path(results: Mapping) -> ValueWithRemark | None:
     found = part(results, "statics")
     increments, error = number(found.get("increments")), number(found.get("path_error"))
     if increments is None or error == 0.0 or found.get("stands") is False:
@@ -169,22 +175,22 @@ def _load_path(results: Mapping) -> Told | None:
         if error is None
         else f"forces are known to {rounded_up(error, 1)} of the greatest joint force"
     )
-    return Told(f"{increments:.0f} increment{'s' if increments > 1 else ''}", known)
+    return ValueWithRemark(f"{increments:.0f} increment{'s' if increments > 1 else ''}", known)
 
 
-def _simulated(results: Mapping) -> Told | None:
+def _simulated(results: Mapping) -> ValueWithRemark | None:
     seconds = number(results.get("simulated_time"))
-    return None if seconds is None else Told(f"{seconds:.6g} s")
+    return None if seconds is None else ValueWithRemark(f"{seconds:.6g} s")
 
 
-def _time_step(results: Mapping) -> Told | None:
+def _time_step(results: Mapping) -> ValueWithRemark | None:
     step, critical = number(results.get("time_step")), number(results.get("critical_time_step"))
     if step is None or critical is None or not step > 0.0 or results.get("simulated_time") is None:
         return None
-    return Told(f"{step:.3g} s", f"critical {critical:.3g} s")
+    return ValueWithRemark(f"{step:.3g} s", f"critical {critical:.3g} s")
 
 
-def _energy(results: Mapping) -> Told | None:
+def _energy(results: Mapping) -> ValueWithRemark | None:
     audit = part(results, "energy")
     residual, stepping = number(audit.get("relative_residual")), number(audit.get("step_error"))
     if residual is None:
@@ -192,43 +198,43 @@ def _energy(results: Mapping) -> Told | None:
     remark = "residual over the energy put in"
     if stepping is not None:
         remark += f"; {stepping:.1e} of it in joints that open or close within a step"
-    return Told(f"{residual:.1e}", remark)
+    return ValueWithRemark(f"{residual:.1e}", remark)
 
 
-def _steps(results: Mapping) -> Told | None:
+def _steps(results: Mapping) -> ValueWithRemark | None:
     steps, seconds = number(results.get("steps")), number(part(results, "wall").get("loop"))
     if steps is None:
         return None
-    return Told(f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop")
+    return ValueWithRemark(f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop")
 
 
-BESIDE = (Declared("moved", _moved),)
+BESIDE = (KeyNumberSpec("moved", _moved),)
 OF_MOTION = (
-    Declared("outcome", _outcome),
-    Declared("drift", _drift),
-    Declared("greatest displacement", _greatest),
-    Declared("displacement at the end", _at_the_end, unless="outcome"),
-    Declared("residual displacement", _at_the_end, only="outcome"),
-    Declared("still moving", _moving, unless="outcome"),
-    Declared("peak tie force", _peak_tie),
-    Declared("fallen", _fallen),
-    Declared("not standing", _not_standing),
+    KeyNumberSpec("outcome", _outcome),
+    KeyNumberSpec("drift", _drift),
+    KeyNumberSpec("greatest displacement", _greatest),
+    KeyNumberSpec("displacement at the end", _at_the_end, unless="outcome"),
+    KeyNumberSpec("residual displacement", _at_the_end, only="outcome"),
+    KeyNumberSpec("still moving", _moving, unless="outcome"),
+    KeyNumberSpec("peak tie force", _peak_tie),
+    KeyNumberSpec("fallen", _fallen),
+    KeyNumberSpec("not standing", _not_standing),
 )
-OF_LAWS = (Declared("left out", _left_out),)
+OF_LAWS = (KeyNumberSpec("left out", _left_out),)
 OF_SETTLEMENT = (
-    Declared("settlement at collapse", _settled),
-    Declared("reaction along the motion", _reaction),
-    Declared("least reaction", partial(_extreme_reaction, "least")),
-    Declared("greatest reaction", partial(_extreme_reaction, "greatest")),
-    Declared("reaction at rest", _reaction_at_rest),
-    Declared("admissible reaction", _allowed_reaction),
+    KeyNumberSpec("settlement at collapse", _settled),
+    KeyNumberSpec("reaction along the motion", _reaction),
+    KeyNumberSpec("least reaction", partial(_extreme_reaction, "least")),
+    KeyNumberSpec("greatest reaction", partial(_extreme_reaction, "greatest")),
+    KeyNumberSpec("reaction at rest", _reaction_at_rest),
+    KeyNumberSpec("admissible reaction", _allowed_reaction),
 )
 OF_WORK = (
-    Declared("equilibria", _equilibria),
-    Declared("out of balance", _unbalanced),
-    Declared("load path", _load_path),
-    Declared("simulated time", _simulated),
-    Declared("time step", _time_step),
-    Declared("energy balance", _energy),
-    Declared("steps", _steps),
+    KeyNumberSpec("equilibria", _equilibria),
+    KeyNumberSpec("out of balance", _unbalanced),
+    KeyNumberSpec("load path", _load_path),
+    KeyNumberSpec("simulated time", _simulated),
+    KeyNumberSpec("time step", _time_step),
+    KeyNumberSpec("energy balance", _energy),
+    KeyNumberSpec("steps", _steps),
 )

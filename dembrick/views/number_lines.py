@@ -24,14 +24,14 @@ def aligned(numbers: Sequence[KeyNumber]) -> list[str]:
     return [plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}") for name, value, remark in numbers]
 
 
-class Told(NamedTuple):
+class ValueWithRemark(NamedTuple):
     """Value of a key number with unit and error bar, and a remark."""
 
     value: str
     remark: str = ""
 
 
-class Declared(NamedTuple):
+class KeyNumberSpec(NamedTuple):
     """Declaration of a key number shown by ``run``, ``info``, pages and notebooks: its ``name``, and the function
     ``of`` that finds it in results, or returns None.
 
@@ -39,12 +39,12 @@ class Declared(NamedTuple):
     """
 
     name: str
-    of: Callable[[Mapping], Told | None]
+    of: Callable[[Mapping], ValueWithRemark | None]
     only: str = ""
     unless: str = ""
 
 
-def told_by(declared: Sequence[Declared], results: Mapping) -> list[KeyNumber]:
+def evaluate(declared: Sequence[KeyNumberSpec], results: Mapping) -> list[KeyNumber]:
     """The key numbers of a table of declarations that results contain."""
     found = []
     for one in declared:

@@ -126,7 +126,7 @@ def _magnitude(value: float) -> int:
     return math.floor(math.log10(abs(value)))
 
 
-def on_one_path(beside: Mapping) -> bool:
+def path_dependence_unknown(beside: Mapping) -> bool:
     """Whether a limit load may depend on the stiffness by an unknown amount; ``beside``: ``collapse`` or ``path``."""
     told = beside.get("path_range") or beside.get("wanders")
     return beside.get("digits_open", beside.get("path_dependent")) is True and told is None
@@ -190,7 +190,7 @@ def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> Limit:
         bound = part(beside, "associative").get("upper")
         most = "no upper bound" if bound is None else f"at most {bound:.6g} {unit}".rstrip() + " by limit analysis"
         return Limit(f"{V:.6g} {unit}".rstrip(), f"at the end, {most}{least}")
-    if on_one_path(beside or {}):
+    if path_dependence_unknown(beside or {}):
         return Limit(f"about {known(V, None)} {unit}".rstrip(), "of this path")
     above, below = upper - V, V - lower
     if max(above, below) <= _MEET * abs(V):
@@ -212,7 +212,7 @@ def peak_text(point: Mapping, beside: Mapping | None, unit: str, at_rate: bool) 
     constant-rate test."""
     lower, upper = point.get("V_lower"), point.get("V_upper")
     error = 0.0 if lower is None or upper is None else 0.1 * (upper - lower)
-    value = f"{known(point['V_peak'], None if on_one_path(beside or {}) else error)} {unit}".rstrip()
+    value = f"{known(point['V_peak'], None if path_dependence_unknown(beside or {}) else error)} {unit}".rstrip()
     where = f"at {length(point['displacement_at_peak'])}, " if "displacement_at_peak" in point else ""
     return value, f"{where}the largest {'of the record, with its rate effect' if at_rate else 'in equilibrium'}"
 

@@ -16,7 +16,7 @@ from dembrick.kernels.joint.geometry import Polygon
 from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Wall
-from dembrick.simulation.dynamics.checkpoint import Past
+from dembrick.simulation.dynamics.checkpoint import RunHistory
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import Motion, advance, detect_initial_contacts, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
@@ -221,7 +221,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
     find_equilibrium(moving, driving)
     faces = moving.state.faces
     assert len(faces.count) == 1 and not faces.outline.any()
-    past = Past(moving, None)
+    past = RunHistory(moving, None)
     before = Kept(past.snapshot())
     far = faces.far[0].copy()
     for step in range(2):

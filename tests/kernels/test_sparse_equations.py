@@ -72,7 +72,7 @@ def test_answers_are_those_of_the_dense_matrix(sizes, threshold):
     factors.solve(x)
     found = np.stack([factors.pattern.to_blocks(row) for row in x])
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-8 * np.abs(expected).max())
-    assert factors.answer(loads[0]) == pytest.approx(found[0], rel=1e-12)
+    assert factors.elastic_motion(loads[0]) == pytest.approx(found[0], rel=1e-12)
 
 
 def test_rows_are_exchanged_where_the_diagonal_is_zero():
@@ -82,7 +82,7 @@ def test_rows_are_exchanged_where_the_diagonal_is_zero():
     middle[0] = np.eye(6)[::-1]
     factors = Factors(analyse(position, a, b))
     assert factors.make(left_a, left_b, middle, 0.1, np.zeros(6)) == -1
-    assert factors.answer(np.arange(6.0)[None])[0].tolist() == [5.0, 4.0, 3.0, 2.0, 1.0, 0.0]
+    assert factors.elastic_motion(np.arange(6.0)[None])[0].tolist() == [5.0, 4.0, 3.0, 2.0, 1.0, 0.0]
     assert factors.make(left_a, left_b, middle, 0.0, np.zeros(6)) == 0  # with no free motion a pivot is zero
 
 

@@ -10,7 +10,7 @@ from dembrick.runs.simulate import failure, simulate
 from dembrick.runs.study.together import limit_loads
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import Scenario
-from dembrick.views.summary import on_one_path, part
+from dembrick.views.summary import part, path_dependence_unknown
 
 _YES_OR_NO: dict[Any, str] = {True: "true", False: "false"}
 # Column, and path of its value in the JSON object of a run (a dot goes one level down, a number into a list), or a
@@ -34,7 +34,7 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
     "blocks": lambda result: None if result.get("blocks") is None else " ".join(result["blocks"]),
     "path_dependent": lambda result: _YES_OR_NO.get(result.get("path_dependent")),
     "associative": "associative",
-    "digits_open": lambda result: _YES_OR_NO[on_one_path(part(result, "collapse") or part(result, "path"))],
+    "digits_open": lambda result: _YES_OR_NO[path_dependence_unknown(part(result, "collapse") or part(result, "path"))],
     "collapse_angle": "collapse.angle",
     "collapse_load_factor": "collapse.load_factor",
     "collapse_displacement": "collapse.displacement",

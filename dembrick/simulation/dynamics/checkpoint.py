@@ -65,7 +65,7 @@ def _polygons(moving: Motion) -> dict[str, np.ndarray]:
     return {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
 
 
-class Past:
+class RunHistory:
     """Quantities of a run other than its state that a checkpoint needs for a restart."""
 
     def __init__(self, moving: Motion, controller: PushController | None):

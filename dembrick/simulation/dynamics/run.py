@@ -18,7 +18,7 @@ from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, REAL_TIME, S
 from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.checkpoint import Past
+from dembrick.simulation.dynamics.checkpoint import RunHistory
 from dembrick.simulation.dynamics.dead_load import LOCAL_DAMPING, find_equilibrium, unsupported
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.integrator import (
@@ -121,7 +121,7 @@ class EquilibriaRun(MotionRun):
     bracket: tuple[float, float] = (0.0, math.inf)
 
     @classmethod
-    def of(cls, past: Past, path: np.ndarray, collapse: dict | None, **last) -> EquilibriaRun:
+    def of(cls, past: RunHistory, path: np.ndarray, collapse: dict | None, **last) -> EquilibriaRun:
         """Result of a ``path``; ``last``: fields of its last equilibrium."""
         moving, noted = past.moving, past.extremes.noted
         return cls(
@@ -269,7 +269,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     """
     to_collapse = control.ends_with == COLLAPSE
     controller = _controller(moving, control)
-    past = Past(moving, controller)
+    past = RunHistory(moving, controller)
     if len(driving.supports):
         past.extremes.noted.threshold[:] *= CARRIED
     start(moving, control, driving, past, session)
@@ -348,7 +348,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     )
 
 
-def start(moving: Motion, control: Control, driving: Driving, past: Past, session: Session) -> None:
+def start(moving: Motion, control: Control, driving: Driving, past: RunHistory, session: Session) -> None:
     """Bring the blocks to rest under the dead loads and set their velocities, or restart from a checkpoint.
 
     Raises NotConvergedError if there is no equilibrium and the control needs one.

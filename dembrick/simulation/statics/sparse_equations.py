@@ -101,7 +101,7 @@ class Factors:
         substitute_forward(self.fronts, x)
         substitute_back(self.fronts, x)
 
-    def answer(self, load: np.ndarray) -> np.ndarray:
+    def elastic_motion(self, load: np.ndarray) -> np.ndarray:
         """Motion (f, 6) of the free blocks under ``load`` (f, 6)."""
         x = self.pattern.to_rows(load)
         self.solve(x[None])

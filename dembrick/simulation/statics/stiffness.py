@@ -142,7 +142,7 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
     return ScaledInertia(inverse, np.ascontiguousarray(inertia), None)
 
 
-def answer_alone(state: State, stiffness: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def elastic_motion_alone(state: State, stiffness: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """Function from loads (f, 6) on free blocks that touch only fixed ones to their elastic motion (f, 6)."""
     inverse = np.linalg.inv(stiffness[state.blocks.free])
     return lambda load: np.einsum("fij,fj->fi", inverse, load)

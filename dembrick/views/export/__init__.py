@@ -18,12 +18,12 @@ from dembrick.views.export.layers import LAYERS
 from dembrick.views.export.pvd import to_pvd
 from dembrick.views.export.text import to_csv
 from dembrick.views.export.vtkhdf import to_vtkhdf
-from dembrick.views.given import takes_paths
+from dembrick.views.given import accepts_paths
 
 __all__ = ["LAYERS", "export", "to_csv", "to_pandas", "to_pvd", "to_vtkhdf", "to_xarray"]
 
 
-@takes_paths
+@accepts_paths
 def export(
     history: History,
     path: str | os.PathLike,

@@ -34,7 +34,7 @@ def edges(joints: JointMotion) -> tuple[np.ndarray, np.ndarray]:
     return normals, distances
 
 
-def way_to_edge(joints: JointMotion, N: np.ndarray, centre: np.ndarray) -> np.ndarray:
+def eccentricity_utilisation(joints: JointMotion, N: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """(f, j): distance of each ``centre`` of pressure (f, j, 2) m from O over its limit in that direction, the edge of
     the region that can carry ``N`` (f, j): the `edges`, or in a joint that crushes the middle of the strip along them
     that bears N at f_c."""

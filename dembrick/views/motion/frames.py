@@ -18,7 +18,7 @@ def nearest(times: np.ndarray, wanted) -> np.ndarray:
     return np.searchsorted(0.5 * (times[1:] + times[:-1]), wanted)
 
 
-def coming_down(history, frames=slice(None)) -> np.ndarray:
+def in_collapse(history, frames=slice(None)) -> np.ndarray:
     """Whether each of ``frames`` shows the collapse after the last equilibrium of the record; no row has the forces of
     joints and supports then."""
     times = np.asarray(history.frame_time[frames])
@@ -31,8 +31,8 @@ def frame_number(history, frame: int | str | None = None, time: float | None = N
     """The number of a frame, given as such (negative: from the end) or as the one nearest to a ``time`` (s).
 
     PEAK is the frame at the limit, or at the greatest load of the record; LAST the last one, or with ``in_rows`` the
-    last that is not `coming_down`; None is the default for the run, see `usual`. Raises HistoryError if there are no
-    frames, ScenarioError for a frame that does not exist.
+    last that is not `in_collapse`; None is the default for the run, see `default_frame`. Raises HistoryError if there
+    are no frames, ScenarioError for a frame that does not exist.
     """
     if not history.n_frames:
         raise HistoryError(f'{history.path}: no frames were recorded; run it again with "frames" in output.channels')
@@ -44,11 +44,11 @@ def frame_number(history, frame: int | str | None = None, time: float | None = N
                 f"{what} {time:g}{unit} is out of range: {history.path} runs from {first:.6g} to {last:.6g}{unit}"
             )
         return int(nearest(history.frame_time, [time])[0])
-    frame = usual(history) if frame is None else frame
+    frame = default_frame(history) if frame is None else frame
     if frame == PEAK:
         return int(nearest(history.frame_time, [peak_time(history)])[0])
     if frame == LAST:
-        return history.n_frames - 1 - (int(coming_down(history).sum()) if in_rows else 0)
+        return history.n_frames - 1 - (int(in_collapse(history).sum()) if in_rows else 0)
     if not isinstance(frame, int):
         raise ScenarioError(f"frame {frame!r} is unknown: give {PEAK}, {LAST} or the number of a frame")
     if not -history.n_frames <= frame < history.n_frames:
@@ -56,7 +56,7 @@ def frame_number(history, frame: int | str | None = None, time: float | None = N
     return frame % history.n_frames
 
 
-def usual(history) -> str:
+def default_frame(history) -> str:
     """PEAK for a search that found a limit, LAST for every other run."""
     limit = summary.yield_point(history.results).get("V")
     return PEAK if getattr(history, "searches_limit", False) and limit is not None and history.n_row else LAST

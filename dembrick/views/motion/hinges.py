@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.views import summary
-from dembrick.views.motion.bending import way_to_edge
+from dembrick.views.motion.bending import eccentricity_utilisation
 from dembrick.views.motion.frames import LAST, frame_number
 from dembrick.views.motion.joints import HINGE, JointMotion
 
@@ -34,7 +34,7 @@ def hinges(history: History, joints: JointMotion, frame: int) -> list[int]:
     N = now.resultants[0, :, 0]
     # from the initial O even if a joint was cut as it slid over an edge: the slip is small relative to the joint
     at = now.shift[0] + now.pressed_arm[0]
-    out = way_to_edge(joints, N[None], at[None])[0]
+    out = eccentricity_utilisation(joints, N[None], at[None])[0]
     return np.flatnonzero((N > CARRIES * N.max(initial=0.0)) & (out >= HINGE)).tolist()
 
 

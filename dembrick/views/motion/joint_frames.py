@@ -11,8 +11,8 @@ import numpy as np
 from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by, turning
 from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
 from dembrick.simulation.joint_laws import pressed_parts
-from dembrick.views.motion.bending import crushed_share, way_to_edge
-from dembrick.views.motion.frames import coming_down
+from dembrick.views.motion.bending import crushed_share, eccentricity_utilisation
+from dembrick.views.motion.frames import in_collapse
 from dembrick.views.motion.relative import RelativeMotion
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class JointFrames:
                 rows - first, self.joints.column["joint"]
             ]
         if self._rows is None:
-            found[coming_down(self._history, self._frames), :, :6] = 0.0
+            found[in_collapse(self._history, self._frames), :, :6] = 0.0
         return found
 
     @cached_property
@@ -197,7 +197,7 @@ class JointFrames:
         for the requested rows."""
         if self._rows is not None:
             others = self._rows != self.joints.rows(self._frames)
-            if (others | coming_down(self._history, self._frames)).any():
+            if (others | in_collapse(self._history, self._frames)).any():
                 return None
         return self._values("contact_force")
 
@@ -232,7 +232,7 @@ class JointFrames:
         tensile strength. 0 if the joint carries nothing; NaN if it was cut as it slid over an edge, see
         `friction_utilisation`, or has lost part of a tensile bond and its contact forces were not recorded."""
         joints, N = self.joints, self.resultants[..., 0]
-        found, bonds = way_to_edge(joints, N, self.pressed_arm), joints.bonds
+        found, bonds = eccentricity_utilisation(joints, N, self.pressed_arm), joints.bonds
         if bonds is not None:
             found = np.where(self._held == 1.0, bonds.tension_utilisation(self.resultants), found)
             found = np.fmax(found, crushed_share(joints, N))

@@ -8,7 +8,7 @@ import numpy as np
 
 from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views import summary
-from dembrick.views.motion.frames import START, coming_down, nearest, peak_time, usual
+from dembrick.views.motion.frames import START, default_frame, in_collapse, nearest, peak_time
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -21,7 +21,7 @@ def words(history: History, frame: int) -> list[str]:
     if history.status == START:
         return ["before the run"]
     now = float(history.frame_time[frame])
-    if coming_down(history, [frame])[0]:
+    if in_collapse(history, [frame])[0]:
         return [f"falling after equilibrium {history.time[-1]:g}"]
     if not history.n_row:
         return [_when(history, now)]
@@ -39,7 +39,7 @@ def _when(history: History, now: float) -> str:
 
 
 def _at_limit(history: History, now: float) -> str:
-    if usual(history) == "last":
+    if default_frame(history) == "last":
         return ""
     peak = peak_time(history)
     if abs(now - peak) <= _SAME * abs(peak):

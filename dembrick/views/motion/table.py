@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dembrick.views.motion.frames import coming_down, frame_number, nearest
+from dembrick.views.motion.frames import frame_number, in_collapse, nearest
 from dembrick.views.motion.joints import STATES, JointMotion
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def reaction_table(history: History, frame: int | str | None = None, time: float
         return []
     at = moment(history, frame, time)
     reaction = history.reaction[at.row]
-    if time is None and coming_down(history, [at.frame])[0]:
+    if time is None and in_collapse(history, [at.frame])[0]:
         reaction = np.zeros_like(reaction)
     return [
         {"support": name} | dict(zip(REACTION, wrench, strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.scenario.csv_tables import read_columns
 from dembrick.views import summary
-from dembrick.views.given import takes_paths
+from dembrick.views.given import accepts_paths
 from dembrick.views.plot import runs, style, subject
 from dembrick.views.plot.runs import labelled
 from dembrick.views.structure_numbers import BEFORE
@@ -45,7 +45,7 @@ class CurvePanel(NamedTuple):
     experiment: float | None = None
 
 
-@takes_paths
+@accepts_paths
 def force_displacement(
     histories,
     labels: Sequence[str] | None = None,
@@ -187,7 +187,7 @@ def head_and_legend(figure: Figure, axes: Axes, own: bool, above: str, columns: 
     style.legend(figure, axes, own, columns=1 if longest > _WIDE else columns)
 
 
-@takes_paths
+@accepts_paths
 def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """Unbalanced-force ratio over time, logarithmic."""
     above = runs.heading(histories, labels)
@@ -206,7 +206,7 @@ def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None =
     return figure
 
 
-@takes_paths
+@accepts_paths
 def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """The energies of histories over time, one panel each; HistoryError if none were recorded. Terms that stay zero
     are left out.

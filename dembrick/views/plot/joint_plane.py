@@ -17,7 +17,7 @@ from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.geometry.polygons import distance_outside, pieces
 from dembrick.views import summary
-from dembrick.views.given import takes_paths
+from dembrick.views.given import accepts_paths
 from dembrick.views.motion.joint_frames import CHANNELS, JointFrames
 from dembrick.views.motion.joints import HINGE, JointMotion
 from dembrick.views.plot import style, subject
@@ -60,7 +60,7 @@ class Stage(NamedTuple):
     limit: float
 
 
-@takes_paths
+@accepts_paths
 def joint_plane(
     history: History, joint: str | int | None = None, stages: int = 4, frames: Sequence[int] | None = None
 ) -> list[Stage]:
@@ -179,7 +179,7 @@ def _growing(history: History, number: int, stages: int) -> list[int]:
     return sorted({int(on_the_way[min(k, top)]) for k in chosen} | ends)
 
 
-@takes_paths
+@accepts_paths
 def joint_stages(
     histories,
     labels: Sequence[str] | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.theory.polygons import convex_hull
-from dembrick.views.given import takes_paths
+from dembrick.views.given import accepts_paths
 from dembrick.views.plot import style
 from dembrick.views.plot.subject import pushes_several
 
@@ -33,7 +33,7 @@ class Plan(NamedTuple):
     torsion_centre: np.ndarray | None
 
 
-@takes_paths
+@accepts_paths
 def layout(sources, ax: Axes | None = None, torsion_centre: bool = True) -> Figure:
     """Plan views of scenarios or histories, side by side. ``ax``: one axes, or one for each source.
 

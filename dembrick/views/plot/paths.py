@@ -12,7 +12,7 @@ from dembrick import theory
 from dembrick.errors import ScenarioError
 from dembrick.history.rest_geometry import STRENGTHS
 from dembrick.views import summary
-from dembrick.views.given import takes_paths
+from dembrick.views.given import accepts_paths
 from dembrick.views.plot import runs, style, subject
 from dembrick.views.plot.curves import head_and_legend
 from dembrick.views.plot.runs import labelled
@@ -85,7 +85,7 @@ class JointPath(NamedTuple):
         return self.V / self.strength, self.M_T / (self.strength * self.radius)
 
 
-@takes_paths
+@accepts_paths
 def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     """The path of one joint (see :func:`dembrick.views.plot.subject.chosen_joint`) through the whole record."""
     number = subject.chosen_joint(history, joint)
@@ -164,7 +164,7 @@ def _section(
     return Section(formulation, found[:, :2] @ direction, sense * found[:, 2] / radius, bond)
 
 
-@takes_paths
+@accepts_paths
 def load_path(
     histories, labels: Sequence[str] | None = None, ax: Axes | None = None, joint: str | int | None = None
 ) -> Figure:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views import summary
-from dembrick.views.given import takes_paths
+from dembrick.views.given import accepts_paths
 from dembrick.views.plot import runs, style, subject
 from dembrick.views.plot.curves import common_diagram, head_and_legend, name_axes
 from dembrick.views.plot.runs import labelled
@@ -22,7 +22,7 @@ COMPONENTS = ("x", "y", "z", "length")
 _STILL = 1e-6  # of the greatest component: a smaller one is rounding
 
 
-@takes_paths
+@accepts_paths
 def control_points(
     histories,
     labels: Sequence[str] | None = None,

@@ -145,7 +145,10 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
         axes.errorbar([x[j] for j in shown], [y[j] for j in shown], error, color=colour, marker=marker, capsize=2.5,
                       ls=dashes if joined else "none", label=style.plain(label) if label else None)  # fmt: skip
     limits = [j for j in range(len(table.rows)) if y[j] is not None and answer in _LIMITS]
-    for mark, found, bar in (("o", _on_one_path, "to the bound of all paths"), ("s", _on_several, "what was found")):
+    for mark, found, bar in (
+        ("o", _path_dependence_unknown, "to the bound of all paths"),
+        ("s", _on_several, "what was found"),
+    ):
         some = [j for j in limits if found(table, j)]
         if some:
             told = f"; bar: {bar}" if bars is not None and any(max(bars[j]) > 0.0 for j in some) else ""
@@ -260,21 +263,21 @@ def _bars(table: StudyTable, answer: str, axis: _Axis) -> list[tuple[float, floa
         if V is None:
             bars.append((0.0, 0.0))
             continue
-        if _on_one_path(table, j):  # its bracket holds for that path only
+        if _path_dependence_unknown(table, j):  # its bracket holds for that path only
             low, high = None, bound
         middle, below, above = axis.shown([V, V if low is None else low, V if high is None else high])
         bars.append((max(0.0, middle - below), max(0.0, above - middle)))
     return bars
 
 
-def _on_one_path(table: StudyTable, row: int) -> bool:
+def _path_dependence_unknown(table: StudyTable, row: int) -> bool:
     """Whether a limit load depends on the path by an unknown amount."""
     return table.rows[row].get("digits_open") == "true"
 
 
 def _on_several(table: StudyTable, row: int) -> bool:
     """Whether a limit load depends on the path by an amount shown by its bar: the load wanders, or was refined."""
-    return table.rows[row].get("path_dependent") == "true" and not _on_one_path(table, row)
+    return table.rows[row].get("path_dependent") == "true" and not _path_dependence_unknown(table, row)
 
 
 def _tilts(table: StudyTable) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dembrick.errors import OutputError, ScenarioError
 from dembrick.history.files import check_output
-from dembrick.views.given import takes_paths
+from dembrick.views.given import accepts_paths
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.frames import LAST, frame_number, nearest
 from dembrick.views.motion.magnification import automatic_magnification
@@ -33,7 +33,7 @@ MOVIE_FRAMES = 100  # default for the greatest number of frames of a movie
 EVEN = 0.01  # of the time between two frames: frames that deviate by less count as evenly spaced
 
 
-@takes_paths
+@accepts_paths
 def meshes(
     history: History, frame: int | str | None = None, magnification: float = 1.0, time: float | None = None
 ) -> pyvista.MultiBlock:
@@ -58,7 +58,7 @@ def meshes(
     return blocks
 
 
-@takes_paths
+@accepts_paths
 def picture(
     history: History | Sequence[History],
     path: str | os.PathLike,
@@ -84,7 +84,7 @@ def picture(
     return path
 
 
-@takes_paths
+@accepts_paths
 def movie(
     history: History | Sequence[History],
     path: str | os.PathLike,
@@ -190,7 +190,7 @@ def movie_frames(history: History, count: int) -> list[int]:
     return nearest(times, np.linspace(times[0], times[-1], count)).tolist()
 
 
-@takes_paths
+@accepts_paths
 def view(history: History, **look: Unpack[LookOptions]) -> None:
     """Open a window with a time slider; the arrow keys step from frame to frame. Returns when it is closed.
 

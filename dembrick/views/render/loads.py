@@ -15,7 +15,7 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views import summary
 from dembrick.views.motion import loads
 from dembrick.views.motion.blocks import CarriedPoints, Poses
-from dembrick.views.motion.frames import START, coming_down, nearest
+from dembrick.views.motion.frames import START, in_collapse, nearest
 from dembrick.views.motion.loads import TieMotion
 from dembrick.views.render.force_arrows import ARROW, glyphs, put_glyphs
 
@@ -171,7 +171,7 @@ class DrawnReactions:
     def _now(self, frame: int) -> np.ndarray:
         """Forces and moments (s, 6) of the row nearest to a frame; zero during a collapse."""
         history = self._history
-        if coming_down(history, [frame])[0]:
+        if in_collapse(history, [frame])[0]:
             return np.zeros((len(self._blocks), 6))
         return history.reaction[nearest(history.time, [history.frame_time[frame]])[0]]
 

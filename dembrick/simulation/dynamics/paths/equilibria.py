@@ -32,7 +32,7 @@ from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.scenario.regimes import Control
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.checkpoint import Past
+from dembrick.simulation.dynamics.checkpoint import RunHistory
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
 from dembrick.simulation.dynamics.integrator import (
     LONGEST_MOVE,
@@ -92,7 +92,7 @@ class EquilibriumPath(ABC):
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
         self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
-        self.past, self.tolerance = Past(moving, None), control.tolerance or TOLERANCE
+        self.past, self.tolerance = RunHistory(moving, None), control.tolerance or TOLERANCE
         self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
         moving.laws = SEARCHING
         self.broken, self.bonds = math.inf, joint_families.bonds(moving.state)

@@ -83,8 +83,8 @@ class PathFollower:
         self.search = Equilibria(state, load, factor, self.loosest)
         self.free, self.rows, self.trial = self.search.free, self.search.rows, self.search.trial
         self.weight = float(np.abs(state.actuators.weight).sum())
-        self.answer = factor.pattern.to_rows(factor.answer(load[self.free]))
-        self.compliance = inner(self.search.load, self.answer)
+        self.elastic = factor.pattern.to_rows(factor.elastic_motion(load[self.free]))
+        self.compliance = inner(self.search.load, self.elastic)
         self.elastic_at_start = 0.0
         if recorder is not None:
             self.elastic_at_start = elastic_energy(for_kernels(state), None) + ties.energy(state)
@@ -211,7 +211,7 @@ class PathFollower:
 
     def _elastic_way(self) -> np.ndarray:
         """Elastic motion per metre of the driven displacement."""
-        return self.answer / self.compliance * self.weight
+        return self.elastic / self.compliance * self.weight
 
     def _dragged(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """`_found` with a drag at each joint that is lowered until it is negligible; V is corrected for the drag."""

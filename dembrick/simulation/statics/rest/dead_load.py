@@ -35,7 +35,7 @@ from dembrick.simulation.statics.recorder import Ended, Recorder
 from dembrick.simulation.statics.rest.relaxation import UNBALANCED, Relaxation
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State, initial_state
-from dembrick.simulation.statics.stiffness import answer_alone, held_stiffness
+from dembrick.simulation.statics.stiffness import elastic_motion_alone, held_stiffness
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def rest(
     # if a lone block does not come to rest at once, its joint has opened and is softer than the closed joint whose
     # stiffness each step uses
     rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
-    answer = answer_alone(state, stiffness) if factor is None else factor.answer
+    answer = elastic_motion_alone(state, stiffness) if factor is None else factor.elastic_motion
     relaxation = Relaxation(state, answer, rounds, lambda: factor or elastic_factor(state, position))
     compiled = time.perf_counter()
     session = relaxation.session_of(session or Session())
