@@ -242,7 +242,10 @@ def test_loads_of_a_study_are_in_the_unit_of_its_cases(tmp_path):
 def test_open_brackets_have_arrows_and_no_bar_is_told_that_is_not_there(tmp_path):
     head = "case,joint.friction,status,V,V_lower,V_upper,bracket,path_dependent,digits_open"
     ends = {"open": "10,", "indicator": "9,11"}
-    for bracket, said in (("open", "depends on the path"), ("indicator", "depends on the path; bar: what was found")):
+    for bracket, said in (
+        ("open", "depends on the load path"),
+        ("indicator", "depends on the load path; bar: what was found"),
+    ):
         rows = [f"{i},0.{i + 3},completed,10,{ends[bracket]},{bracket},true,false" for i in (0, 1)]
         axes = plot.study(table_of(tmp_path, head, rows)).axes[0]
         labels = [text.get_text() for text in axes.get_legend().get_texts()]
