@@ -36,7 +36,7 @@ SHARED = ("tiles", "points")
 IDLE = {  # arrays that no step of sticking joints without loads touches
     "Bodies": ("rotation", "applied"),
     "Links": ("host", "other", "tangents", "plane", "axes", "place", "kept", "reach", "slack", "glide"),
-    "Corners": ("joint", "lane", "start", "place", "law", "slipped"),
+    "Corners": ("joint", "lane", "start", "place", "law", "slip"),
     "Faces": ("joint", "lane", "outline", "place", "twist", "slip", "count", "x", "y", "far"),
 }
 CALM = Limits(displacement=1.0, longest=1.0)

@@ -166,7 +166,7 @@ CHANNELS = (
             ("M_T", "N m", "torsion of block b on block a about the joint's normal, through its centroid"),
             ("M_1", "N m", "bending moment of block b on block a about the joint's first axis, through its centroid"),
             ("M_2", "N m", "bending moment of block b on block a about the joint's second axis, through its centroid"),
-            ("slip", "m", "irreversible part of the shear displacement"),
+            ("slip", "m", "length of the slip path, to and fro, mean over what presses; never falls"),
         )
     ),
     *(

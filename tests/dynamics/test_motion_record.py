@@ -47,9 +47,7 @@ def naive_resultants(state):
         f, m = links.sense[j] * (axes @ force), links.sense[j] * (axes @ moment)
         slip = 0.0
         if state.corners is not None:
-            for p in np.flatnonzero(state.corners.joint == j):
-                own = slice(state.corners.start[p], state.corners.start[p + 1])
-                slip = np.average(state.corners.slip[own], weights=state.corners.area[own])
+            slip = sum(state.corners.slip[state.corners.joint == j])
         if state.faces is not None:
             slip = sum(state.faces.slip[state.faces.joint == j])
         rows.append([f[2], -f[0], -f[1], -m[2], -m[0], -m[1], slip])

@@ -4,7 +4,7 @@ import numpy as np
 
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics import area_joints as moving_areas
-from dembrick.kernels.dynamics import area_tiles, point_laws, tiles
+from dembrick.kernels.dynamics import area_tiles, point_laws, slip_paths, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
 from dembrick.kernels.dynamics.energy_terms import LEDGER, LOST, PRESSURE, TOTAL, Counted, EnergyTerms
 from dembrick.kernels.joint.geometry import Motion
@@ -86,8 +86,9 @@ class StaticPoints(LoneJoint):
         if law is not None:
             bonds = strengths_of(law), point_joints.Bonds(AREAS.copy(), bond_of(law, 4), *np.zeros((3, 4)))
         self.joint = point_joints.Points(
-            np.zeros(1, np.int64), np.array([0, 4]), np.array([mu]), x, y, x, y, K_N * AREAS, K_S * AREAS, *zero, *bonds
-        )
+            np.zeros(1, np.int64), np.array([0, 4]), np.array([mu]), x, y, x, y, K_N * AREAS, K_S * AREAS, *zero,
+            np.zeros(1), *bonds,
+        )  # fmt: skip
         self.energy, self.before = energy_of(self.joint), np.zeros(7)
 
     def step(self, motion, change, twist):
@@ -98,6 +99,10 @@ class StaticPoints(LoneJoint):
     @property
     def memory(self):
         return np.stack([self.joint.elastic_1, self.joint.elastic_2], axis=1)
+
+    @property
+    def slip(self):
+        return self.joint.path
 
     @property
     def bonds(self):
@@ -120,7 +125,7 @@ class MovingPoints:
         self.own = np.zeros(4, tiles.POINT)
         self.own["x"], self.own["y"] = OUTLINE[:, 0, None], OUTLINE[:, 1, None]
         self.own["area"] = AREAS[:, None]
-        self.sheared, self.slipped = np.zeros(4, tiles.SHEAR), np.zeros(4, tiles.PATH)
+        self.sheared, self.path = np.zeros(4, tiles.SHEAR), np.zeros(W)
         self.seen = seen_flat()
         self.dashpots, self.ledger = one(CARRIED), one(LEDGER)
 
@@ -137,9 +142,11 @@ class MovingPoints:
             if self.custom is not None:
                 custom = self.rows_of(2 * pair)
             if moving_points.pair_forces(self.work, points, law, True, None, bonded, custom, self.ledger):
-                moving_points.add_slip(self.work, self.slipped[two])
+                slip_paths.add_slip(self.work)
                 if bonded is None and custom is None:
                     moving_points.add_losses(self.work, points, law, self.ledger)
+        dry = self.strengths is None and self.custom is None
+        slip_paths.lengthen_paths(self.work, dry, np.arange(W, dtype=np.uint32), self.path)
         moving_points.add_dashpot_work(self.work, self.seen, self.dashpots, self.ledger)
         # the force acts on the host at (1, x, y); the slip of the host is that of b
         f, fx, fy = (rows[:, 3] for rows in (self.work.force, self.work.x_force, self.work.y_force))
@@ -156,7 +163,7 @@ class MovingPoints:
 
     @property
     def slip(self):
-        return self.slipped["length"][:, 3]
+        return self.path[3:4]
 
     @property
     def dissipated(self):

@@ -95,6 +95,7 @@ def test_point_resultants_are_work_conjugate(point_forces):
             elastic_1=np.zeros(n),
             elastic_2=np.zeros(n),
             slip=np.zeros(n),
+            path=np.zeros(1),
         )
         dn, r1, r2, pn, pr1, pr2, p1, p2, pr = rng.normal(size=9)
         dn = -abs(dn)
@@ -108,7 +109,7 @@ def test_point_resultants_are_work_conjugate(point_forces):
         assert v1 * p1 + v2 * p2 + mt * pr == pytest.approx((forces * slips).sum(), rel=1e-11, abs=1e-12)
         rate = pn + pr1 * points.y_n - pr2 * points.x_n
         assert normal * pn - m1 * pr1 - m2 * pr2 == pytest.approx(points.normal @ rate, rel=1e-11, abs=1e-12)
-        assert slip == pytest.approx(points.k_s @ points.slip / points.k_s.sum(), rel=1e-13)
+        assert slip * points.normal.sum() == pytest.approx(points.normal @ points.slip, rel=1e-13)
         lost = point_joints.dissipation(points, 0, points.normal, 0.0, p1, p2, pr)
         assert lost == pytest.approx(0.6 * points.normal @ np.linalg.norm(slips, axis=1), rel=1e-13)
         assert lost >= v1 * p1 + v2 * p2 + mt * pr - 1e-12

@@ -17,9 +17,7 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.energy_terms import (
-    dashpot_work,
-)
+from dembrick.kernels.dynamics.energy_terms import dashpot_work
 from dembrick.kernels.dynamics.law_memory import dashpots_of
 from dembrick.kernels.dynamics.point_laws import (
     bonded_force,
@@ -30,6 +28,7 @@ from dembrick.kernels.dynamics.point_laws import (
     rows_of,
     spring_length,
 )
+from dembrick.kernels.dynamics.slip_paths import add_slip, lengthen_paths
 from dembrick.kernels.dynamics.tiles import (
     ACTION,
     POINT,
@@ -74,6 +73,8 @@ def clear_sums(tile, work):
         put_three(work.x_dashpot, lane, zero)
         put_three(work.y_dashpot, lane, zero)
         work.twisting[lane] = 0.0
+        work.rubbed[lane] = 0.0
+        work.carrying[lane] = 0.0
 
 
 class PointLaw(NamedTuple):
@@ -118,6 +119,7 @@ def point_force(work, pair, which, lane, law, energy, force_out):
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2
     work.slid[which, lane] = slid
+    work.weight[which, lane] = normal
     dashpot = 0.0
     loses = slid > 0.0
     if energy is not None:
@@ -178,14 +180,6 @@ def pair_forces(work, pair, law, energy, force_out, bonded=None, custom=None, le
             work.y_dashpot[2, lane] += y * c + Y * C
         losing |= loses | LOSES
     return losing
-
-
-@entry
-def add_slip(work, slipped):
-    """Add the slip of the step to the slip paths of two points of every joint of a tile."""
-    for which in range(2):
-        for lane in range(W):
-            slipped[which].length[lane] += work.slid[which, lane]
 
 
 @jit
@@ -285,6 +279,7 @@ def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, e
         dry = PointLaw(corners.k_n[law], corners.k_s[law], corners.friction[law], corners.shear_arm[law])
         start = corners.tile_start[t]
         begins = corners.tile_start[corners.like[t]]
+        slides = False
         for i in range(0, corners.tile_start[t + 1] - start, 2):
             own = corners.points[begins + i : begins + i + 2]
             first_point = start + i
@@ -299,9 +294,13 @@ def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, e
                 if strengths is None and custom is None and losing:
                     add_losses(work, pair, dry, ledger)
             if losing:
-                add_slip(work, corners.slipped[first_point : first_point + 2])
+                add_slip(work)
+                slides = True
             if force_out is not None:
                 write_forces(corners, t, i, tile.sense, work, force_out)
+        if slides:
+            all_dry = strengths is None and custom is None
+            lengthen_paths(work, all_dry, corners.lane[t, : corners.used[t]], corners.slip)
         resultant(tile, seen, work)
         deliver(work, links.wrenches, t)
         if energy_terms is not None:
@@ -368,14 +367,8 @@ def work_ahead(corners, p, held, sense, offset, now, step, slip, turn):
 
 @jit
 def mean_slip(corners, p):
-    """Length of the slip path (m) of point joint ``p``, averaged over its points by their areas."""
-    area = slip = 0.0
-    for i in range(corners.start[p + 1] - corners.start[p]):
-        place = place_of(corners, p, i)
-        own = corners.points[place // W].area[place % W]
-        area += own
-        slip += own * corners.slipped[place // W].length[place % W]
-    return slip / area if area > 0.0 else 0.0
+    """Length of the slip path (m) of point joint ``p``."""
+    return corners.slip[p]
 
 
 class Corners(NamedTuple):
@@ -397,7 +390,7 @@ class Corners(NamedTuple):
     like: ndarray  # (t,) uint32, the tile of ``points`` that the loop reads in place of each: see `alike`
     points: ndarray  # records `POINT`, point after point of a tile
     sheared: ndarray  # records `SHEAR`, likewise
-    slipped: ndarray  # records `PATH`, likewise
+    slip: ndarray  # (p,) m, length of the slip path of each joint: see `kernels.joint.point_law`
     force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None if not requested
     strengths: Strengths | None = None  # besides friction, one entry per law; None if no joint has any
     bonds: ndarray | None = None  # records `BOND`, likewise, see `point_laws`; None if ``strengths`` is
@@ -428,13 +421,12 @@ class Corners(NamedTuple):
 
     def _tiles(self, name: str) -> ndarray:
         """The records that have a field ``name``."""
-        records = (self.points, self.sheared, self.slipped, self.bonds)
+        records = (self.points, self.sheared, self.bonds)
         return next(tiles for tiles in records if tiles is not None and name in tiles.dtype.names)
 
     x = property(lambda self: self.field("x"), doc="(c,) m, from O along e1")
     y = property(lambda self: self.field("y"), doc="(c,) m, along e2")
     area = property(lambda self: self.field("area"), doc="(c,) m2, tributary")
-    slip = property(lambda self: self.field("length"), doc="(c,) m, length of the slip path")
     elastic = property(
         lambda self: self.field("elastic"), doc="(c, 2) N, elastic shear force, in the sense in which the host slips"
     )

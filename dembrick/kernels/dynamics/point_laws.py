@@ -8,6 +8,7 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.law_memory import bonded_dashpots, dashpots_in_mode
+from dembrick.kernels.dynamics.slip_paths import weigh
 from dembrick.kernels.dynamics.tiles import W, put_three, record, three, two
 from dembrick.kernels.joint.custom_law import Custom, custom_law, energy_held
 from dembrick.kernels.joint.point_law import Bond, Strengths, bonded_law, bonded_losses, shear_loss, spring_of
@@ -64,6 +65,7 @@ def bonded_force(work, pair, which, lane, law, energy, force_out, bonded, ledger
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2
     work.slid[which, lane] = slid
+    weigh(work, which, lane, normal, t1, t2)
     memory.bonded[lane] = now.bonded
     memory.crushed[lane] = now.crushed
     memory.rise[lane] = now.rise
@@ -155,6 +157,7 @@ def custom_force(work, pair, which, lane, arm, energy, force_out, custom, ledger
     sheared[which].elastic[0, lane] = e1
     sheared[which].elastic[1, lane] = e2
     work.slid[which, lane] = slid
+    weigh(work, which, lane, normal, t1, t2)
     if energy is not None:
         ledger.friction[lane] += lost
         ledger.by_law[lane] += lost

@@ -100,7 +100,7 @@ def write_resultants(bodies, links, corners, faces, out):
     """N, V_1, V_2, M_T, M_1, M_2 (action on b about O) and slip of every joint into ``out`` (j, 7), of the last forces.
 
     The axes are t1, that of the host projected on the plane, t2 and the normal from a to b; slip is the length of its
-    path, averaged over the points of a joint by their areas (m).
+    path (m).
     """
     for j in range(links.host.size):
         u = links.axes[links.plane[j]]

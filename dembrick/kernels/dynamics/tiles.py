@@ -90,6 +90,9 @@ WORK = record(
     ("damping", 1),  # one over that
     ("last", (2, 3)),  # N, of the last two points: shear in the sense in which the host slips, and normal force
     ("slid", 2),  # m, length of their slip in the step
+    ("weight", 2),  # N, of each of them in the mean of the slip, see `slip_paths`
+    ("rubbed", 1),  # N m, sum over the points of their weight times their slip
+    ("carrying", 1),  # N, and of their weight, if they are not dry
     ("dashpot", 3),  # N, N m, for the energy: sums over the points of dashpot forces
     ("x_dashpot", 3),
     ("y_dashpot", 3),
@@ -113,10 +116,8 @@ WORK = record(
 
 # Constants of contact points: position along e1 and e2 from O (m); tributary area (m2)
 POINT = record(("x", 1), ("y", 1), ("area", 1))
-# Their memory, beside the slip path, which grows only where a point slides: elastic shear force in the sense in which
-# the host slips, along u1 and u2 (N)
+# Their memory: elastic shear force in the sense in which the host slips, along u1 and u2 (N)
 SHEAR = record(("elastic", 2))
-PATH = record(("length", 1))  # m, of the slip path of a point
 
 
 def rows_of_lanes(size: int, kind: type | np.dtype = float) -> ndarray:

@@ -9,8 +9,9 @@ the host), which is also the direction in which it slips.
 - Shear and torsion: springs k_s A and k_s J with dashpots in parallel, behind a slider whose strength is the limit
   surface times mu N; a trial force beyond it is returned by the proximal map.
 - Memory: the elastic (V_1, V_2, M_T). An open joint carries nothing and remembers nothing, as in `point_law`.
-- `slip` is the irreversible part of the shear displacement, as a path length averaged over the pressure: the plastic
-  work t.q over the strength, that is D(q) of the plastic twist q. For points it is the same mean over their forces.
+- `slip` is the irreversible part of the shear displacement, as a path length averaged over the pressure: in each step
+  the plastic work t.q over the strength, that is D(q) of the plastic twist q. Of points it is the same mean over their
+  normal forces.
 
 With strengths (those of `point_law`) one bond holds the whole polygon, with springs that also pull, until the tension
 at a corner passes f_t or (V_1, V_2, M_T) leaves the limit surface, which is scaled by c A + mu N; after that the

@@ -11,7 +11,9 @@ direction in which it slips; the joint pushes back with the opposite.
   closes again begins without shear. (If the memory decayed over the time of the dashpot instead, k_s / c, the
   regularisation would decide what a joint remembers; for a vanishing dashpot that tends to this rule.)
 - `slip` is the irreversible part of the shear displacement, as a path length: the plastic increments of all steps in
-  which the point is closed. The motion of an open point is no slip.
+  which the point is closed. The motion of an open point is no slip. That of a joint grows in each step by the mean of
+  these increments over the pressure, as that of a convex joint: the friction work of the step over mu N. So what is
+  open does not lower it, and it never falls.
 
 The dry law has one branch, so a point that sticks needs no root and no division. It consists of arithmetic only: in a
 loop over the lanes of a tile the compiler evaluates it for all lanes by wide instructions, and selects those that
@@ -86,6 +88,13 @@ def point_law(g, d, slip, elastic, springs, friction, dashpots):
     closed = 1.0 if h > 0.0 else 0.0
     t1, t2, e1, e2, slid = coulomb(elastic, slip, k_s, damped, share, friction * normal)
     return normal, t1, t2, closed * e1, closed * e2, closed * slid
+
+
+@jit
+def slip_weight(normal, t1, t2):
+    """Weight (N) of the slip of a point in that of its joint: its normal force, or, if it holds without pressing, as
+    bonds and user-defined laws may, its shear force."""
+    return normal if normal > 0.0 else sqrt(t1 * t1 + t2 * t2)
 
 
 @jit

@@ -49,7 +49,8 @@ class Points(NamedTuple):
     normal: ndarray  # (c,) N, normal force now, positive in compression
     elastic_1: ndarray  # (c,) N, elastic shear force on b along t1
     elastic_2: ndarray  # (c,) N, along t2
-    slip: ndarray  # (c,) m, length of the slip path
+    slip: ndarray  # (c,) m, length of the slip path of each point
+    path: ndarray  # (p,) m, that of each joint, averaged over the pressure: see `kernels.joint.point_law`
     strengths: Strengths | None = None  # besides friction; None if no joint has any
     bonds: Bonds | None = None  # None if ``strengths`` is
     custom: Custom | None = None  # arrays of a user-defined law; None if there is none
@@ -105,7 +106,7 @@ def dry_forces(points, p, before, motion, viscous, energy):
     g0, gx, gy = motion.depth
     d0, dx, dy = motion.growth
     p1, p2, pr = motion.slip
-    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
+    n = m1 = m2 = v1 = v2 = mt = rubbed = 0.0
     friction = by_law = released = least = c1 = c2 = cm = 0.0
     for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
         x = points.x_n[i]
@@ -130,8 +131,7 @@ def dry_forces(points, p, before, motion, viscous, energy):
         v2 += t2
         mt += xs * t2 - ys * t1
         points.slip[i] += slid
-        slip += k * points.slip[i]
-        weight += k
+        rubbed += normal * slid
         if energy is not None:
             if slid > 0.0:
                 loss = shear_loss((b1, b2), (e1, e2), (s1, s2), k)
@@ -143,6 +143,8 @@ def dry_forces(points, p, before, motion, viscous, energy):
                 c1 += b1
                 c2 += b2
                 cm += xs * b2 - ys * b1
+    if rubbed > 0.0:
+        points.path[p] += rubbed / n
     if energy is not None:
         energy.work[0].sliding += friction
         energy.work[0].by_law += by_law
@@ -161,7 +163,7 @@ def dry_forces(points, p, before, motion, viscous, energy):
         )
         pressure = n - still_n, m1 - still_1, m2 - still_2
         energy.work[0].damping += released + 0.5 * dashpot_work(dash, shear, pressure, motion)
-    return n, v1, v2, mt, m1, m2, slip / weight
+    return n, v1, v2, mt, m1, m2, points.path[p]
 
 
 @jit
@@ -245,6 +247,7 @@ def remember(points, memory, p):
         memory.elastic_1[i] = points.elastic_1[i]
         memory.elastic_2[i] = points.elastic_2[i]
         memory.slip[i] = points.slip[i]
+    memory.path[p] = points.path[p]
     copy_bonds(points.bonds, memory.bonds, points.start[p], points.start[p + 1])
     custom_law.remember(points.custom, memory.custom, points.start[p], points.start[p + 1])
 

@@ -5,7 +5,7 @@ by `kernels.joint.point_law.bonded_law`, or by a user-defined law, called by `ke
 from dembrick._jit import jit
 from dembrick.kernels.joint.custom_law import custom_law, shear_power
 from dembrick.kernels.joint.dashpots import dashpot_work
-from dembrick.kernels.joint.point_law import Bond, bonded_law, bonded_losses, shear_loss, spring_of
+from dembrick.kernels.joint.point_law import Bond, bonded_law, bonded_losses, shear_loss, slip_weight, spring_of
 
 
 @jit
@@ -70,7 +70,7 @@ def forces_not_dry(strengths, bonds, custom, points, p, motion, viscous, energy)
     g0, gx, gy = motion.depth
     d0, dx, dy = motion.growth
     p1, p2, pr = motion.slip
-    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
+    n = m1 = m2 = v1 = v2 = mt = rubbed = carried = 0.0
     still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
     for i in range(points.start[p], points.start[p + 1]):
         x = points.x_n[i]
@@ -90,10 +90,10 @@ def forces_not_dry(strengths, bonds, custom, points, p, motion, viscous, energy)
         v1 += t1
         v2 += t2
         mt += xs * t2 - ys * t1
-        k = points.k_s[i]
         points.slip[i] += slid
-        slip += k * points.slip[i]
-        weight += k
+        weight = slip_weight(normal, t1, t2)
+        rubbed += weight * slid
+        carried += weight
         if energy is not None:
             still_n += spring
             still_1 -= y * spring
@@ -101,11 +101,13 @@ def forces_not_dry(strengths, bonds, custom, points, p, motion, viscous, energy)
             c1 += t1 - e1
             c2 += t2 - e2
             cm += xs * (t2 - e2) - ys * (t1 - e1)
+    if rubbed > 0.0:
+        points.path[p] += rubbed / carried
     if energy is not None:
         energy.work[0].damping += 0.5 * dashpot_work(
             energy.dash[points.joint[p]], (c1, c2, cm), (n - still_n, m1 - still_1, m2 - still_2), motion
         )
-    return n, v1, v2, mt, m1, m2, slip / weight
+    return n, v1, v2, mt, m1, m2, points.path[p]
 
 
 @jit

@@ -13,7 +13,7 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.kernels.dynamics.point_joints import Corners
 from dembrick.kernels.dynamics.point_laws import BOND
-from dembrick.kernels.dynamics.tiles import PATH, POINT, SHEAR, W, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import POINT, SHEAR, W, rows_of_lanes
 from dembrick.scenario.joint_laws import RECORD
 from dembrick.simulation import joint_laws
 from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
@@ -71,7 +71,7 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | 
         like=np.arange(len(lane), dtype=np.uint32),
         points=rows_of_lanes(points, POINT),
         sheared=rows_of_lanes(points, SHEAR),
-        slipped=rows_of_lanes(points, PATH),
+        slip=np.zeros(len(chosen)),
         force=None,
         strengths=None if strengths is None else strengths_of([laws[i] for i in one]),
         bonds=None if strengths is None else rows_of_lanes(points, BOND),
@@ -155,7 +155,7 @@ def take_memory(corners: Corners, left: Points, sense: np.ndarray) -> None:
     """Copy elastic shear forces, slip and bonds of the same points of statics; ``sense`` (j,) of the joints."""
     own = np.repeat(sense[corners.joint], np.diff(corners.start))
     corners.put("elastic", np.column_stack([own * left.elastic_1, own * left.elastic_2]))
-    corners.put("length", left.slip)
+    corners.slip[:] = left.path
     if corners.bonds is not None and left.bonds is not None:
         bonds = left.bonds
         for name in BOND.names or ():

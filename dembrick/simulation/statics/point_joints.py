@@ -17,7 +17,7 @@ from dembrick.simulation.joint_laws import bonded_at_start, elastic_stiffness, r
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-MEMORY = ("elastic_1", "elastic_2", "slip", "bonds", "custom")  # fields of the history
+MEMORY = ("elastic_1", "elastic_2", "slip", "path", "bonds", "custom")  # fields of the history
 FOUND = ("normal",)  # fields that each evaluation finds anew
 
 
@@ -56,6 +56,7 @@ def at_rest(assembly: Assembly) -> Points | None:
         elastic_1=np.zeros(total),
         elastic_2=np.zeros(total),
         slip=np.zeros(total),
+        path=np.zeros(len(chosen)),
         strengths=strengths,
         bonds=bonds,
         custom=custom,
@@ -69,7 +70,7 @@ def of_cases(points: Points, cases) -> Points:
     start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     entry = np.repeat(points.start[:-1][cases.shape] - start[:-1], counts) + np.arange(start[-1])
     own = {"joint": np.arange(cases.count), "start": start, "friction": np.array(cases.friction)}
-    own |= {"strengths": None, "bonds": None, "custom": None}
+    own |= {"path": np.zeros(cases.count), "strengths": None, "bonds": None, "custom": None}
     values = {name: value[entry] for name, value in points._asdict().items() if name not in own}
     values["k_n"] *= np.repeat(cases.normal_stiffness, counts)
     values["k_s"] *= np.repeat(cases.shear_stiffness, counts)

@@ -111,9 +111,7 @@ def rest_by_increments(
 def slip_path(moving: Motion) -> float:
     """Sum of the slip paths of all joints and new contacts (m)."""
     corners, faces, touching = moving.state.corners, moving.state.faces, moving.contact_detection.touching
-    paths = [] if corners is None else [corners.slipped["length"]]
-    paths += [part.slip for part in (faces, touching) if part is not None]
-    return math.fsum(float(path.sum()) for path in paths)
+    return math.fsum(float(part.slip.sum()) for part in (corners, faces, touching) if part is not None)
 
 
 def carried(moving: Motion) -> np.ndarray:
