@@ -28,6 +28,7 @@ AXES = tuple("xyz")
 WRENCH = ("F_x [N]", "F_y [N]", "F_z [N]", "M_x [N m]", "M_y [N m]", "M_z [N m]")
 OPTIONAL = ("control_point", "support", "tie")  # a scene without any of these has no channels for them
 NO_BOUND = 1e300  # N, or a load factor: stands for no upper bound
+CENTROID = "the centroid of what no edge cut off"  # of a joint; it lies frames/joint_shift from O of the start
 STRENGTHS = "strengths"  # marks channels that only joints with strengths other than friction have
 
 
@@ -163,9 +164,9 @@ CHANNELS = (
             ("N", "N", "normal force, compression positive"),
             ("V_1", "N", "shear force of block b on block a along the joint's first axis"),
             ("V_2", "N", "shear force of block b on block a along the joint's second axis"),
-            ("M_T", "N m", "torsion of block b on block a about the joint's normal, through its centroid"),
-            ("M_1", "N m", "bending moment of block b on block a about the joint's first axis, through its centroid"),
-            ("M_2", "N m", "bending moment of block b on block a about the joint's second axis, through its centroid"),
+            ("M_T", "N m", f"torsion of block b on block a about the joint's normal, through {CENTROID}"),
+            ("M_1", "N m", f"bending moment of block b on block a about the joint's first axis, through {CENTROID}"),
+            ("M_2", "N m", f"bending moment of block b on block a about the joint's second axis, through {CENTROID}"),
             ("slip", "m", "length of the slip path, to and fro, mean over what presses; never falls"),
         )
     ),

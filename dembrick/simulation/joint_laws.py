@@ -41,6 +41,17 @@ def elastic_stiffness(shear: Sequence, normal: Sequence) -> np.ndarray:
     return k
 
 
+def about_start(resultants: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """The ``resultants`` (..., 6 or more) N, V_1, V_2, M_T, M_1, M_2 of joints with their moments about O of the start;
+    ``shift`` (..., 2) m: where O of now, about which they are, lies from there along t1 and t2."""
+    found, (s_1, s_2) = resultants.copy(), np.moveaxis(shift, -1, 0)
+    N, V_1, V_2 = np.moveaxis(resultants[..., :3], -1, 0)
+    found[..., 3] += s_1 * V_2 - s_2 * V_1
+    found[..., 4] -= s_2 * N
+    found[..., 5] += s_1 * N
+    return found
+
+
 def has_strengths(laws: Iterable[JointLaw]) -> bool:
     """Whether any of the ``laws`` has more strength than friction."""
     return any(not law.dry for law in {id(law): law for law in laws}.values())  # many joints, few laws

@@ -10,7 +10,7 @@ import numpy as np
 
 from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by, turning
 from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
-from dembrick.simulation.joint_laws import pressed_parts
+from dembrick.simulation.joint_laws import about_start, pressed_parts
 from dembrick.views.motion.bending import crushed_share, eccentricity_utilisation
 from dembrick.views.motion.frames import in_collapse
 from dembrick.views.motion.relative import RelativeMotion
@@ -151,12 +151,7 @@ class JointFrames:
     def about_start(self) -> np.ndarray:
         """(f, j, 7): the `resultants` with moments about the initial O. The recorded moments are about the centroid of
         what is left of a joint that was cut as it slid over an edge, and some laws cut it later than others."""
-        found, (s_1, s_2) = self.resultants.copy(), np.moveaxis(self.shift, -1, 0)
-        N, V_1, V_2 = np.moveaxis(self.resultants[..., :3], -1, 0)
-        found[..., 3] += s_1 * V_2 - s_2 * V_1
-        found[..., 4] -= s_2 * N
-        found[..., 5] += s_1 * N
-        return found
+        return about_start(self.resultants, self.shift)
 
     @cached_property
     def pressure_centre(self) -> np.ndarray:

@@ -83,6 +83,13 @@ def joint_table(history: History, frame: int | str | None = None, time: float | 
     ]
 
 
+def cut_joints(history: History, frame: int) -> list[str]:
+    """The joints, by their two blocks, that were cut in a frame or before as they slid over an edge."""
+    shift = history.frame_values("joint_shift", frame, frame + 1)
+    names, cut = history.block_names, [] if shift is None else np.flatnonzero(shift[0].any(axis=1)).tolist()
+    return [f"{names[history.joints[j]['block_a']]}/{names[history.joints[j]['block_b']]}" for j in cut]
+
+
 def _handed_over(history: History, now: JointFrames, frame: int) -> list[int]:
     """Joints replaced by new contacts of the same blocks with the same normal and a greater normal force."""
     met = history.frame_new_contacts(frame, frame + 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from dembrick.scenario.regimes import OF_ACTUATORS
 from dembrick.views import summary
-from dembrick.views.plot.paths import BROKEN, JointPath, torsion_strength
+from dembrick.views.plot.paths import BROKEN, CUT_AT_EDGE, JointPath, torsion_strength
 from dembrick.views.plot.subject import Diagram, diagram_of
 
 if TYPE_CHECKING:
@@ -93,6 +93,8 @@ def yield_domain(history: History, record: Record, path: JointPath, rows: np.nda
     lines.append({"x": listed(shear * x[kept]), "y": listed(torsion * y[kept]), "look": "run", "name": "run"})
     now = [listed(np.interp(record.time, history.time, own)) for own in (shear * x, torsion * y)]
     title, turned = f"Yield domain of the joint {path.joint}", "M_T" if path.sense > 0.0 else "-M_T"
+    if path.cut:
+        title = f"Joint {path.joint}, {CUT_AT_EDGE},"
     if relative:
         over = "cA + μN" if path.cohesive else "μN"
         torsion_name = f"torsion {turned} over {torsion_strength([path])} [-]"

@@ -11,7 +11,7 @@ from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.theory.paper_tables import SETS
 from dembrick.views import summary
-from dembrick.views.motion.frames import nearest, peak_time
+from dembrick.views.motion.frames import frame_number, nearest, peak_time
 from dembrick.views.plot import runs, style
 from dembrick.views.plot.rectangular_joint import (
     SAME,
@@ -29,6 +29,7 @@ from dembrick.views.plot.rectangular_joint import (
 from dembrick.views.plot.subject import (
     carried_by,
     chosen_joint,
+    cut_at_edge,
     is_brittle,
     pressure_centre,
     pushes_several,
@@ -71,6 +72,11 @@ def domain_points(histories) -> list[dict]:
             )
         number = _yielding_joint(history)
         joint = history.joints[number]
+        if history.n_frames and cut_at_edge(history, number, frame_number(history)):
+            raise HistoryError(
+                f"{history.path}: its joint was cut at an edge as its block slid, so the domain of the whole joint is "
+                "not its own; --kind path draws its forces"
+            )
         a, b = np.ptp(joint["polygon"], axis=0)
         if abs(a * b - joint["area"]) > 1e-6 * joint["area"]:
             raise HistoryError(f"{history.path}: its joint is not a rectangle, so no domain can be drawn for it")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 BROKEN = "bond broken"  # of a section: with the residual strengths only
+CUT_AT_EDGE = "cut at an edge: torsion about what is left, whose domain is not known"
 _RAYS = 91  # rays of a section through a limit surface, from pure shear to pure torsion
 _PURE = 1e-6  # of the strength: a smaller shear force counts as zero
 ALONG = 0.015  # component of a direction across an axis: with less it is along that axis
@@ -55,6 +56,9 @@ class JointPath(NamedTuple):
     A domain grows with N. If N varies, ``strength`` (T,) N is c A + mu N for the current state of the bond, NaN without
     strength, and the sections are those of a joint with centred N, over its strengths in shear and in torsion; the
     latter is ``radius`` (m) times the former, in the joint's ``formulation``. Otherwise ``strength`` is None.
+
+    ``M_T`` is about the centroid of what is left of a joint that was ``cut`` as it slid over an edge; such a joint has
+    no sections, as the domain of the whole joint is not its own.
     """
 
     joint: str
@@ -101,8 +105,11 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     N, strength, radius = history.joint("N")[:, number], None, 1.0
     held = _held(history, number)
     broke = subject.is_brittle(own) and held[-1] < 1.0
-    surfaces = []
-    if own["friction"] > 0.0 and N.max() > 0.0 and np.ptp(N) > _CHANGES * N.max():
+    surfaces: list[tuple[str, theory.Law | None]] = []
+    cut = subject.cut_at_edge(history, number)
+    if cut:
+        pass
+    elif own["friction"] > 0.0 and N.max() > 0.0 and np.ptp(N) > _CHANGES * N.max():
         strength = held * subject.shear_strength(own, N)
         strength = strength + (1.0 - held) * np.where(N > 0.0, subject.shear_strength(own, N, True), 0.0)
         strength = np.where(strength > 0.0, strength, np.nan)
@@ -120,7 +127,7 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
         radius = theory.torsion_strength(laws[0][1])
     sections = [_section(_formulation(own), law, direction, sense, radius, bond) for bond, law in laws]
     V_0 = float(subject.shear_strength(own, now["N"]))
-    if V_0 > 0.0 and (now["N"] > 0.0 or subject.is_brittle(own)) and _formulation(own) != "convex":
+    if not cut and V_0 > 0.0 and (now["N"] > 0.0 or subject.is_brittle(own)) and _formulation(own) != "convex":
         exact = theory.convex(subject.outlines(own), 0.0, 0.0, V_0 / own["area"])
         sections.append(_section("convex", exact, direction, sense, radius, surfaces[0][0]))
     along = np.stack([V_1, V_2], axis=1) @ direction
@@ -180,6 +187,8 @@ def load_path(
     paths = [joint_path(history, joint) for history in histories]
     relative = any(path.strength is not None for path in paths)
     if relative and not all(path.strength is not None for path in paths):
+        if any(path.cut for path in paths):
+            raise ScenarioError("in some of the runs the joint is cut at an edge, in others it is not; draw each")
         raise ScenarioError("N of the joint changes in some of the runs and not in others; draw each by itself")
     shear_in, shear = ("-", 1.0) if relative else runs.unit_of_loads([path.V for path in paths], "N")
     torsion_in, torsion = ("-", 1.0) if relative else runs.unit_of_loads([path.M_T for path in paths], "N m")
@@ -212,7 +221,7 @@ def load_path(
             axes.plot(shear * x, torsion * y, color=look.colour, ls=look.line, lw=1.6, marker=look.marker, ms=3.2,
                       markevery=max(1, len(path.V) // 12), label=label, zorder=3)  # fmt: skip
             point = summary.yield_point(history.results)
-            if {"V_1", "V_2", "M_T"} <= set(point) and path.number == subject.chosen_joint(history):
+            if {"V_1", "V_2", "M_T"} <= set(point) and path.number == subject.chosen_joint(history):  # its M_T is about O of the start
                 x = float(np.array([point["V_1"], point["V_2"]]) @ path.direction)
                 y = path.sense * point["M_T"]
                 if relative:

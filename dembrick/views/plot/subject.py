@@ -18,6 +18,8 @@ from dembrick.views.structure_numbers import BEFORE
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
+CUT = 0.01  # of a joint's size: its centroid moves by more if much of it is cut off
+
 
 def time_name(record) -> str:
     """Axis label for the times of a record."""
@@ -149,6 +151,17 @@ def linear_stress(arms: np.ndarray, areas: np.ndarray, carried: Mapping[str, flo
     phi = np.column_stack([np.ones(len(arms)), arms])
     spread = np.linalg.pinv((phi * np.asarray(areas)[:, None]).T @ phi, rcond=1e-12, hermitian=True)
     return phi @ spread @ np.array([carried["N"], carried["M_2"], -carried["M_1"]])
+
+
+def cut_at_edge(history: History, number: int, frame: int | None = None) -> bool:
+    """Whether so much of a joint was cut off as it slid over an edge, in a ``frame`` or in any, that the limit surface
+    of the whole joint is not its own."""
+    first, last = (0, history.n_frames) if frame is None else (frame, frame + 1)
+    shift = history.frame_values("joint_shift", first, last) if history.n_frames else None
+    if shift is None:
+        return False
+    size = float(np.hypot(*history.joints[number]["polygon"].T).max())
+    return bool(np.hypot(*shift[:, number].T).max() > CUT * size)
 
 
 def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]:

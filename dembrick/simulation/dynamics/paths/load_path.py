@@ -36,6 +36,7 @@ from dembrick.simulation.dynamics.run import MEETINGS, EquilibriaRun
 from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.expected_cost import motion_seconds
+from dembrick.simulation.joint_laws import about_start
 from dembrick.simulation.session import Plan, Session
 
 FIRST = 0.01  # load factor of the first equilibrium; of actuators that times the weight of the free blocks
@@ -52,8 +53,8 @@ SLOWER = 8.0  # times the time steps, once blocks have collapsed
 @dataclass
 class LoadPathRun(EquilibriaRun):
     """A finished path of a growing load. ``joint``: number of the joint that moved most in the collapse (else since the
-    start), ``resultant`` (7,): its resultant at the last equilibrium, as `joint_resultants`, and ``mechanism``: how it
-    moved. ``stands``: False if the blocks collapse under the dead loads."""
+    start), ``resultant`` (7,): its resultant at the last equilibrium, as `joint_resultants` but with moments about O of
+    the start, and ``mechanism``: how it moved. ``stands``: False if the blocks collapse under the dead loads."""
 
     joint: int = 0
     resultant: np.ndarray | None = None
@@ -167,8 +168,9 @@ class LoadPath(EquilibriumPath):
 def run_of(found: EquilibriaRun, joint: int, how: str) -> LoadPathRun:
     """A finished path with the resultant of the ``joint`` of that number at its last equilibrium and ``how`` it
     moved."""
-    state = found.motion.state
-    resultant = joint_resultants(state)[joint] if len(state.links.host) else None
+    state, resultant = found.motion.state, None
+    if len(state.links.host):
+        resultant = about_start(joint_resultants(state)[joint], found.motion.polygons.shift[joint])
     return LoadPathRun(**vars(found), joint=joint, resultant=resultant, mechanism=how)
 
 
