@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,13 +17,15 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 AXES = {3: ("axis", list("xyz")), 4: ("quaternion", list("wxyz")), 2: ("tangent", ["t1", "t2"])}
+TAKEN = {"control_point": "control_point_displacement"}  # series with the name of a dimension: their variables
 AXES[6] = ("component", ["F_x", "F_y", "F_z", "M_x", "M_y", "M_z"])
 
 
 def names_of(history: History) -> dict[str, list[str]]:
     """Names of joints, blocks, actuators, control points, supports and ties, by array dimension.
 
-    Joints are named after their blocks; if two have the same name, all names get a number.
+    Joints are named after their blocks; if two have the same name, all names get a number. Of other things, such as the
+    loads of a tilt, those that share a name get one.
     """
     names = history.block_names
     pairs = [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
@@ -30,7 +33,14 @@ def names_of(history: History) -> dict[str, list[str]]:
         pairs = [f"{pair} #{i}" for i, pair in enumerate(pairs)]
     actuators, points = ([one["name"] for one in many] for many in (history.actuators, history.control_points))
     found = {"joint": pairs, "block": names, "actuator": actuators, "control_point": points}
-    return found | {"support": history.support_names, "tie": [tie["name"] for tie in history.ties]}
+    found |= {"support": history.support_names, "tie": [tie["name"] for tie in history.ties]}
+    return {kind: _told_apart(own) for kind, own in found.items()}
+
+
+def _told_apart(names: list[str]) -> list[str]:
+    """Names, with their numbers where several are the same."""
+    count = Counter(names)
+    return [f"{name} #{i}" if count[name] > 1 else name for i, name in enumerate(names)]
 
 
 def columns_of(history: History) -> list[tuple[str, list[str]]]:
@@ -59,7 +69,8 @@ def to_pandas(history: History) -> pandas.DataFrame:
 def to_xarray(history: History) -> xarray.Dataset:
     """All series and frames with named dimensions: ``row`` and ``frame`` (with their times), ``joint``, ``block``,
     ``actuator``, ``control_point``, ``support``, ``tie`` (with their names), ``axis``; unit and description are
-    attributes of each variable. While no upper bound is known, ``upper`` is infinite.
+    attributes of each variable. The series ``control_point`` is ``control_point_displacement`` there. While no upper
+    bound is known, ``upper`` is infinite.
 
     Raises MissingDependency without xarray.
     """
@@ -79,7 +90,7 @@ def to_xarray(history: History) -> xarray.Dataset:
             dims.append(dim)
             if labels is not None:
                 coordinates[dim] = (dim, list(labels))
-        name = channel.name.replace("/", "_")
+        name = TAKEN.get(channel.name, channel.name).replace("/", "_")
         values = history.entries(channel.path, 0, history.n_frames if framed else history.n_row)
         about = channel.about.format_map(_Words())
         if channel.path == "history/upper":

@@ -12,6 +12,7 @@ from dembrick import history
 from dembrick.assembly.build import assemble
 from dembrick.cli import main
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.history.tables import columns_of
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.views import plot
@@ -149,3 +150,29 @@ def test_a_kind_of_actuator_that_there_is_not_is_an_error(tmp_path):
         file["geometry/actuators/kind"][0] = "spring"
     with history.read(path) as found, pytest.raises(HistoryError, match="'spring', which is not one of actuator"):
         _ = found.actuators
+
+
+def test_a_dataset_has_their_motion_and_their_names(tmp_path):
+    """The series and the dimension shared a name, which xarray refuses."""
+    pytest.importorskip("xarray")
+    result = simulate(
+        with_points("set4a", ("rod", "upper", None), ("edge", "upper", (0.1, 0.0, 0.1))), tmp_path / "a.h5"
+    )
+    with history.read(tmp_path / "a.h5") as found:
+        data = found.to_xarray()
+    assert data["control_point_displacement"].dims == ("row", "control_point", "axis")
+    assert data.control_point.values.tolist() == ["rod", "edge"]
+    moved = data["control_point_displacement"].sel(control_point="edge", axis="y")
+    np.testing.assert_array_equal(moved, result.rows["control_point"][:, 1, 1])
+
+
+def test_loads_of_one_block_have_columns_of_their_own(tmp_path):
+    """A tilt loads a block by its weight and by its dead load, both at a point of that block."""
+    text = (SCENARIOS / "set4a.toml").read_text().partition("[control]")[0].replace("[[actuators]]", "[[none]]")
+    text = text.partition("[[none]]")[0] + '[control]\nkind = "tilt"\naxis = [1.0, 0.0, 0.0]\n'
+    simulate(scenarios.loads(text), tmp_path / "tilt.h5")
+    with history.read(tmp_path / "tilt.h5") as found:
+        titles = [title for _, own in columns_of(found) for title in own]
+        weights = [actuator["weight"] for actuator in found.actuators]
+    assert len(weights) == 2 and len(set(titles)) == len(titles)
+    assert {"force of load on upper #0 [N]", "force of load on upper #1 [N]"} <= set(titles)
