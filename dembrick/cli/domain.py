@@ -8,7 +8,7 @@ from dembrick.cli.paths import FIGURES, add_force, require_ending
 
 TOLERANCE = 1e-3
 SMOOTH = 91  # points of a curve in a picture, at least
-_HEADER = f"{'formulation':16}{'source':>8}{'V [N]':>12}{'M_T [N m]':>12}{'+-':>11}"
+_HEADER = f"{'formulation':16}{'source':>8}{'V [N]':>12}{'M_T [N m]':>12}{'both +- [%]':>13}"
 
 
 def add_arguments(parser) -> None:
@@ -79,7 +79,7 @@ def run(options, console) -> int:
     simulated, checks = domain.by_simulation(joint, formulations, options.simulate, request, console.progress)
     lines = [_HEADER]
     for row in rows + simulated:
-        half = "" if row["half_width"] is None else f"{row['half_width']:11.4g}"
+        half = f"{100.0 * row['relative_half_width']:13.2g}" if "relative_half_width" in row else ""
         lines.append(f"{row['formulation']:16}{row['source']:>8}{row['V']:12.5g}{row['M_T']:12.5g}{half}")
     lines += [_said(name, found) for name, found in checks.items()]
     result = {"joint": joint.as_dict(), "space": options.space, "rows": rows + simulated, "checks": checks}

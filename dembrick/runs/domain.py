@@ -273,7 +273,8 @@ def by_simulation(
         error = limits.V / expected - 1.0
         for i, point in enumerate(domain.points):
             # the load keeps its direction: both components have the same relative error
-            row = _row(name, "DEM", point, float(limits.half_width[i] * np.hypot(*domain.load[i, :2])), request)
+            row = _row(name, "DEM", point, limits.half_width[i] * np.abs(domain.load[i]), request)
+            # the load keeps its direction: all components carry the same relative error
             shear = row["V"]
             row |= {"V_lower": float(shear * limits.V_lower[i] / limits.V[i])}
             row |= {"V_upper": float(shear * limits.V_upper[i] / limits.V[i])}
@@ -290,15 +291,18 @@ def by_simulation(
     return rows, checks
 
 
-def _row(name: str, source: str, point, half: float | None, request: Request) -> dict:
-    """Row of a point; V is the size of the shear force, signed if ``space`` is "plane"."""
+def _row(name: str, source: str, point, half: np.ndarray | None, request: Request) -> dict:
+    """Row of a point; V is the size of the shear force, signed if ``space`` is "plane". ``half`` (3,): half widths of
+    V_1, V_2 and M_T; None by theory."""
     V_1, V_2, M_T = (float(value) + 0.0 for value in point)
     turned = math.radians(request.shear_angle)
     V = math.hypot(V_1, V_2)
     if request.space == "plane" and V_1 * math.cos(turned) + V_2 * math.sin(turned) < 0.0:
         V = -V
     row = {"formulation": name, "pressure": request.pressure_of(name), "source": source}
-    return row | {"V": V, "M_T": M_T, "V_1": V_1, "V_2": V_2, "half_width": half}
+    of_shear, of_torsion = (None, None) if half is None else (math.hypot(half[0], half[1]), float(half[2]))
+    bars = {"half_width": of_shear, "M_T_half_width": of_torsion}
+    return row | {"V": V, "M_T": M_T, "V_1": V_1, "V_2": V_2} | bars
 
 
 STIFFNESS = 1e10  # Pa/m; a limit load does not depend on it

@@ -252,3 +252,16 @@ def test_a_bonded_scenario_has_the_domain_of_its_theory():
     assert theory_of(tied) is None
     with pytest.raises(ScenarioError, match="leave them out"):
         domain.DomainJoint.of_assembly(tied)
+
+
+def test_a_torsion_has_its_own_bar(capsys):
+    """The load keeps its direction, so V and M_T are wrong by the same part of each, also where V is zero."""
+    triangle = ["--polygon", "0,0;0.3,0;0,0.3", "--mu", "0.5", "--N", "500", "--formulation", "concave"]
+    code, found = answer(capsys, *triangle, "--simulate", "3", "--points", "3")
+    row = found["rows"][-1]
+    assert code == 0 and row["V"] == 0.0 and row["half_width"] == 0.0
+    bar, torsion = row["M_T_half_width"], found["rows"][2]["M_T"]  # by theory
+    assert 0.0 < abs(row["M_T"] - torsion) <= bar == pytest.approx(row["relative_half_width"] * row["M_T"], rel=1e-12)
+    assert main(["domain", *triangle, "--simulate", "3", "--points", "3"]) == 0
+    head, *lines = capsys.readouterr().out.splitlines()
+    assert head.endswith("both +- [%]") and float(lines[5].split()[-1]) == pytest.approx(1e2 * bar / torsion, rel=0.1)
