@@ -66,13 +66,19 @@ def both_errors(error: float, before: float, greatest: float) -> tuple[float, fl
     return error, error * greatest if greatest > 0.0 else 0.0
 
 
-def report_error(report: Callable[[str], None] | None, increments: int, error: float) -> None:
-    """Report a large ``error`` of forces (over the greatest of them) after so many increments."""
+def report_error(report: Callable[[str], None] | None, increments: int, error: float, weakened: bool = False) -> None:
+    """Report a large ``error`` of forces (over the greatest of them) after so many increments; ``weakened``: with the
+    joint laws of this stage there is no equilibrium under the loads of the stage before."""
     if report is None or error <= LOUD:
         return
     way = "friction depends on the load path"
     more = "add [[stages]] to follow it more closely"
-    if error == math.inf:
+    if error == math.inf and weakened:
+        report(
+            "with the joint laws of this stage no equilibrium was found under the loads of the stage before: forces "
+            "are those of one step, as if laws and loads changed together; let a stage with the new loads go before"
+        )
+    elif error == math.inf:
         report(f"{way}, but the loads were applied in one step; {more}")
     else:
         report(f"{way}: after {increments} increments the forces are known to {error:.1g} of the greatest; {more}")

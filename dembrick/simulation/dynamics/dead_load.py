@@ -66,7 +66,7 @@ def find_equilibrium(
     drawn = keep(motion)
     supported = _supported(motion.state)
     slack = (APART if sticking else SLID) * motion.polygons.size
-    with _stuck(motion) if sticking else nullcontext(), _held_bonds(motion), searching(motion):
+    with stuck(motion) if sticking else nullcontext(), held_bonds(motion), searching(motion):
         if resume is not None:
             resume()
         attempt = _Attempt(motion, driving, supported, slack, None if sticking else APART * motion.polygons.size)
@@ -201,14 +201,19 @@ def put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
 
 
 @contextmanager
-def _stuck(motion: Motion):
-    """Context in which no joint slips."""
-    own = joint_families.friction(motion.state)
-    joint_families.put_friction(motion.state, [STICKING] * len(own))
+def stuck(motion: Motion):
+    """Context in which no joint or new contact slips."""
+    state, touching = motion.state, motion.contact_detection.touching
+    own, at_contacts = joint_families.strengths(state), None if touching is None else touching.friction.copy()
+    joint_families.stick(state, STICKING)
+    if touching is not None:
+        touching.friction[:] = STICKING
     try:
         yield
     finally:
-        joint_families.put_friction(motion.state, own)
+        joint_families.put_strengths(state, own)
+        if touching is not None:
+            touching.friction[:] = at_contacts
 
 
 @contextmanager
@@ -222,7 +227,7 @@ def searching(motion: Motion):
 
 
 @contextmanager
-def _held_bonds(motion: Motion):
+def held_bonds(motion: Motion):
     """Context in which no bond breaks: those that the dead loads break do so when time begins."""
     joint_families.keep_bonds_intact(motion.state, True)
     try:

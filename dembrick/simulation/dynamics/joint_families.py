@@ -121,6 +121,14 @@ def put_strengths(state, values: Iterable[tuple]) -> None:
             own[...] = value
 
 
+def stick(state, friction: float) -> None:
+    """Give all joints so much ``friction``, with and without a bond."""
+    for module, joints in present(state):
+        module.put_friction(joints, friction)
+        if joints.strengths is not None:
+            joints.strengths.residual[:] = 1.0
+
+
 def has_strengths(state) -> bool:
     """Whether any joint has more strength than friction, or dilates, or crushes."""
     return any(joints.strengths is not None for _, joints in present(state))

@@ -7,6 +7,7 @@ are the module of the same name in `kernels.statics`.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 MANY = 0.1  # of the overloaded bonds: so many may break at once
 ALIKE = 1e-6  # of the loads: bonds that fail within this of another break with it
+STICKING = 1e9  # friction of joints that may not slip, and its ratio to that without a bond
 FAMILIES: dict[str, ModuleType] = {"points": point_joints, "areas": area_joints}  # fields of a state
 
 
@@ -167,6 +169,21 @@ def keep_bonds_intact(state, held: bool) -> None:
     for _, joints in present(state):
         if joints.strengths is not None:
             joints.strengths.held[:] = held
+
+
+@contextmanager
+def stuck(state):
+    """Context in which no joint slips."""
+    arrays = [joints.friction for _, joints in present(state)]
+    arrays += [joints.strengths.residual for _, joints in present(state) if joints.strengths is not None]
+    own = [array.copy() for array in arrays]
+    for array in arrays:
+        array[:] = STICKING
+    try:
+        yield
+    finally:
+        for array, values in zip(arrays, own, strict=True):
+            array[:] = values
 
 
 def bonds(state) -> list[np.ndarray]:

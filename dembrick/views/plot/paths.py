@@ -221,7 +221,9 @@ def load_path(
             axes.plot(shear * x, torsion * y, color=look.colour, ls=look.line, lw=1.6, marker=look.marker, ms=3.2,
                       markevery=max(1, len(path.V) // 12), label=label, zorder=3)  # fmt: skip
             point = summary.yield_point(history.results)
-            if {"V_1", "V_2", "M_T"} <= set(point) and path.number == subject.chosen_joint(history):  # its M_T is about O of the start
+            if {"V_1", "V_2", "M_T"} <= set(point) and path.number == subject.chosen_joint(
+                history
+            ):  # its M_T is about O of the start
                 x = float(np.array([point["V_1"], point["V_2"]]) @ path.direction)
                 y = path.sense * point["M_T"]
                 if relative:

@@ -290,7 +290,7 @@ class EquilibriumPath(ABC):
             self.moving.energy.fit(still().n_load, len(still().supports))
             self.past.go_back(kept)
 
-        comes = partial(rest_by_increments, self, kept, still, rest) if self.moving.settled else rest
+        comes = partial(rest_by_increments, self, kept, still, rest) if self.moving.settled or self.path else rest
         ratio = in_resolved_steps(self, comes, go_back)
         if ratio is None:
             self.refuse_collapse_under_dead_loads(stood)

@@ -1,8 +1,11 @@
-"""Equilibrium in the deformed geometry under the loads of a new stage, applied in increments.
+"""Equilibrium in the deformed geometry under the laws and loads of a new stage, applied in increments.
 
 During relaxation joint laws act as in one implicit step from the last equilibrium (`kernels.dynamics.law_memory`), so
 new loads are applied in increments (`load_increments`). The part that is still to come is cancelled by a force and a
 couple on every block: that share of the out-of-balance that the new loads cause at the last equilibrium.
+
+The joint laws of a stage hold from its beginning. Forces that joints may no longer bear are let go in increments too,
+under the loads of the stage before; bonds that these overload break. Only then do the loads come.
 """
 
 from __future__ import annotations
@@ -15,8 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.actuators import Attached
+from dembrick.errors import UndecidedError
+from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.simulation import load_increments
 from dembrick.simulation.dynamics import joint_families
+from dembrick.simulation.dynamics.dead_load import held_bonds, stuck
 from dembrick.simulation.dynamics.integrator import Motion, joint_forces, update_history_at_rest
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import out_of_balance
@@ -31,38 +37,65 @@ NOTHING = 1e-6  # of the forces of new loads: smaller joint forces are rounding 
 
 
 class PendingLoads:
-    """New loads of ``driving``, of which a ``share`` is still to come (at first zero). ``on_others``: whether joints
-    bear other loads already at the last equilibrium; ``part``: the new loads over the greatest joint force there."""
+    """Changes of a new stage that are still to come: ``shares`` of the forces that joints lose by its laws, and of its
+    new loads (both at first zero). ``on_others``: whether joints bear other loads already at the last equilibrium;
+    ``lost`` and ``part``: the lost forces and the new loads over the greatest joint force there; ``breaks``: whether
+    bonds are too weak for what they bear there."""
 
     def __init__(self, moving: Motion, driving: Driving):
-        joint_forces(moving, driving)
-        bodies, self.share = moving.state.bodies, 0.0
+        self.shares, bodies, state = (0.0, 0.0), moving.state.bodies, moving.state
         gravity = driving.forces(np.array([moving.time]), moving.time_step)[0][0]
-        force, torque = (-part[bodies.free] for part in out_of_balance(moving.state, gravity))
-        arm = np.cross(torque, np.eye(3)[np.abs(torque).argmin(axis=1)])  # across the couple, and so at right angles
-        length = np.linalg.norm(arm, axis=1, keepdims=True)
-        arm = np.divide(arm, length, out=np.zeros_like(arm), where=length > 0.0)
-        couple = 0.5 * np.cross(torque, arm)
-        block, arms = np.tile(bodies.free.astype(np.int64), 3), np.concatenate([0.0 * arm, arm, -arm])
-        self._at = Attached(block, arms, np.einsum("kji,kj->ki", bodies.rotation[block], arms))
-        self._force = np.concatenate([force, couple, -couple])
-        borne = np.abs(moving.state.links.wrench[:, :3]).max(initial=0.0)
-        greatest = float(np.abs(self._force).max(initial=0.0))
+
+        def unbalanced() -> tuple[np.ndarray, np.ndarray]:
+            joint_forces(moving, driving)
+            return tuple(part[bodies.free] for part in out_of_balance(state, gravity))
+
+        bonds = joint_families.bonded(state)
+        with held_bonds(moving):
+            with stuck(moving):
+                loads = unbalanced()
+            borne = np.abs(state.links.wrench[:, :3]).max(initial=0.0)
+            lost = tuple(now - load for now, load in zip(unbalanced(), loads, strict=True))
+        joint_forces(moving, driving)
+        self.breaks = bool((joint_families.bonded(state) < bonds).any())
+        (at, self._lost), (same, self._force) = _cancelling(bodies, *lost), _cancelling(bodies, *loads)
+        self._at = at.and_then(same)
+        greatest, weaker = (float(np.abs(force).max(initial=0.0)) for force in (self._force, self._lost))
         self.on_others = bool(borne > NOTHING * greatest)
-        self.part = greatest / borne if borne > 0.0 else math.inf
+        self.part, self.lost = (most / borne if borne > 0.0 else math.inf for most in (greatest, weaker))
+        self.lost = self.lost if self.lost > NOTHING else 0.0
+
+    def way(self, count: int) -> list[tuple[float, float]]:
+        """The `shares` at the equilibria of a way of ``count`` increments: of lost forces, if there are any, and then
+        of loads."""
+        parts = [left / count for left in range(count - 1, -1, -1)]
+        let_go = parts if self.lost > LITTLE else [0.0] if self.lost or self.breaks else []
+        return [(part, 1.0) for part in let_go] + [(0.0, part) for part in parts]
 
     def held_off(self, driving: Driving) -> Driving:
-        """``driving`` without the share that is still to come."""
-        if not self.share:
+        """``driving`` without the shares that are still to come."""
+        if not any(self.shares):
             return driving
         own = len(driving.factor)  # number of loads; the rows of actuators follow them
-        share = self.share
+        to_let_go, to_come = self.shares
+        force = np.concatenate([to_let_go * self._lost, to_come * self._force])
         return replace(
             driving,
             at=driving.at[:own].and_then(self._at).and_then(driving.at[own:]),
-            force=np.concatenate([driving.force[:own], self._force, driving.force[own:]]),
-            factor=(*driving.factor, *(lambda times: np.full(len(times), share),) * len(self._force)),
+            force=np.concatenate([driving.force[:own], force, driving.force[own:]]),
+            factor=(*driving.factor, *(None,) * len(force)),
         )
+
+
+def _cancelling(bodies: Bodies, force: np.ndarray, torque: np.ndarray) -> tuple[Attached, np.ndarray]:
+    """Points of the free blocks, and forces at them (k, 3) that balance a ``force`` and a ``torque`` (f, 3) on each."""
+    arm = np.cross(torque, np.eye(3)[np.abs(torque).argmin(axis=1)])  # across the couple, and so at right angles
+    length = np.linalg.norm(arm, axis=1, keepdims=True)
+    arm = np.divide(arm, length, out=np.zeros_like(arm), where=length > 0.0)
+    couple = -0.5 * np.cross(torque, arm)
+    block, arms = np.tile(bodies.free.astype(np.int64), 3), np.concatenate([0.0 * arm, arm, -arm])
+    at = Attached(block, arms, np.einsum("kji,kj->ki", bodies.rotation[block], arms))
+    return at, np.concatenate([-force, couple, -couple])
 
 
 def rest_by_increments(
@@ -74,6 +107,14 @@ def rest_by_increments(
     """
     moving = path.moving
     path.to_come = to_come = PendingLoads(moving, still())
+
+    def go_back() -> None:
+        to_come.shares = 0.0, 0.0
+        moving.energy.fit(still().n_load, len(still().supports))
+        path.past.go_back(kept)
+
+    if to_come.breaks:
+        go_back()
     if not to_come.on_others:
         path.path_error = math.inf  # blocks that fall onto one another swing open
         return rest()
@@ -82,20 +123,30 @@ def rest_by_increments(
     def gave_way() -> bool:
         return slip_path(moving) != slip or bool((joint_families.bonds(moving.state) < bonds).any())
 
-    if to_come.part <= LITTLE:
+    def at(shares: tuple[float, float]) -> float | None:
+        to_come.shares = shares
+        moving.state.bodies.applied[:] = 0.0  # loads that still act add theirs again, removed ones leave nothing
+        return rest()
+
+    if to_come.part + to_come.lost <= LITTLE and not to_come.breaks:
         ratio = rest()
-        path.path_error = 2.0 * to_come.part if gave_way() else 0.0
+        path.path_error = 2.0 * (to_come.part + to_come.lost) if gave_way() else 0.0
         return ratio
+    falls_before = False
 
     def go(count: int) -> bool | None:
-        nonlocal ratio
-        path.past.go_back(kept)
-        for left in range(count - 1, -1, -1):
-            to_come.share, early = left / count, gave_way()
-            moving.state.bodies.applied[:] = 0.0  # loads that still act add theirs again, removed ones leave nothing
-            ratio = rest()
+        nonlocal ratio, falls_before
+        go_back()
+        for shares in to_come.way(count):
+            early, falls_before = gave_way(), shares[1] == 1.0
+            try:
+                ratio = at(shares)
+            except UndecidedError:
+                if not falls_before:
+                    raise
+                ratio = None
             if ratio is None:
-                to_come.share = 0.0
+                to_come.shares = 0.0, 0.0
                 return None
             update_history_at_rest(moving, still())
         return early
@@ -103,8 +154,13 @@ def rest_by_increments(
     path.increments, path.path_error = load_increments.by_increments(
         go, lambda: carried(moving), gave_way, gave_way, one_step=False
     )
+    if ratio is None and falls_before:  # the loads of before cannot be borne any more, but those of now perhaps can
+        go_back()
+        ratio, path.increments, path.path_error = at((0.0, 0.0)), 1, math.inf
+    elif to_come.lost <= LITTLE:
+        path.path_error += 2.0 * to_come.lost
     if ratio is not None:
-        load_increments.report_error(path.session.report, path.increments, path.path_error)
+        load_increments.report_error(path.session.report, path.increments, path.path_error, falls_before)
     return ratio
 
 

@@ -57,7 +57,8 @@ class Rest:
     """Result of a search for equilibrium under the dead loads: whether the blocks stand (None: undecided), the
     out-of-balance over the joint forces and the number of steps; the mechanism and the numbers of falling blocks;
     seconds of compiling and of relaxing; the number of load ``increments``, and the error of forces that this and the
-    previous stages leave, over the greatest joint force (``path_error``) and in N (``force_error``).
+    previous stages leave, over the greatest joint force (``path_error``) and in N (``force_error``); ``weakened``: with
+    the present joint laws no equilibrium was found under the loads of the stage before.
     """
 
     stands: bool | None
@@ -70,6 +71,7 @@ class Rest:
     increments: int = 1
     path_error: float = 0.0
     force_error: float = 0.0
+    weakened: bool = False
 
 
 def dead_load_equilibrium(
@@ -188,7 +190,7 @@ def rest(
     if stands:
         come_to_rest(state)
     errors = load_increments.both_errors(error, before, float(np.abs(carried(state)).max(initial=0.0)))
-    return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, *errors)
+    return Rest(stands, ratio, steps, mechanism, moving, *seconds, increments, *errors, relaxation.weakened)
 
 
 @dataclass
@@ -211,7 +213,7 @@ def find_rest(assembly: Assembly, session: Session) -> Standing:
     stiffness = held_stiffness(assembly, state)
     factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
     found = rest(state, stiffness, assembly.position, factor, session)
-    load_increments.report_error(session.report, found.increments, found.path_error)
+    load_increments.report_error(session.report, found.increments, found.path_error, found.weakened)
     if session.observe is not None:
         recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
         recorder.write_equilibrium(state, 0, 0.0, np.zeros(2), framed=True)

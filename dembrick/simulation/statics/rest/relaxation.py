@@ -57,6 +57,7 @@ class Relaxation:
         self._newton: FreeEquilibria | None = None  # for increments: finds most of them at once
         self._reserves = joint_families.reserves(state)  # of bonds, before the present loads
         self._from_start = False  # whether a checkpoint written now restarts from the initial state
+        self.weakened = False  # whether no equilibrium is found with the present laws under the loads at the start
         self.own_way = False  # whether the history of friction depends on the path of viscous motion
 
     def session_of(self, session: Session) -> Session:
@@ -166,21 +167,12 @@ class Relaxation:
     def _in_increments(self, count: int, session: Session, gave_way: Callable[[], bool]) -> tuple[int, bool]:
         """`by_increments` with ``count`` of them: the number of steps, zero if an equilibrium is not found; and whether
         any joint ``gave_way`` before the last increment."""
-        state, free, steps = self._state, self._state.blocks.free, 0
+        state, steps, early = self._state, 0, False
         self._from_start = True
-        put_back(self._start)
-        self._begin()
-        self._trials.stay()
-        trial = self._trials.trial
-        weaker = joint_families.slid(state, trial, ROUNDED * float(np.abs(trial.base[:, :3]).max()))
-        if weaker or joint_families.overloaded(state).any():
-            return 0, False  # laws have become weaker than the forces at the start: there is no path of loads
-        loads, change = ties.dead_loads(state).copy(), np.zeros((len(state.blocks.force), 6))
-        change[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
-        put_back(self._start)
-        for left in range(count - 1, -1, -1):
-            early = gave_way()
-            ties.put_dead_loads(state, loads - left / count * change)
+        before, way = self._way(count)
+        for number, loads in enumerate(way):
+            early, self.weakened = gave_way(), number < before
+            ties.put_dead_loads(state, loads)
             self._begin()
             begun = [(array, array.copy()) for array, _ in self._start]
             ratio, more = self.run(session)
@@ -194,7 +186,40 @@ class Relaxation:
                 if not stands:
                     return 0, False
             come_to_rest(state)
+        self.weakened = False
         return steps, early
+
+    def _way(self, count: int) -> tuple[int, list[np.ndarray]]:
+        """Dead loads (n, 6) at the equilibria from the start to the present laws and loads, each by ``count``
+        increments, and how many of them belong to the laws: forces that joints may no longer bear are let go first,
+        under the loads that they bore, and bonds that these overload break."""
+        state = self._state
+        change, slid, overloaded = self._unbalanced_at_start()
+        lost = np.zeros_like(change)
+        if slid:
+            with joint_families.stuck(state):
+                new = self._unbalanced_at_start()[0]
+            change, lost = new, change - new
+        put_back(self._start)
+        loads = ties.dead_loads(state).copy()
+        parts = [left / count for left in range(count - 1, -1, -1)]
+        let_go = parts if slid else [0.0] if overloaded else []
+        of_laws = [loads - change - part * lost for part in let_go]
+        return len(of_laws), of_laws + [loads - part * change for part in parts]
+
+    def _unbalanced_at_start(self) -> tuple[np.ndarray, bool, bool]:
+        """The out-of-balance (n, 6) at the start, and whether there any joint slides or any bond is overloaded."""
+        state, free = self._state, self._state.blocks.free
+        put_back(self._start)
+        self._begin()
+        joint_families.keep_bonds_intact(state, True)
+        self._trials.stay()
+        joint_families.keep_bonds_intact(state, False)
+        found = np.zeros((len(state.blocks.force), 6))
+        found[free] = np.concatenate([state.blocks.force, state.blocks.torque], axis=1)[free]
+        trial = self._trials.trial
+        slid = joint_families.slid(state, trial, ROUNDED * float(np.abs(trial.base[:, :3]).max()))
+        return found, slid, bool(joint_families.overloaded(state).any())
 
     def _begin(self) -> None:
         """Start the first round with the present state as the history of the joints."""
