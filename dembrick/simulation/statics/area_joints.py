@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 MEMORY = ("elastic", "twist", "slip", "bonds")  # fields of the history
+LONGER = 2.0  # times a step: its plastic part may be longer than the step by what the springs of a joint give back
 FOUND = ("evaluations", "pressed")  # fields that each evaluation finds anew
 
 
@@ -157,5 +158,11 @@ def greatest_strength(areas: Areas) -> np.ndarray:
 
 
 def slip_twists(areas: Areas, steps: np.ndarray) -> np.ndarray:
-    """Slip twists (k, 3) of the joints: the plastic part of their last steps."""
-    return areas.twist
+    """Slip twists (k, 3) of the joints: the plastic part of their last ``steps``, or all of an elastic step. A twist
+    longer than its step is left from before, or only a direction in which the joint would slip."""
+
+    def length(twists: np.ndarray) -> np.ndarray:
+        return np.hypot(np.hypot(twists[:, 0], twists[:, 1]), areas.reach * twists[:, 2])
+
+    slipped = length(areas.twist) <= LONGER * length(steps)
+    return np.where(slipped[:, None], areas.twist, steps)
