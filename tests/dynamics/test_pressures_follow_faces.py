@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from dembrick.assembly.build import assemble
+from dembrick.errors import UndecidedError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.blocks import Part
-from dembrick.scenario.controls import DisplacementControl, DynamicControl, TiltControl
+from dembrick.scenario.controls import DisplacementControl, DynamicControl, PushoverControl, TiltControl
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 from dembrick.scenario.pressures import Pressure
 from dembrick.simulation.dynamics import memory_order
+from dembrick.simulation.dynamics.paths import equilibria
 from helpers.restart_cases import check_same, stop_at_look
 from helpers.stone_scenes import law, of_stone
 
@@ -242,3 +244,19 @@ def test_pressures_find_their_blocks_in_any_order_of_memory(monkeypatch):
     assert np.abs(found[0][0][-1, 1:6]).max() > 1e-3
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("control, remedy", [(TiltControl, "quasi_static = false"), (PushoverControl, "large_disp")])
+def test_a_load_that_blocks_follow_as_it_changes_with_their_place_is_named(control, remedy, monkeypatch):
+    """A block that slides down into water finds rest again, deeper and deeper: no stiffer joint would change that."""
+    monkeypatch.setattr(equilibria, "SPARE", 33)  # gives up after five equilibria
+    water = Pressure("block", (-1.0, 0.0, 0.0), surface=0.3, weight=WATER)
+    way = {"axis": (0.0, -1.0, 0.0)} if control is TiltControl else {"direction": (-1.0, 0.0, 0.0)}
+    blocks = (
+        Block("floor", "stone", box=(3.0, 3.0, 0.1), position=(0.0, 0.0, -0.05), fixed=True),
+        Block("block", "stone", box=(0.4, 0.4, 0.3), position=(0.5, 0.0, 0.15)),
+    )
+    given = of_stone(law("convex", 0.33), control(**way, large_displacements=True), blocks, pressures=(water,))
+    with pytest.raises(UndecidedError, match=f"the pressure on 'block' changes with the height.*{remedy}") as told:
+        simulate(given, record=False)
+    assert "stiffen" not in str(told.value)

@@ -45,7 +45,7 @@ from dembrick.simulation.dynamics.integrator import (
 )
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, moved, places, settlement_collapse, standing
-from dembrick.simulation.dynamics.paths.falls import falls_in, in_resolved_steps
+from dembrick.simulation.dynamics.paths.falls import falls_in, in_resolved_steps, still_follows
 from dembrick.simulation.dynamics.paths.stage_loads import PendingLoads, rest_by_increments
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.run import EquilibriaRun
@@ -86,6 +86,7 @@ class EquilibriumPath(ABC):
     step = STEP  # of the time step
     overshoot = 1.0  # displacement on the swing of a step over that at its equilibrium, at most: see `falls`
     dropped = DROPPED
+    adapts = False  # whether increments get shorter than planned where blocks move further than expected
     often = math.inf  # see `falls_in`
     to_come: PendingLoads | None = None
     increments, path_error = 1, 0.0  # of loads that are added to those of the stage before: `load_increments`
@@ -338,7 +339,6 @@ class EquilibriumPath(ABC):
             return None if end == self.failed else self.broken
         target = self.following()
         if target is not None and self.equilibria >= self.room - LEFT:
-            on = f"blocks still follow {self.said(self.reached)}; stiffen the ties or joints on which they move"
             raise UndecidedError(f"undecided: no limit within {self.equilibria} equilibria, because {on}")
         return target
 
@@ -415,7 +415,8 @@ class EquilibriumPath(ABC):
 
     @property
     def progress(self) -> Progress:
-        return Progress("equilibrium", self.equilibria, self.way, None, True)
+        unplanned = self.adapts or self.careful or self.bonded
+        return Progress("equilibrium", self.equilibria, self.room if unplanned else self.way, None, True)
 
     def _own(self) -> dict[str, np.ndarray]:
         path = np.zeros((self.room, 3))

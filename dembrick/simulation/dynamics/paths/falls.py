@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import DivergedError
+from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.integrator import PressedTooDeep, in_shorter_steps
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.run import falls_by
@@ -16,6 +17,12 @@ from dembrick.simulation.dynamics.run import falls_by
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
 
+NAMED = 5  # blocks that a message names
+AS_DRAWN = "control.large_displacements = false finds the limit where the blocks are drawn"
+IN_TIME = (
+    "There may be no angle at which they let go: control.quasi_static = false, with a rate and a displacement, tells "
+    "when they have moved so far"
+)
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: interval between checks for a collapse
 
 
@@ -43,3 +50,18 @@ def falls_in(path: EquilibriumPath, driving: Driving, steps: int, before: np.nda
             path.record_collapse_frame(1.0)
             return True
     return False
+
+
+def still_follows(path: EquilibriumPath) -> str:
+    """Message on blocks of a path that move on and on with its load, with what makes them do so and a remedy."""
+    found = f"undecided: no limit in {path.equilibria} equilibria, as blocks still follow {path.said(path.reached)}"
+    pressed, moving = path.driving.pressed, path.moving
+    ties = len(moving.state.ties.stiffness) > 0
+    if not pressed.slope.any():
+        return f"{found}; stiffen the {'ties or joints' if ties else 'joints'} on which they move"
+    names = [moving.assembly.names[i] for i in np.unique(pressed.block[pressed.slope != 0.0])]
+    on = ", ".join(map(show, names[:NAMED])) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+    return (
+        f"{found}: the pressure on {on} changes with the height of the faces, and so with how far they have moved. "
+        f"{IN_TIME if path.control.kind == 'tilt' else AS_DRAWN}{'; or stiffen the ties' if ties else ''}"
+    )

@@ -78,7 +78,7 @@ class LoadPath(EquilibriumPath):
         super().__init__(moving, control, driving, session, equilibria_of(self.greatest / self.scale, self.growth))
         self.joint, self.stands = 0, True
         if driving.driven is not None:
-            self.dropped = NEAR
+            self.dropped, self.adapts = NEAR, True
         else:
             moving.settled = True  # this path only tells whether the blocks rest or fall from where they are
 
