@@ -272,9 +272,8 @@ def by_simulation(
         expected = _limits(joint, _formulation(joint, name, request, continuum=False), domain.load, request.height)
         error = limits.V / expected - 1.0
         for i, point in enumerate(domain.points):
-            # the load keeps its direction: both components have the same relative error
             row = _row(name, "DEM", point, limits.half_width[i] * np.abs(domain.load[i]), request)
-            # the load keeps its direction: all components carry the same relative error
+            # the load keeps its direction: all components have the same relative error
             shear = row["V"]
             row |= {"V_lower": float(shear * limits.V_lower[i] / limits.V[i])}
             row |= {"V_upper": float(shear * limits.V_upper[i] / limits.V[i])}

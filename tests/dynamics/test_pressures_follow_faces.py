@@ -257,6 +257,6 @@ def test_a_load_that_blocks_follow_as_it_changes_with_their_place_is_named(contr
         Block("block", "stone", box=(0.4, 0.4, 0.3), position=(0.5, 0.0, 0.15)),
     )
     given = of_stone(law("convex", 0.33), control(**way, large_displacements=True), blocks, pressures=(water,))
-    with pytest.raises(UndecidedError, match=f"the pressure on 'block' changes with the height.*{remedy}") as told:
+    with pytest.raises(UndecidedError, match=f"the pressure on 'block' depends on the height.*{remedy}") as told:
         simulate(given, record=False)
     assert "stiffen" not in str(told.value)

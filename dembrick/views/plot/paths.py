@@ -73,6 +73,7 @@ class JointPath(NamedTuple):
     formulation: str = ""
     cohesive: bool = False
     sense: float = 1.0
+    cut: bool = False
 
     @property
     def told(self) -> tuple[str, str, str, str]:
@@ -135,7 +136,7 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     given = history.joints[number]
     return JointPath(
         name, number, float(N[-1]), direction, along, sense * M_T, tuple(sections), strength, radius, _formulation(own),
-        subject.strengths(given)[1] > 0.0 or subject.is_brittle(given), sense,
+        subject.strengths(given)[1] > 0.0 or subject.is_brittle(given), sense, cut,
     )  # fmt: skip
 
 
@@ -221,9 +222,8 @@ def load_path(
             axes.plot(shear * x, torsion * y, color=look.colour, ls=look.line, lw=1.6, marker=look.marker, ms=3.2,
                       markevery=max(1, len(path.V) // 12), label=label, zorder=3)  # fmt: skip
             point = summary.yield_point(history.results)
-            if {"V_1", "V_2", "M_T"} <= set(point) and path.number == subject.chosen_joint(
-                history
-            ):  # its M_T is about O of the start
+            own = path.number == subject.chosen_joint(history) and not path.cut  # else M_T is about O of the start
+            if {"V_1", "V_2", "M_T"} <= set(point) and own:
                 x = float(np.array([point["V_1"], point["V_2"]]) @ path.direction)
                 y = path.sense * point["M_T"]
                 if relative:
@@ -241,7 +241,8 @@ def load_path(
         axes.set_xlim(left=1.05 * shear * least_V)
         axes.set_ylim(bottom=1.05 * torsion * least_M_T)
         of_joint = ", ".join(filter(None, (joint_told, pressed)))
-        head_and_legend(figure, axes, ax is None, "; ".join(filter(None, (above, of_joint))))
+        cut = CUT_AT_EDGE if any(path.cut for path in paths) else ""
+        head_and_legend(figure, axes, ax is None, "; ".join(filter(None, (above, of_joint, cut))))
     return figure
 
 

@@ -9,8 +9,7 @@ until the parameter at collapse is known to the tolerance.
 Blocks swing past their equilibrium. Sliding, yielding, crushing and uplift on that swing would be irreversible, so the
 laws remember only their state at the equilibrium (`kernels.dynamics.law_memory`).
 
-Frames of the collapse follow that of the last equilibrium. Their times lie between its number and the next, and they
-share its row, as nothing is in equilibrium any more.
+Frames of the collapse follow that of the last equilibrium: their times lie between its number and the next.
 
 Bonds are kept intact until the blocks rest; those that are overloaded then break, and the blocks come to rest again
 until none is overloaded. So no swing breaks a bond, and the parameter at failure is known to the tolerance too.
@@ -339,7 +338,7 @@ class EquilibriumPath(ABC):
             return None if end == self.failed else self.broken
         target = self.following()
         if target is not None and self.equilibria >= self.room - LEFT:
-            raise UndecidedError(f"undecided: no limit within {self.equilibria} equilibria, because {on}")
+            raise UndecidedError(still_follows(self))
         return target
 
     def run(self) -> None:

@@ -1,4 +1,5 @@
-"""Detection of collapse during relaxation on a path of equilibria, before blocks get too fast for the time step."""
+"""Detection of collapse during relaxation on a path of equilibria, before blocks get too fast for the time step; and
+the message on blocks that neither fall nor stop."""
 
 from __future__ import annotations
 
@@ -18,10 +19,10 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
 
 NAMED = 5  # blocks that a message names
-AS_DRAWN = "control.large_displacements = false finds the limit where the blocks are drawn"
+AS_DRAWN = "control.large_displacements = false gives the limit in the initial geometry"
 IN_TIME = (
-    "There may be no angle at which they let go: control.quasi_static = false, with a rate and a displacement, tells "
-    "when they have moved so far"
+    "There may be no angle at which they fall: control.quasi_static = false, with a rate and a displacement, gives the "
+    "angle at which they have moved that far"
 )
 SEEN_FALLING = 0.25  # of the time in which a block falls by its size: interval between checks for a collapse
 
@@ -53,8 +54,9 @@ def falls_in(path: EquilibriumPath, driving: Driving, steps: int, before: np.nda
 
 
 def still_follows(path: EquilibriumPath) -> str:
-    """Message on blocks of a path that move on and on with its load, with what makes them do so and a remedy."""
-    found = f"undecided: no limit in {path.equilibria} equilibria, as blocks still follow {path.said(path.reached)}"
+    """Message on blocks that follow the load of a path without end, with the cause and a remedy."""
+    follow = f"because blocks still follow {path.said(path.reached)}"
+    found = f"undecided: no limit within {path.equilibria} equilibria, {follow}"
     pressed, moving = path.driving.pressed, path.moving
     ties = len(moving.state.ties.stiffness) > 0
     if not pressed.slope.any():
@@ -62,6 +64,6 @@ def still_follows(path: EquilibriumPath) -> str:
     names = [moving.assembly.names[i] for i in np.unique(pressed.block[pressed.slope != 0.0])]
     on = ", ".join(map(show, names[:NAMED])) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
     return (
-        f"{found}: the pressure on {on} changes with the height of the faces, and so with how far they have moved. "
+        f"{found}: the pressure on {on} depends on the height of the faces, and so on how far they have moved. "
         f"{IN_TIME if path.control.kind == 'tilt' else AS_DRAWN}{'; or stiffen the ties' if ties else ''}"
     )
