@@ -237,6 +237,7 @@ def _set_up(scenario: Scenario, assembly: Assembly, session: Session | None = No
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     if session is not None and session.start is not None:
         checkpoint.start_on(moving, session.start, session.ties_before)
+        moving.settled |= scenario.control.regime.counts_equilibria  # new loads come in increments
     elif session is not None and scenario.control.regime.counts_equilibria:
         session.force_error = checkpoint.start_at_rest(moving)
     return moving, loads.driving_of(scenario, moving)

@@ -4,12 +4,15 @@ A block that may not turn is pushed along y; a tie holds it beside its joint. Wi
 tie has the rest. What is pressed on it later changes nothing, and what is pushed later the two share as springs.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import dembrick
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
+from dembrick.scenario.controls import PushoverControl
 from helpers.scenario_text import block, header
 
 AREA, PRESSED, PUSHED, TIE = 0.3 * 0.2, 500.0, 155.0, 2e8  # m2, N, N, N/m
@@ -75,6 +78,18 @@ def test_no_bar_is_said_where_nothing_holds_the_loads_of_before(large):
     statics = found.as_dict()["statics"]
     assert statics["stands"] and statics["path_error"] is None and statics["force_error"] is None
     assert any("no equilibrium was found under the loads of the stage before" in remark for remark in heard)
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_a_search_begins_where_joints_have_given_way_before_its_loads_came(large, tmp_path):
+    """The stage before it in either geometry; V grows from nothing, so that its first row has the rest alone."""
+    given = scene("concave", large, "friction = 0.1", 950.0, tie=f"{HELD}strength = 300.0\n")
+    pushover = PushoverControl(direction=(0.0, -1.0, 0.0), large_displacements=True)
+    found = simulate(replace(given, control=pushover, text=None), tmp_path / "search.h5")
+    with dembrick.read_history(tmp_path / "search.h5") as history:
+        assert history.load[0] == 0.0
+        assert -history.joint("V_2")[0, 0] == pytest.approx(0.1 * PRESSED, abs=0.01)
+    assert found.yield_point.V == pytest.approx((0.1 * (PRESSED + 950.0) + 300.0 - PUSHED) / WEIGHT, rel=2e-3)
 
 
 def test_joints_that_get_weaker_on_the_way_give_way_before_loads_come(tmp_path):

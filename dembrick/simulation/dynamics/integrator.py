@@ -78,7 +78,7 @@ class PressedTooDeep(NotConvergedError):
 class Motion:
     """An assembly in motion or relaxation, with its state, time step (s) and computing times (s).
 
-    ``settled``: it starts from the equilibrium left by a settlement, including its new contacts. ``loop_seconds`` went
+    ``settled``: it starts from the equilibrium that a stage left, including its new contacts. ``loop_seconds`` went
     into compiled steps, ``phases`` into the work between them. ``falling`` (n,): blocks without an equilibrium under
     the dead loads; ``attempt`` (2,): of the search for it, the step at which the present attempt began, and the number
     of steps until the first block was seen to fall (-1: none yet). ``upright`` (n, 4): orientations at the start of the
