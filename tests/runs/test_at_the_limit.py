@@ -77,7 +77,7 @@ def test_joints_and_page_show_the_limit_and_leave_out_what_comes_off_later(corne
     with history.read(path) as found:
         assert max(row["utilisation"] or 0.0 for row in joint_table(found)) < 1.01
         slips = [max(row["slip"] for row in joint_table(found, frame)) for frame in (None, "last")]
-        assert slips[0] < 0.1 and slips[1] > 1.0  # a stone that has flown off
+        assert slips[0] < 0.1 and slips[1] > 0.3  # a stone that has flown off, and slid while it touched
         own = {row["joint"]: row for row in joint_table(found)}["/".join(result.yield_point.joint)]
         assert own["N"] == pytest.approx(result.yield_point.N) and own["V_2"] == pytest.approx(result.yield_point.V_2)
         data = content.collect(found)
