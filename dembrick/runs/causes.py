@@ -61,6 +61,7 @@ BLURRED = 4.0  # factor above and below that, within which a joint may be seen o
 SCATTER = 0.2  # of an observed displacement: standard deviation of the misfit of a motion
 FOLLOWED = 2e-3  # of the structure's size: the motion of a support that is followed through equilibria
 LIKELY = 0.1  # times as likely as the best: a likely cause
+PLAIN = 1.0 / 3.0  # times as likely as the best that opens the same joints: a plainer motion comes before it
 SHOWN = 3  # causes that are printed and drawn
 _AXES = ("x", "y", "z")
 COLUMNS = ("cause", "share", "weight", "hits", "misses", "false_alarms", "support", *_AXES, "rx", "ry", "rz", "amount")
@@ -98,8 +99,10 @@ class Motion(NamedTuple):
 @dataclass(frozen=True)
 class Cause:
     """Motions that open the same joints. ``share``: its likelihood over that of all motions; ``weight``: likelihood of
-    its best motion over the best of all; ``velocity`` (n, 6) of the blocks in that; ``opening`` (j,) of the joints over
-    the greatest; ``slides``: whether joints slide so far that their dilatancy, which stones do not have, matters."""
+    its best motion over the best of all; ``velocity`` (n, 6) of the blocks in its first, the plainest of the likely ones, and
+    ``opening`` (j,) of the joints over
+    the greatest; ``slides``: whether joints slide so far that their dilatancy,
+    which stones do not have, matters."""
 
     motions: tuple[Motion, ...]
     share: float
@@ -414,8 +417,9 @@ def _ranked(patterns: dict[bytes, list], judged: np.ndarray, assembly: Assembly)
     names, joints = assembly.names, assembly.joints
     causes = []
     for found in patterns.values():
-        found.sort(key=lambda one: (-one[0], *_plain(one[1].velocity, assembly.gravity)))
-        weight, _, velocity, opening, slides = found[0]
+        weight = max(one[0] for one in found)
+        found.sort(key=lambda one: (one[0] < weight + math.log(PLAIN), *_plain(one[1].velocity, assembly.gravity)))
+        _, _, velocity, opening, slides = found[0]
         opens = opening > OPENS
 
         def of(chosen: np.ndarray) -> tuple[str, ...]:

@@ -47,6 +47,21 @@ def test_a_springing_that_sinks_is_told_from_one_that_spreads(tmp_path):
     assert not found.ambiguous and found.causes[0].opening.argmax() != spread.opening.argmax()
 
 
+def test_the_plainest_of_motions_that_open_the_same_joints_comes_first(tmp_path):
+    """The cracks of a left springing that goes outwards. A shift and a turn of the right one open the same joints, and
+    tell twice as well of one that hardly opens: it made the headline."""
+    base = tmp_path / "arch.toml"
+    arch = '[[arches]]\nname = "arch"\nmaterial = "stone"\nradius = 1.0\nthickness = 0.2\ndepth = 0.3\nvoussoirs = 7\n'
+    base.write_text(header(friction=0.7, normal_stiffness=1e10) + arch + '[control]\nkind = "statics"\n')
+    study = tmp_path / "cracks.toml"
+    joints = '[["arch.1", "arch.2"], ["arch.3", "arch.4"], ["arch.6", "arch.7"]]'
+    study.write_text(STUDY.format(base=base) + f"open = {joints}", encoding="utf-8")
+    best = causes.find(study).causes[0]
+    assert best.motions[0].said() == "arch.left moves along -x" and best.weight == 1.0
+    together = [motion for motion in best.motions if motion.said() == "arch.right moves along -x and turns about +y"]
+    assert len(together) == 1 and "96.9 %: arch.left moves along -x (or" in best.title
+
+
 def test_a_lintel_that_slides_is_said_to(tmp_path, monkeypatch):
     """A lintel drawn off one support slides; limit analysis lifts it there and opens the joint at the other support."""
     blocks = block("left", [-0.5, 0.0, 0.5], [0.3, 0.3, 1.0], "fixed = true")
