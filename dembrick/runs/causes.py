@@ -99,10 +99,9 @@ class Motion(NamedTuple):
 @dataclass(frozen=True)
 class Cause:
     """Motions that open the same joints. ``share``: its likelihood over that of all motions; ``weight``: likelihood of
-    its best motion over the best of all; ``velocity`` (n, 6) of the blocks in its first, the plainest of the likely ones, and
-    ``opening`` (j,) of the joints over
-    the greatest; ``slides``: whether joints slide so far that their dilatancy,
-    which stones do not have, matters."""
+    its best motion over the best of all; ``velocity`` (n, 6) of the blocks in its first motion, the plainest of the
+    likely ones, and ``opening`` (j,) of the joints over the greatest; ``slides``: whether joints slide so far that
+    their dilatancy, which stones do not have, matters."""
 
     motions: tuple[Motion, ...]
     share: float

@@ -281,6 +281,7 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
         wanted = wanted and (not channel.asked or channel.asked in asked or (strong and channel.asked == STRENGTHS))
         balances = regime.balances_energy and not control.pushes_as_tilted
         wanted = wanted and (channel.asked != "energy" or balances)
+        wanted = wanted and not (channel.asked == "velocity" and counts)  # between equilibria there is no time
         if wanted and not (channel.optional and not getattr(sizes, channel.shape[0])):
             found.append(channel.of_run(sizes, words))
     return tuple(found)

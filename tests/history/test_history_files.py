@@ -63,7 +63,7 @@ def test_everything_comes_back(tmp_path, hold):
 def test_the_channels_that_were_asked_for_come_back(tmp_path):
     assembly = cases.mixed_assembly()
     motion = cases.motion(0, 5, 3, 4)
-    with cases.open_writer(tmp_path / "all.h5", assembly, channels=model.CHANNELS) as out:
+    with cases.open_writer(tmp_path / "all.h5", assembly, channels=model.CHANNELS, control=cases.CONSTANT_RATE) as out:
         out.append(cases.record(0, 5, 2, 0))
         out.append_frames(*cases.frames(0, 2, 3), **{name: value[:2] for name, value in motion.items()})
         out.append_frames(*cases.frames(2, 5, 3), **{name: value[2:] for name, value in motion.items()})

@@ -89,7 +89,7 @@ class Picture:
         report = report or (lambda _: None)
         if "blocks" in only:
             self.layers[""] = blocks = Blocks(history)
-            if not blocks.recorded:
+            if not (blocks.recorded or history.counts_equilibria):
                 report(
                     'velocities were not recorded: taken from the frames; "velocity" in output.channels records them'
                 )

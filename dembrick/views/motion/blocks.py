@@ -94,9 +94,11 @@ def block_quantities(history: History, poses: Poses, start: int, stop: int) -> d
     """``displacement``, ``velocity``, ``spin`` (f, n_block, 3) and ``kinetic_energy`` (f, n_block); SI units.
 
     Velocities that were not recorded are means between the previous and the next frame. Quantities that the history
-    cannot give are left out.
+    cannot give are left out. A sequence of equilibria has no time, and so no velocities.
     """
     found = {"displacement": poses.displacement}
+    if history.counts_equilibria:
+        return found
     velocity = history.frame_values("velocity", start, stop)
     if velocity is not None:
         found["velocity"], found["spin"] = velocity, history.frame_values("spin", start, stop)

@@ -99,6 +99,11 @@ class Colouring:
                 f"{history.path}: {color} cannot be shown because the forces of joints were not recorded; run it again "
                 'with "joints" in output.channels'
             )
+        if color == "energy" and history.counts_equilibria:
+            raise HistoryError(
+                f"{history.path}: energy cannot be shown: the run goes from equilibrium to equilibrium, where blocks "
+                "have no velocity"
+            )
         if color == "energy" and (history.block_mass is None or history.n_frames < 2):
             raise HistoryError(
                 f"{history.path}: energy cannot be shown, because the file has no masses or only one frame"
