@@ -12,7 +12,7 @@ import pytest
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
-from dembrick.simulation.dynamics.paths.falls import SEEN_FALLING, seen_falling
+from dembrick.simulation.dynamics.paths.falls import SEEN_FALLING, falls_in
 from helpers.scenario_text import block, header, jack
 
 B, D = 0.3, 0.5  # m, of the bed
@@ -80,7 +80,7 @@ def test_looks_at_a_fall_are_as_far_apart_as_it_is_slow(gravity):
     path = SimpleNamespace(
         moving=moving, dt=1e-5, often=SEEN_FALLING, advance=lambda _, n: looks.append(n), down=lambda _: 0.0
     )
-    seen_falling(path, None, 100_000, None)
+    falls_in(path, None, 100_000, None)
     assert looks[0] == int(0.25 * math.sqrt(0.4 / (gravity or 9.81)) / 1e-5)
     assert sum(looks) == 100_000
 

@@ -82,7 +82,7 @@ def test_a_dataset_names_dimensions_and_units(result):
     bound = result.rows["upper"] < 1e300
     assert 0 < np.count_nonzero(bound) < len(bound)
     np.testing.assert_array_equal(data["upper"], np.where(bound, result.rows["upper"], np.inf))
-    assert data["upper"].attrs["long_name"].endswith("inf stands for none")
+    assert data["upper"].attrs["long_name"].endswith("inf means none")
 
 
 def test_without_a_record_there_is_no_table():

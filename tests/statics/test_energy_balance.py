@@ -211,9 +211,7 @@ def test_the_energy_terms_of_a_point_joint_against_points_one_by_one():
         n = 5
         arms, k = rng.uniform(-0.1, 0.1, size=(4, n)), rng.uniform(1e8, 3e8, size=(2, n))
         zero = np.zeros
-        points = Points(
-            np.zeros(1, np.int64), np.array([0, n]), np.array([0.64]), *arms, *k, zero(n), zero(n), zero(n), zero(n)
-        )
+        points = Points(np.zeros(1, np.int64), np.array([0, n]), np.array([0.64]), *arms, *k, *zero((4, n)), zero(1))
         dash, normal, before = zero((2, 6)), zero((1, 7)), zero(7)
         x, y = arms[:2]
         normal[0] = [*((k[0] * f).sum() for f in (1.0, x, y, x**2, y**2, x * y)), np.hypot(x, y).max()]

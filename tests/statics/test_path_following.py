@@ -122,7 +122,7 @@ def test_a_newton_step_is_cut_where_the_forces_do_no_more_work_on_it():
     search = follower.search
     start = search.motion()
     for V in (0.5, 2.0, 10.0):
-        motion = start + V * follower.answer
+        motion = start + V * follower.elastic
         search.attempt(motion, V)
         step = search._newton_step(V)
         work = inner(search.trial.residual, step[0])
