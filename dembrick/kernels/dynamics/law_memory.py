@@ -3,7 +3,7 @@
 In the search for an equilibrium blocks swing past it, and nothing of that swing may be irreversible. So until they
 rest, every law is evaluated from its memory at the last equilibrium for all motion of the blocks since, as in one
 implicit step. Shear springs are stretched by all of it, even beyond the force that friction allows; yielding, crushing
-and lift are computed from there anew at every evaluation. Once the blocks rest, one more evaluation, without motion or
+and lift are computed from there again at every evaluation. Once the blocks rest, one more evaluation, without motion or
 dashpots, stores the state. Only bonds break at once. If laws crush or dilate, or are user-defined, no dashpot acts
 before that either: in every step it would respond to all that is crushed or lifted.
 """

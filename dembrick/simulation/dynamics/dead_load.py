@@ -193,11 +193,11 @@ def keep(motion: Motion) -> list[np.ndarray]:
 
 
 def put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
-    """Restore the state as ``drawn``, but keep the present friction and the room that cutting has made."""
-    friction = joint_families.friction(motion.state)
+    """Restore the state as ``drawn``, but keep the present strengths and the room that cutting has made."""
+    strengths = joint_families.strengths(motion.state)
     for array, value in zip(_arrays(motion), drawn, strict=True):
         array[tuple(slice(0, n) for n in value.shape)] = value
-    joint_families.put_friction(motion.state, friction)
+    joint_families.put_strengths(motion.state, strengths)
 
 
 @contextmanager

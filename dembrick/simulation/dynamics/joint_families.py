@@ -94,16 +94,6 @@ def take_memory(state, left) -> None:
         area_joints.take_memory(state.faces, left.areas, sense)
 
 
-def friction(state) -> list[np.ndarray]:
-    """Copies of the friction of every family: a number for each of its laws, or joints."""
-    return [module.friction(joints) for module, joints in present(state)]
-
-
-def put_friction(state, values: Iterable) -> None:
-    for (module, joints), value in zip(present(state), values, strict=True):
-        module.put_friction(joints, value)
-
-
 def strengths(state) -> list[tuple]:
     """Copies of the friction of every family, and of its other strengths but `held`, none if all joints are dry."""
     return [

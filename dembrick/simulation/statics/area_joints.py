@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MEMORY = ("elastic", "twist", "slip", "bonds")  # fields of the history
 LONGER = 2.0  # times a step: its plastic part may be longer than the step by what the springs of a joint give back
-FOUND = ("evaluations", "pressed")  # fields that each evaluation finds anew
+FOUND = ("evaluations", "pressed")  # fields that each evaluation computes again
 
 
 def at_rest(assembly: Assembly) -> Areas | None:

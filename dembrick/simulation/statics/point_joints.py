@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 MEMORY = ("elastic_1", "elastic_2", "slip", "path", "bonds", "custom")  # fields of the history
-FOUND = ("normal",)  # fields that each evaluation finds anew
+FOUND = ("normal",)  # fields that each evaluation computes again
 
 
 def at_rest(assembly: Assembly) -> Points | None:
