@@ -55,8 +55,9 @@ def prepared(formulation: str, steps: int):
     if formulation == "distributed":
         scenario = dataclasses.replace(scenario, joint=dataclasses.replace(scenario.joint, points=(18, 12)))
     assembly = assemblies.assemble(scenario)
-    plan = constant_rate.plan(assembly, scenario.control, 0.9, scenario.output)
     control = scenario.control
+    protocol = Protocol.one_way(control.travel, control.rate)
+    plan = constant_rate.plan(assembly, control, protocol, 0.9, scenario.output)
     return assembly, DisplacementControl(control.rate * plan.steps / steps, control.travel)
 
 
