@@ -93,8 +93,9 @@ def run(options, console) -> int:
             turned = math.radians(options.shear_angle)
             smooth = domain.by_theory(joint, formulations, max(options.points, SMOOTH), request)
             curves = _curves(smooth, options.height)
+            a, b = joint.edges
             shown = plot.RectangularJoint(
-                *joint.edges, joint.friction, joint.normal_force, joint.cohesion,
+                a, b, joint.friction, joint.normal_force, joint.cohesion,
                 direction=(math.cos(turned), math.sin(turned)), eccentricity=joint.eccentricity,
             )  # fmt: skip
             figure = plot.domains(simulated, joint=shown, formulations=curves, experiments={})

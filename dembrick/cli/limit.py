@@ -36,7 +36,7 @@ def run(options, console) -> int:
     """Analyse the scenario; exit code 1 if it does not stand under its dead loads or the solver fails."""
     from dembrick import history
     from dembrick.errors import DembrickError, ScenarioError
-    from dembrick.runs import limit
+    from dembrick.runs import limit, limit_cases
     from dembrick.runs.reading import load
     from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST
     from dembrick.scenario.files import inputs_of
@@ -55,6 +55,7 @@ def run(options, console) -> int:
     if statics and (options.picture or options.out or options.heuristic):
         raise ScenarioError('--picture, --out and --heuristic belong to a load, and kind "statics" has none')
     try:
+        found: limit.ReactionResult | limit.LimitResult | limit_cases.StandingResult
         if options.reaction is not None:
             found = limit.reaction(scenario, options.reaction, _vector(options.direction), report=console.remark)
         else:
@@ -66,9 +67,9 @@ def run(options, console) -> int:
         console.error(str(error))
         return 1
     console.result(found.as_dict(), found.text())
-    if options.out:
+    if options.out and isinstance(found, limit.LimitResult):
         console.remark(f"history: {found.write(options.out, options.force)}")
-    if options.picture:
+    if options.picture and isinstance(found, limit.LimitResult):
         console.remark(f"picture: {found.picture(options.picture)}")
     return 0
 

@@ -114,7 +114,7 @@ def telling_of_compilation(tell: Callable[[str], None]) -> Iterator[None]:
     from dembrick._jit import hearing
     from dembrick._kernel_cache import WAITING
 
-    said = []
+    said: list[str] = []
 
     def begun() -> None:
         if not said:

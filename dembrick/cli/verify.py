@@ -41,7 +41,7 @@ def _verify(picked, options, console) -> int:
     from dembrick import __version__, history
     from dembrick.runs.verification import verify
 
-    outcomes = []
+    outcomes: list[verify.Outcome] = []
     if not console.json:
         print_output(verify.text_header())
     for outcome in verify.verify(picked, lambda case: console.progress(len(outcomes), len(picked), case.name)):
@@ -64,7 +64,7 @@ def _validate(picked, options, console) -> int:
     from dembrick import __version__, history
     from dembrick.runs.validation import compare
 
-    found = []
+    found: list[compare.Comparison] = []
     if not console.json:
         print_output(compare.text_header())
     for one in compare.compare(picked, lambda case: console.progress(len(found), len(picked), case.name)):

@@ -31,7 +31,7 @@ class FailSafeFile:
 
     def __init__(self, path: str | os.PathLike, mode: str):
         """``mode``: "w" for a new file, "r+" for an existing one."""
-        self._file = open(path, {"w": "w+b", "r+": "r+b"}[mode], buffering=0)  # noqa: SIM115 - closed by `close`
+        self._file = io.FileIO(path, {"w": "w+b", "r+": "r+b"}[mode])  # closed by `close`
         self._place = 0
         self._kept: dict[int, bytes] = {}  # by offset in the file
         self.failure: OSError | None = None

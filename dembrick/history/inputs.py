@@ -74,7 +74,7 @@ def read_inputs(file) -> list[Input]:
         raise HistoryError(f"{file.filename}: the files of its scenario cannot be read; it was not written by dembrick")
     data = guard.values(held).tobytes()
     ends = zip(start[:-1].tolist(), start[1:].tolist(), strict=True)
-    return [Input(*one, data[a:b]) for *one, (a, b) in zip(names, places, ends, strict=True)]
+    return [Input(name, place, data[a:b]) for name, place, (a, b) in zip(names, places, ends, strict=True)]
 
 
 def unpacked(inputs: Iterable[Input]) -> Mapping[str, str]:
@@ -84,7 +84,8 @@ def unpacked(inputs: Iterable[Input]) -> Mapping[str, str]:
         return {}
     folder = tempfile.TemporaryDirectory(prefix="dembrick-")
     _FOLDERS.append(folder)
-    numbers, paths = {name: str(i) for i, name in enumerate(dict.fromkeys(one.name for one in inputs))}, {}
+    numbers = {name: str(i) for i, name in enumerate(dict.fromkeys(one.name for one in inputs))}
+    paths: dict[str, str] = {}
     for one in inputs:
         path = os.path.join(folder.name, numbers[one.name], one.place)
         os.makedirs(os.path.dirname(path), exist_ok=True)

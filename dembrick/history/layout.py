@@ -157,7 +157,7 @@ def create(
     writing at the returned offsets never changes the structure of the file. ``packed``: fields to compress instead,
     with the entries per chunk; they have no offset. If nothing grows there is no count either.
     """
-    offsets = {}
+    offsets: dict[str, int] = {}
 
     def reserve(name: str, shape: tuple[int, ...], kind: str, units: str, description: str) -> None:
         if name in packed:

@@ -95,7 +95,8 @@ class History(InitialGeometry):
     def _open_series(self) -> None:
         self._series: dict[str, tuple[tuple[int | None, ...], str, int]] = {}  # shape, kind, number of valid entries
         self._opened: dict[str, h5py.Dataset] = {}
-        self.energy_names, self.has_frames, self.has_joints = (), False, False
+        self.energy_names: tuple[str, ...] = ()
+        self.has_frames = self.has_joints = False
         self.n_row = self.n_frames = self.n_block = self.n_joint = self.n_actuator = self.n_control_point = 0
         self.n_support = self.n_tie = 0
         self.begun = guard.exists(self._file, WRITTEN) or self.status != "running"

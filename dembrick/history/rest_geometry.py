@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from dembrick.history import guard
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import FORMULATIONS, PRESSURES
 
+if TYPE_CHECKING:
+    import h5py
+
 _EARLIER = {"pressure on ": PRESSURE, "load on ": BODY_FORCE}  # prefixes of names in earlier versions
 STRENGTHS = ("cohesion", "tensile_strength", "residual_cohesion", "residual_friction")  # unless all joints are dry
 CRUSHING = "compressive_strength"  # recorded if any joint crushes, zero for others; not in files of earlier versions
@@ -20,9 +24,17 @@ CRUSHING = "compressive_strength"  # recorded if any joint crushes, zero for oth
 class InitialGeometry:
     """Initial geometry of a recorded run; read on access, and checked against its counts.
 
-    A subclass opens the file and sets ``path`` and ``_file``, ``begun`` and the counts ``n_block``, ``n_joint``,
-    ``n_actuator``, ``n_control_point`` and ``n_tie``.
+    A subclass opens the file and sets ``path`` and ``_file``, ``begun`` (whether it holds a state) and the counts.
     """
+
+    path: str
+    _file: h5py.File
+    begun: bool
+    n_block: int
+    n_joint: int
+    n_actuator: int
+    n_control_point: int
+    n_tie: int
 
     def _table(self, path: str, *tail: int, count: int | None = None, kind: str = "number") -> np.ndarray:
         if not self.begun:

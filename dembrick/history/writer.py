@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import platform
@@ -23,6 +24,7 @@ from dembrick.history.files import check_output, clear_parts, reason, replacing
 from dembrick.history.hdf5_files import rewritten
 from dembrick.history.inputs import Input, tables
 from dembrick.history.reader import History, is_of
+from dembrick.scenario.checks import present
 from dembrick.scenario.controls import Control, YieldControl
 from dembrick.simulation.channels import CONTACTS, FRAMES, ROWS, Channel, recorded, taken
 
@@ -81,7 +83,7 @@ class HistoryWriter:
         self._flushed = self._opened
         self._control = control or YieldControl()
         self._tables: list[layout.Table] | None = None
-        self._file = None
+        self._file: io.FileIO | None = None
         self._offsets: dict[str, int] = {}
         # rows, frames and new contacts: reserved in the file, and valid in it
         self._capacity = self._stored = (0, 0, 0)
@@ -346,8 +348,9 @@ class HistoryWriter:
     def _stored_entries(self, field: Channel, start: int, stop: int) -> np.ndarray:
         if self._source is not None:
             return self._source.entries(field.path, start, stop)
-        self._file.seek(self._offsets[field.path] + start * field.entry_bytes)
-        raw = self._file.read((stop - start) * field.entry_bytes)
+        file = present(self._file)
+        file.seek(self._offsets[field.path] + start * field.entry_bytes)
+        raw = file.read((stop - start) * field.entry_bytes)
         return np.frombuffer(raw, field.kind).reshape(-1, *field.shape)
 
     def _chunk(self, field: Channel) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from dembrick.simulation.session import Snapshot
 COUNTERS = ("state.areas.evaluations", "state.areas.pressed.count")  # integers of a state that change
 
 
-def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
-    """All fields as arrays ``part.field``, without copying; parts and fields that are None are left out."""
+def flattened(parts: Mapping[str, NamedTuple | None]) -> dict[str, np.ndarray]:
+    """Fields of named tuples as arrays ``part.field``, not copied; parts and fields that are None are left out."""
     arrays: dict[str, np.ndarray] = {}
     for name, part in parts.items():
         for field, value in () if part is None else part._asdict().items():

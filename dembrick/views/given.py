@@ -8,7 +8,8 @@ from contextlib import ExitStack
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 Given: TypeAlias = "Any | str | os.PathLike | Sequence[Any]"  # a history or a result, the path of one, or several
 
 

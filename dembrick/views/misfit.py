@@ -49,7 +49,7 @@ class Misfit(NamedTuple):
 
     def numbers(self) -> dict[str, float | None]:
         """The four numbers by name, as in ``--json``."""
-        return dict(zip(NUMBERS, self, strict=False))  # type: ignore[arg-type]
+        return dict(zip(NUMBERS, self, strict=False))
 
 
 def text(misfit: Misfit) -> str:
@@ -219,7 +219,7 @@ def _one_way_each(simulated: Curve, measured: Curve, name: str) -> Misfit:
     return Misfit(
         float(np.sqrt(np.mean(difference**2))) / peak,
         float(own.max()) / peak - 1.0,
-        stiffness / measured_stiffness - 1.0 if known else None,  # type: ignore[operator]
+        stiffness / measured_stiffness - 1.0 if known else None,
         float(np.trapezoid(own, at)) / area - 1.0 if area > 0.0 else None,
         (float(low), float(high)),
     )

@@ -135,7 +135,7 @@ def _spelled(values: list[float]) -> list[str]:
 def pair(value: object) -> tuple[float, float] | None:
     """Two finite numbers, None for anything else."""
     found = [number(one) for one in value] if isinstance(value, list | tuple) else []
-    return (found[0], found[1]) if len(found) == 2 and None not in found else None  # type: ignore[return-value]
+    return (found[0], found[1]) if len(found) == 2 and None not in found else None
 
 
 def _range(low: float, high: float, unit: str) -> str:

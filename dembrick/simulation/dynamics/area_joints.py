@@ -52,7 +52,7 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray, first_tile: i
     place = np.zeros(n, np.uint32)
     place[lane[own]] = np.arange(lane.size).reshape(lane.shape)[own]
     strengths = strengths_of(laws)
-    faces = Faces(
+    faces = Faces(  # type: ignore[call-arg]  # properties are no fields
         joint=chosen.astype(np.uint32),
         tile=np.arange(len(used)) + first_tile,
         lane=lane,

@@ -173,7 +173,7 @@ def arguments_of(motion: Motion, touch_at: int, n_steps: int, dt: float, state: 
     if state.order is not None:
         arguments = state.order.enter(*arguments)
     in_loop, ties, loads, near = arguments
-    course, contacts = Course(*limits, damping, motion.laws, travel), Contacts(touch_at, near)
+    course, contacts = Course(*limits, damping=damping, laws=motion.laws, travel=travel), Contacts(touch_at, near)
     return (n_steps, dt, in_loop, *state[1:4], ties, loads, course, contacts, table, own), near
 
 

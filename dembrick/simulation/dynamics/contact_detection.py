@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dembrick.assembly.broad_phase import Bodies, bodies_of, close_pairs, overlap_depths
+from dembrick.assembly.build import Assembly
 from dembrick.assembly.joints import TOLERANCE, Joint, JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry.shapes import parts_of
@@ -58,7 +59,7 @@ class ContactDetection:
     overlapped at the first detection although they were not drawn so, as they had come to rest in each other.
     """
 
-    assembly: object
+    assembly: Assembly
     ratio: float
     bearable: float = STABLE
     touching: Touching | None = None

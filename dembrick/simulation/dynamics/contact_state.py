@@ -15,7 +15,7 @@ from dembrick.simulation.dynamics.time_step import COARSE
 
 def parts_table(shapes) -> Parts:
     """The convex parts of all blocks in the form that kernels need; equal shapes are stored once."""
-    known: dict[int, tuple[int, int]] = {}
+    known: dict[tuple[int, int], tuple[int, int]] = {}
     vertices, normals, offsets = [], [], []
     vertex_start, face_start, vertex_count, face_count = [], [], [], []
     owner, centre, radius, inner = [], [], [], []

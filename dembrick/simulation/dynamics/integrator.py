@@ -85,7 +85,7 @@ class Motion:
     stage, from which rotations are measured.
     """
 
-    assembly: object
+    assembly: Assembly
     polygons: Polygons
     time_step: float
     critical_time_step: float

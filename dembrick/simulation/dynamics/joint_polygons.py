@@ -192,4 +192,4 @@ def clipping(room: int) -> Clipping:
     for n, matrix in friction_integrals.series_matrices().items():
         series[n, : n + 1, : n + 1] = matrix
     rule = np.ascontiguousarray(friction_integrals.triangle_rule())
-    return Clipping(*np.zeros((4, room)), np.zeros((ORDER + 1, ORDER + 1)), rule, series)
+    return Clipping(*np.zeros((4, room)), moments=np.zeros((ORDER + 1, ORDER + 1)), rule=rule, series=series)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.block_loads import PressedFaces
 from dembrick.kernels.dynamics.loop import Loads
 from dembrick.scenario.regimes import ACTUATORS, EVERY_BLOCK, REAL_TIME
+from dembrick.scenario.support_controls import BaseMotionControl
 from dembrick.scenario.text_files import require_file
 from dembrick.simulation.dynamics import time_histories
 from dembrick.simulation.dynamics.paths.driven_loads import NO_HEAD, DrivenLoads, Head
@@ -221,7 +222,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
         if load.history is not None:
             path = require_file(scenario, f"history of load number {index + 1}", load.history)
             factors[index] = time_histories.linear(_samples(path, "factor", load.columns, duration, time_step))
-    driving = {
+    driving: dict[str, Any] = {
         "gravity": np.array(scenario.gravity, float),
         "at": loads.at[given],
         "force": loads.force[given],
@@ -231,9 +232,9 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     }
     if control.tilt_axis is not None and control.regime is REAL_TIME:
         driving["tilt"] = (np.array(control.tilt_axis, float), lambda times: np.radians(control.rate) * times)
-    if control.shakes:
+    if isinstance(control, BaseMotionControl):
         driving["support_velocity"] = tuple(
-            (np.array(direction, float), _support_velocity(scenario, file, columns, time_step))
+            (np.array(direction, float), _support_velocity(scenario, control, file, columns, time_step))
             for direction, file, columns in control.components
         )
     driving["supports"] = supports = support_motion(scenario, assembly, moving.state.bodies)
@@ -247,9 +248,10 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     return Driving(**driving)
 
 
-def _support_velocity(scenario: Scenario, file: str | None, columns, time_step: float) -> Curve:
+def _support_velocity(
+    scenario: Scenario, control: BaseMotionControl, file: str | None, columns, time_step: float
+) -> Curve:
     """Velocity (m/s) of the supports along one direction."""
-    control = scenario.control
     if control.sine is not None:
         _refuse_unresolved("control.sine.frequency", control.sine.frequency, time_step)
         curve = time_histories.sine_velocity(control.sine, control.quantity)

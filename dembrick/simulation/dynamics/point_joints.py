@@ -55,7 +55,7 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | 
     own = np.arange(W) < used[:, None]
     place[lane[own]] = (tile_start[:-1, None] * W + np.arange(W))[own]
     points = int(tile_start[-1])
-    corners = Corners(
+    corners = Corners(  # type: ignore[call-arg]  # properties are no fields
         joint=chosen.astype(np.uint32),
         start=start.astype(np.uint32),
         place=place,

@@ -23,7 +23,7 @@ from dembrick.simulation.dynamics.loads import Driving
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
-    from dembrick.scenario.controls import Control
+    from dembrick.scenario.controls import PushoverControl
 
 HELD = 0.05  # rad of the controller's own oscillation during which V is constant
 STRONGEST = 10.0  # greatest load factor: beyond it a pushover gives up
@@ -70,8 +70,8 @@ class PushController:
         return replace(driving, gravity=driving.gravity + self.present[0] * self.weight * self.direction)
 
 
-def controller_of(control: Control, assembly: Assembly, gravity, time_step: float) -> PushController:
-    """The controller of a `PushoverControl`; ScenarioError without gravity."""
+def controller_of(control: PushoverControl, assembly: Assembly, gravity, time_step: float) -> PushController:
+    """The controller of a push; ScenarioError without gravity."""
     weight = float(np.linalg.norm(gravity))
     if not weight > 0.0:
         raise ScenarioError("gravity is zero, but a pushover load is a share of the weight: give gravity")

@@ -12,7 +12,8 @@ import numpy as np
 from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.dynamics.loop import REACHED, Limits
-from dembrick.scenario.checks import show
+from dembrick.scenario.checks import present, show
+from dembrick.scenario.controls import PushoverControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, REAL_TIME, STEEPEST, SUPPORTS, Limit
 from dembrick.simulation import interrupts
@@ -199,14 +200,15 @@ def plan(moving: Motion, control: Control, driving: Driving, output: Output, loa
 
 def _seconds_to_collapse(moving: Motion, control: Control, load_factor: float) -> float:
     """Time (s) until a tilt or a push at its rate has collapsed a structure whose limit is the ``load_factor``."""
+    end, rate = present(control.furthest), present(control.rate)
     if control.push_direction is not None:
-        return (1.0 + load_factor) * control.displacement / control.rate
+        return (1.0 + load_factor) * end / rate
     gravity = float(np.linalg.norm(moving.assembly.gravity))
-    return control.angle(load_factor) / control.rate + fall_seconds(control.displacement, control.rate, gravity)
+    return present(control.angle(load_factor)) / rate + fall_seconds(end, rate, gravity)
 
 
 def _controller(moving: Motion, control: Control) -> PushController | None:
-    if control.push_direction is None:
+    if not isinstance(control, PushoverControl):
         return None
     return controller_of(control, moving.assembly, moving.assembly.gravity, moving.time_step)
 
@@ -230,7 +232,7 @@ def most_steps(moving: Motion, control: Control, controller: PushController | No
 
 def _arrival(driving: Driving, control: Control) -> float:
     """Time at which the supports of a settlement reach their final positions (s)."""
-    return driving.supports.length / control.rate
+    return driving.supports.length / present(control.rate)
 
 
 def _fall_on(moving: Motion, limits: Limits, session: Session) -> bool:
@@ -276,7 +278,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     detect_initial_contacts(moving)
     if moving.contact_detection.met:
         raise NotConvergedError(rest_in_each_other(moving))
-    goal = control.displacement if to_collapse else NO_LIMIT
+    goal = present(control.furthest) if to_collapse else NO_LIMIT
     steps = past.longest = most_steps(moving, control, controller, driving)
     settled = math.inf if control.limit or controller else _arrival(driving, control) + AFTER[0] * _falling_time(moving)
     past.may_end_early = to_collapse or settled < math.inf

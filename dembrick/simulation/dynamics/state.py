@@ -157,7 +157,7 @@ def _links(
     reach = np.empty(n)
     for numbers, outlines in table.by_corners():
         reach[numbers] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
-    links = Links(
+    links = Links(  # type: ignore[call-arg]  # properties are no fields
         host=host.astype(np.uint32),
         other=other.astype(np.uint32),
         tangents=fixings.tangents,

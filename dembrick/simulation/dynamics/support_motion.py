@@ -94,7 +94,7 @@ class SupportMotion:
 
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 AT_REST = SupportMotion(
-    np.zeros(0, np.int64), *(np.zeros((0, n)) for n in (3, 4)), np.zeros(0), *(np.zeros((0, 3)) for _ in range(3)), 1.0
+    np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), *np.zeros((3, 0, 3)), length=1.0
 )
 
 

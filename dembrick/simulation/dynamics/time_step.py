@@ -119,7 +119,8 @@ def _lanczos(apply, size: int) -> float:
     """Greatest eigenvalue of a positive semidefinite operator, plus the residual of its vector."""
     vector = np.random.default_rng(0).standard_normal(size)
     basis = [vector / np.linalg.norm(vector)]
-    diagonal, beside = [], []
+    diagonal: list[float] = []
+    beside: list[float] = []
     value = 0.0
     for _ in range(min(LANCZOS, size)):
         y = apply(basis[-1])

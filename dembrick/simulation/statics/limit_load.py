@@ -343,11 +343,12 @@ def _moments(pieces, centre, radius: float, pressure) -> list[tuple[np.ndarray, 
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     ring = centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return [
-        (c, ray_quadrature.friction_moment(*ray_quadrature.fine_rays(pieces, c), c, pressure))
+        (c, ray_quadrature.friction_moment(*ray_quadrature.fine_rays(pieces, c), centre=c, pressure=pressure))
         for c in np.concatenate([centre[None], ring])
     ]
 
 
 def _worst_gap(points, pressure, exact) -> float:
     """Largest relative gap between the points' friction moments and the ``exact`` ones of the continuum."""
-    return max(abs(ray_quadrature.friction_moment(*points, c, pressure) / moment - 1.0) for c, moment in exact)
+    arms, areas = points
+    return max(abs(ray_quadrature.friction_moment(arms, areas, c, pressure) / moment - 1.0) for c, moment in exact)

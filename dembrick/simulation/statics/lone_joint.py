@@ -61,7 +61,11 @@ def lone_joints(state: State | JointsAlone, dead: np.ndarray, unit: np.ndarray) 
         stiffness=joint_families.stiffness(state),
         search=np.zeros(k, SEARCH),
         basis=Basis(
-            *(np.zeros((k, size)) for size in (3, 3, 2)), np.zeros(points), *(np.zeros((k, size)) for size in (5, 3, 6))
+            *(np.zeros((k, size)) for size in (3, 3, 2)),
+            rest=np.zeros(points),
+            scalars=np.zeros((k, 5)),
+            twist=np.zeros((k, 3)),
+            across=np.zeros((k, 6)),
         ),
         bracket=np.zeros((k, 2)),
         twist=np.zeros((k, 3)),

@@ -72,11 +72,12 @@ def force_displacement(
     with style.settings():
         figure, axes = style.canvas(ax)
         records = [subject.record_of(history) for history in histories]
-        travels = [np.abs(own.displacement) for own in (*records, *measured) if len(own.displacement)]
+        shown: list[subject.Record | MeasuredCurve] = [*records, *measured]
+        travels = [np.abs(own.displacement) for own in shown if len(own.displacement)]
         longest = max((float(travel.max()) for travel in travels), default=0.0)
         unit, factor = summary.travel_unit(longest)
         limits = [diagram.limit(history.results) if bracket else None for history in histories]
-        loads = [own.load for own in (*records, *measured)] if diagram.load is not None else []
+        loads = [own.load for own in shown] if diagram.load is not None else []
         loads += [np.array([V for V in found[:2] if V is not None]) for found in limits if found]
         allowed = [diagram.allowed(history.results) if bracket else {} for history in histories]
         loads += [np.array([value for value, _ in ends.values()]) for ends in allowed]

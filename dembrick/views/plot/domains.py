@@ -281,7 +281,8 @@ def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = N
         return RectangularJoint(*given)
     keys = ("a", "b", "friction", "N")
     if rows and all(rows[0].get(key) is not None for key in keys):
-        return RectangularJoint(*(float(rows[0][key]) for key in keys), float(rows[0].get("cohesion") or 0.0))
+        a, b, friction, force = (float(rows[0][key]) for key in keys)
+        return RectangularJoint(a, b, friction, force, float(rows[0].get("cohesion") or 0.0))
     if fallback is not None:
         return fallback._replace(normal_force=float(rows[0]["N"])) if rows else fallback
     raise ScenarioError("a yield domain needs a joint (a, b, friction, N) or a history that reached its yield point")

@@ -213,7 +213,7 @@ def joint_stages(
             width = max(1.9, min(2.3, 1.7 * shape[0] / shape[1]))
             high = width * shape[1] / shape[0] + 0.75
             figure = style.new_figure((max(4.5, width * columns + 0.3), high * len(rows) + 0.45))
-            figure.get_layout_engine().set(h_pad=0.1)  # inches: between the titles and the heading above
+            figure.set_layout_engine("constrained", h_pad=0.1)  # inches: between the titles and the heading above
             grid = figure.subplots(len(rows), columns, squeeze=False)
             axes = [own for row, line in zip(rows, grid, strict=True) for own in line[: len(row)]]
             for row, line, label in zip(rows, grid, labels, strict=True):
@@ -240,8 +240,8 @@ def _extent(polygon: np.ndarray, stages: list[Stage]) -> np.ndarray:
     """Lower left and upper right corner (2, 2) m of the joint with its arrows and nearby centres, over all stages."""
     size = float(np.hypot(*polygon.T).max())
     margin = 1.1 * _arrow_of(stages[0]) * size
-    shown = [polygon, *(_at_rim(stage.centre, size)[None] for stage in stages if np.isfinite(stage.centre).all())]
-    shown = np.concatenate(shown)
+    centres = [_at_rim(stage.centre, size)[None] for stage in stages if np.isfinite(stage.centre).all()]
+    shown = np.concatenate([polygon, *centres])
     return np.stack([shown.min(axis=0) - margin, shown.max(axis=0) + margin])
 
 

@@ -46,7 +46,9 @@ def layout(sources, ax: Axes | None = None, torsion_centre: bool = True) -> Figu
     with style.settings():
         figure, axes = style.panels(ax, len(plans), "layouts", (max(3.2, _PANEL[0] * len(plans)), _PANEL[1]))
         if ax is None:
-            figure.get_layout_engine().set(h_pad=0.12)  # inches; titles of three lines end at the edge otherwise
+            figure.set_layout_engine(
+                "constrained", h_pad=0.12
+            )  # inches; titles of three lines end at the edge otherwise
         for own, plan in zip(axes, plans, strict=True):
             _draw(own, plan, torsion_centre)
         if ax is None and torsion_centre and any(plan.torsion_centre is not None for plan in plans):

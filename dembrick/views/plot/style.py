@@ -104,7 +104,7 @@ def new_figure(size: tuple[float, float]) -> Figure:
 
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
-    figure._repr_png_ = partial(_as_png, figure)  # called by notebooks
+    setattr(figure, "_repr_png_", partial(_as_png, figure))  # noqa: B010 - called by notebooks
     return figure
 
 

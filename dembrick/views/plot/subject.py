@@ -17,6 +17,7 @@ from dembrick.views.structure_numbers import BEFORE
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
+    from dembrick.theory.limit_surface import PointLaw, PolygonLaw
 
 CUT = 0.01  # of a joint's size: its centroid moves by more if much of it is cut off
 
@@ -111,7 +112,7 @@ def shear_strength(joint: Mapping, N, broken: bool = False):
     return cohesion * joint["area"] + friction * N
 
 
-def limit_surface(joint: Mapping, carried: Mapping[str, float], broken: bool = False) -> theory.Law | None:
+def limit_surface(joint: Mapping, carried: Mapping[str, float], broken: bool = False) -> PolygonLaw | PointLaw | None:
     """The torsion-shear limit surface of a joint in its own formulation, under the ``carried`` ``N``, ``M_1`` and
     ``M_2``, with its cohesion, or the residual one if the bond is ``broken``.
 

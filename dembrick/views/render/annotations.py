@@ -54,7 +54,7 @@ class ScaleBar:
         )
         self._text.prop.justification_horizontal = "center"
         self._text.prop.justification_vertical = "top"
-        self.length = 0.0
+        self.length = self._whole = 0.0
         plotter.renderer.AddObserver("StartEvent", lambda *_: self.fit())
 
     def fit(self) -> None:

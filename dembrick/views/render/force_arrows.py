@@ -38,7 +38,7 @@ def glyphs(plotter, source, start: np.ndarray, colour: str, ambient: float = 0.0
     mapper.ScalarVisibilityOff()
     actor = vtkActor()
     actor.SetMapper(mapper)
-    actor.GetProperty().SetColor(pyvista.Color(colour).float_rgb)
+    actor.GetProperty().SetColor(*pyvista.Color(colour).float_rgb)
     actor.GetProperty().SetAmbient(ambient)
     actor.GetProperty().SetDiffuse(1.0 - ambient)
     plotter.add_actor(actor)

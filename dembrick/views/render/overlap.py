@@ -47,10 +47,10 @@ def overlap_picture(scenario: Scenario, overlapping: Collection[int], path: str 
         if red and len(overlapping) <= _FEW:
             look = {"font_size": 18, "shape": None, "always_visible": True, "show_points": False}
             plotter.add_point_labels(points.mean(axis=0)[None], [block.name], **look)
-    plotter.add_axes()
+    plotter.add_axes()  # type: ignore[call-arg]
     direction, up = VIEWS["iso"]
     plotter.camera_position = [direction, (0.0, 0.0, 0.0), up]
-    plotter.reset_camera()
+    plotter.reset_camera()  # type: ignore[call-arg]
     write_png(plotter.screenshot(return_img=True), path)
     plotter.close()
     return path

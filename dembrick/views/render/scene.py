@@ -342,7 +342,7 @@ class Scene:
         table.DeepCopy(bar.GetLookupTable())
         for i in range(table.GetNumberOfTableValues()):
             colour = np.array(table.GetTableValue(i))
-            table.SetTableValue(i, *(1.0 - opacity * (1.0 - colour[:3])), 1.0)
+            table.SetTableValue(i, [*(1.0 - opacity * (1.0 - colour[:3])), 1.0])
         bar.SetLookupTable(table)
 
     def _place_camera(self, whole: float) -> None:

@@ -102,14 +102,15 @@ class Head:
         where, (jacks, force) = loads.at, loads.jacks
         body = np.unique(np.concatenate([where.block, faces.block[faces.driven]]))
         of_face = np.where(faces.driven, np.searchsorted(body, faces.block), -1)
-        rows = [np.searchsorted(body, points) for points in (where.block, jacks.block)]
+        point, jack = (np.searchsorted(body, points) for points in (where.block, jacks.block))
         return driven_displacement.Head(
-            body, loads.guide_of(body), *rows, of_face, where.lever, loads.start, loads.along, force, self.way(times),
-            self.V, *np.zeros((3, len(body), 6)),
+            body, loads.guide_of(body), point, jack, of_face, where.lever, loads.start, loads.along, force,
+            self.way(times), self.V, *np.zeros((3, len(body), 6)),
         )  # fmt: skip
 
 
 NONE = np.zeros(0, np.int64)
 NO_HEAD = driven_displacement.Head(
-    *(NONE,) * 5, *(np.zeros((0, 3)) for _ in range(4)), np.zeros(0), np.zeros(1), *np.zeros((3, 0, 6))
-)
+    *(NONE,) * 5, *np.zeros((4, 0, 3)), way=np.zeros(0), V=np.zeros(1),
+    **{name: np.zeros((0, 6)) for name in ("unit", "along", "total")},
+)  # fmt: skip

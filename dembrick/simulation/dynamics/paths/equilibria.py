@@ -254,10 +254,10 @@ class EquilibriumPath(ABC):
             self._restore(resumed)
             self.kept = self._equilibrium()
             if goes_on is not None and goes_on.anything:
-                ratio = self._rest_again(self.reached)
-                if ratio is not None:
+                found = self._rest_again(self.reached)
+                if found is not None:
                     self.from_where = self.reached, places(self.moving.state.bodies)
-                    self._note(self.reached, ratio)
+                    self._note(self.reached, found)
             return
         held = replace(self._at(0.0), supports=AT_REST)
         resume = None if resumed is None else partial(past.restore, resumed)

@@ -98,7 +98,8 @@ class PathFollower:
         self.patience: float = max(LEAST_WASTED, WASTED // len(self.free) ** 2)
         if state.ties is not None or joint_families.has_strengths(state):
             self.patience = math.inf  # driven relaxation supports neither
-        self.session, self.turn_began = session, {}
+        self.session = session
+        self.turn_began: dict[str, np.ndarray] = {}
         self.way, self.limit, self.ties_hold = self._at_start(0.0), LimitState(state, session.hands_on), False
         self.search.pause = lambda: session.pause(self, within=True)
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
