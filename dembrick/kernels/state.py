@@ -86,8 +86,9 @@ DRIVEN = np.dtype(
             ("head", float),  # m, travel of the head
             ("displacement", float),  # m, work-conjugate displacement of the loaded points
             ("load", float),  # N, V
+            ("peak", float),  # N, V of the largest size so far, with its sign
+            ("peak_at", float),  # m, driven displacement there
             ("greatest", float),  # N, V so far
-            ("greatest_at", float),  # m, driven displacement there
             ("least", float),  # N, V so far
         ],
     )

@@ -128,7 +128,7 @@ def _short_of_the_limit(point: dict) -> bool:
     """Whether the record of a search approaches its limit but ends before reaching it."""
     peak, lower = point.get("V_peak"), point.get("V_lower")
     known = point.get("bracket", "open") != "open" and peak is not None and lower is not None
-    return known and peak < (1.0 - _REACHED) * lower
+    return known and abs(peak) < (1.0 - _REACHED) * lower
 
 
 def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: bool) -> ValueWithRemark:

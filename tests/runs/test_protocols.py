@@ -275,3 +275,24 @@ def test_a_loop_of_rocking_takes_nothing():
     assert cycles._area(1.0 / (1.0 + 10.0 * u), u, 39) == 0.0
     friction = np.where(np.arange(len(u)) < 40, 1.0, -1.0)
     assert cycles._area(friction, u, 39) == pytest.approx(2.0, rel=0.03)
+
+
+@pytest.mark.parametrize("large", [False, True])
+@pytest.mark.parametrize("formulation", ["convex", "concave", "corrected", "corrected-shear", "distributed"])
+def test_the_largest_v_is_that_of_either_direction_with_its_sign(formulation, large):
+    """A dead load F to one side leaves a slider mu N - F that way and -(mu N + F) the other, wherever it is pushed
+    first; its mirror image has the opposite, and an actuator that points the other way the same."""
+    F, most = 40.0, 0.5 * STONE_N + 40.0
+
+    def largest(sense, first, way=1.0):
+        text = header(formulation=formulation, friction=0.5, normal_stiffness=1e10)
+        text += block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true")
+        text += block("stone", (0, 0, 0.05), (0.4, 0.4, 0.1)) + jack("stone", (0.0, 0.0, 0.0), (way, 0.0, 0.0))
+        text += f'[[loads]]\nblock = "stone"\nforce = [{sense * F}, 0.0, 0.0]\n'
+        text += f'[control]\nkind = "displacement"\nrate = 1e-5\nprotocol = [{first * U}, {-first * U}]\n'
+        return dembrick.simulate(toml.loads(text + f"large_displacements = {str(large).lower()}\n")).yield_point.V_peak
+
+    found = [largest(1.0, first) for first in (1.0, -1.0)]
+    assert all(-1.01 * most < V < -most * (1.0 - 1e-6) for V in found)
+    assert largest(-1.0, 1.0) == pytest.approx(-found[1], rel=1e-6)
+    assert largest(-1.0, 1.0, way=-1.0) == pytest.approx(found[0], rel=1e-6)

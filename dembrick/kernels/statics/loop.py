@@ -53,10 +53,12 @@ class Drive(NamedTuple):
 
 @jit
 def note_extremes(driven, load):
-    """Update the greatest load so far, its displacement, and the least load in the record ``driven``."""
-    if load > driven.greatest:
-        driven.greatest = load
-        driven.greatest_at = driven.displacement
+    """Update the load of the largest size so far, its displacement, and the greatest and least load in the record
+    ``driven``."""
+    if abs(load) > abs(driven.peak):
+        driven.peak = load
+        driven.peak_at = driven.displacement
+    driven.greatest = max(driven.greatest, load)
     driven.least = min(driven.least, load)
 
 

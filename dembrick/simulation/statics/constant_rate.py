@@ -162,7 +162,7 @@ def push_at_constant_rate(
 
 
 def _of_cycles(point: YieldPoint) -> YieldPoint:
-    """``point`` of a cyclic test: a certified bracket is that of the first direction, else V is that at the end."""
+    """``point`` of a cyclic test: a certified bracket is that of V > 0, else V is that at the end."""
     if point.bracket == "certified":
         return point
     return replace(point, V=point.actuator_load, V_lower=point.actuator_load, V_upper=None, bracket="open")

@@ -239,7 +239,7 @@ class LoneSearch:
         self._taken[0] += float(self._dead @ (self._motion() - before))
         now.head, now.displacement, now.load = driven, driven, load
         peak_at = driven + (float(found["peak_at"]) - float(found["driven"])) / weights
-        now.greatest, now.greatest_at = float(found["peak"]), peak_at if found["peak"] else 0.0
+        now.peak, now.peak_at = float(found["peak"]), peak_at if found["peak"] else 0.0
 
     def _of_block(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacement and rotation of the free block for a motion ``u`` (6) of the joint."""

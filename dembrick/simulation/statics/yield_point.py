@@ -31,9 +31,9 @@ class YieldPoint:
     the load, else "indicator"; "open" if the bounds are too far apart for a limit load (or ``V_upper`` is None: there
     is no upper one), and V is then only the load of the actuators at the end. ``unlimited``: no mechanism up to
     ``V_lower``, and V is None. ``actuator_load``: load of the actuators at the end of the replay; ``displacement``:
-    the driven one at the limit, or at the end of a test that went past it (m); ``V_peak``: the largest load in
-    equilibrium, within the bracket, at ``displacement_at_peak``; at a constant rate the largest V of the
-    record, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are those of the joint at the limit,
+    the driven one at the limit, or at the end of a test that went past it (m); ``V_peak``: the V of the largest
+    absolute value, with its sign, at ``displacement_at_peak``: in equilibrium and within the bracket, or at a constant
+    rate of the whole test, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are those of the joint at the limit,
     ``torsion_centre`` is measured from its O (None in pure shear). ``limit_at``: time (s) or number of the equilibrium
     at the limit, None for a test that goes on past its peak. ``mechanism``: its name, "none" if the
     blocks move elastically; ``joint``: the blocks of the joint that moves most.
@@ -93,7 +93,7 @@ def read_off(state: State, certificate: Certificate, names, physical: bool = Fal
     resultant = state.joints.resultant[j]
     centre, mechanism = _mechanism(state, certificate, j)
     driven = state.actuators.driven[0]
-    peak = float(driven.greatest)
+    peak = float(driven.peak)
     if not physical and kind != "open":
         peak = min(peak, upper)  # below the lower bound if V only approaches its limit
     # + 0.0 turns a negative zero, which would only puzzle the reader, into zero
@@ -103,7 +103,7 @@ def read_off(state: State, certificate: Certificate, names, physical: bool = Fal
         V_upper=upper if upper < NEVER else None,
         bracket=kind,
         V_peak=peak,
-        displacement_at_peak=float(driven.greatest_at),
+        displacement_at_peak=float(driven.peak_at),
         actuator_load=float(driven.load),
         V_1=float(resultant[1]) + 0.0,
         V_2=float(resultant[2]) + 0.0,

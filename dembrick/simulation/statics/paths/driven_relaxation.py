@@ -127,21 +127,21 @@ class DrivenRelaxation:
         rate = distance / (STEADY + 1.0 / (1.0 - slowing)) / dt
         drive = steady_drive(rate, dt, self.slope)._replace(steady=STEADY, slowing=slowing)
         energy = new_energy(state)
-        whole, peak = for_kernels(state), (float(now.greatest), float(now.greatest_at))
+        whole, peak = for_kernels(state), (float(now.peak), float(now.peak_at))
         started = time.perf_counter()
         self._advance(1, 0, whole, drive, energy)  # no step: compiles, or loads the cache
         ready = time.perf_counter()
         before, seen = motion(), state.joints.relative.copy()
         for step in range(0, STEPS, CHUNK):
             if step == STEPS - LATE:
-                now.greatest, now.greatest_at, now.least = -NEVER, 0.0, NEVER
+                now.greatest, now.least = -NEVER, NEVER
                 before, seen = motion(), state.joints.relative.copy()
             self._advance(step, CHUNK, whole, drive, energy)
             if not (math.isfinite(now.load) and np.isfinite(blocks.velocity).all()):
                 raise DivergedError("driven relaxation diverged; please report this scenario")
             pause()
         greatest, least = float(now.greatest), float(now.least)
-        now.greatest, now.greatest_at = peak
+        now.peak, now.peak_at = peak
         self.compile_seconds += ready - started
         self.seconds += time.perf_counter() - ready
         work, weights = energy.work[0], float(np.abs(state.actuators.weight).sum())

@@ -403,8 +403,8 @@ class PathFollower:
         if self.bonds.borne < 1.0:  # a bond broke just before the end of the step
             lower = min(lower, before + self.bonds.borne * (V - before))
         sure = min(V, lower)  # the share of V that a drag carries does not count for the peak
-        if sure > now.greatest:
-            now.greatest, now.greatest_at = sure, way.driven
+        if sure > now.peak:
+            now.peak, now.peak_at = sure, way.driven
         given = way.driven - V * self.compliance / self.weight
         way.seen.append((given, V, lower, upper, closing))
         self.grip.note(V)
