@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,16 +25,18 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 BROKEN = "bond broken"  # of a section: with the residual strengths only
-CUT_AT_EDGE = "cut at an edge: torsion about what is left, whose domain is not known"
-_RAYS = 91  # rays of a section through a limit surface, from pure shear to pure torsion
+CUT_AT_EDGE = "cut at an edge: torsion about what is left; no domain is drawn, as it changes with the shape"
+_RAYS = 90  # steps between the rays of a section through a limit surface, from pure shear to pure torsion
+_VISITS = 0.01  # of the greatest V or M_T: a path that is further across an axis visits the quarter behind it
 _PURE = 1e-6  # of the strength: a smaller shear force counts as zero
 ALONG = 0.015  # component of a direction across an axis: with less it is along that axis
 _CHANGES = 1e-3  # of the greatest N of the record: if N varies by more, there is no single domain
 
 
 class Section(NamedTuple):
-    """A quadrant of the section of a limit surface by the plane of a shear direction and the torsion axis: ``V`` and
-    ``M_T`` (N, N m). ``bond``: state of a breakable bond, "bonded" or "bond broken"; empty without one."""
+    """Section of a limit surface by the plane of a shear direction and the torsion axis: ``V`` and ``M_T`` (N, N m) in
+    the quarters of its path, in the sense from V to M_T. ``bond``: state of a breakable bond, "bonded" or "bond
+    broken"; empty without one."""
 
     formulation: str
     V: np.ndarray
@@ -49,9 +52,11 @@ class Section(NamedTuple):
 
 class JointPath(NamedTuple):
     """Load path of a joint. ``V`` (T,) N: shear force along ``direction`` (in t1, t2); ``M_T`` (T,) N m: torsion times
-    ``sense``; each is positive in the sense of its greatest value. ``sections``: the joint's own yield domain at the
-    last row, and the exact one of the convex formulation if different, with the cohesion of the joint. If slip destroys
-    the bond, there are two: the bonded one, taken at the greatest V if the bond broke, and the residual one.
+    ``sense``; each is positive in the sense of its greatest value, of the first if several are nearly as great.
+    ``quarters``: where the sections begin and end, in right angles from V > 0: (0, 1) is the first quarter, (-1, 3) are
+    all four. ``sections``: the joint's own yield domain at the last row, and the exact one of the convex formulation if
+    different, with the cohesion of the joint. If slip destroys the bond, there are two: the bonded one, taken at the
+    greatest V if the bond broke, and the residual one.
 
     A domain grows with N. If N varies, ``strength`` (T,) N is c A + mu N for the current state of the bond, NaN without
     strength, and the sections are those of a joint with centred N, over its strengths in shear and in torsion; the
@@ -67,6 +72,7 @@ class JointPath(NamedTuple):
     direction: np.ndarray
     V: np.ndarray
     M_T: np.ndarray
+    quarters: tuple[int, int]
     sections: tuple[Section, ...]
     strength: np.ndarray | None = None
     radius: float = 1.0
@@ -91,8 +97,11 @@ class JointPath(NamedTuple):
 
 
 @accepts_paths
-def joint_path(history: History, joint: str | int | None = None) -> JointPath:
-    """The path of one joint (see :func:`dembrick.views.plot.subject.chosen_joint`) through the whole record."""
+def joint_path(history: History, joint: str | int | None = None, quarters: tuple[int, int] = (0, 1)) -> JointPath:
+    """The path of one joint (see :func:`dembrick.views.plot.subject.chosen_joint`) through the whole record.
+
+    Its sections are in ``quarters`` and wherever else the path goes.
+    """
     number = subject.chosen_joint(history, joint)
     own, now = history.joints[number], subject.carried_by(history, number)
     V_1, V_2, M_T = (history.joint(name)[:, number] for name in ("V_1", "V_2", "M_T"))
@@ -102,7 +111,8 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     most = max(float(subject.shear_strength(own, now["N"])), float(np.abs(M_T).max()) / reach)
     sliding = size[furthest] > _PURE * most
     direction = np.array([V_1[furthest], V_2[furthest]]) / size[furthest] if sliding else np.array([0.0, 1.0])
-    sense = -1.0 if M_T[int(np.argmax(np.abs(M_T)))] < -_PURE * most * reach else 1.0
+    direction = math.copysign(1.0, _first_of_the_greatest(np.stack([V_1, V_2], axis=1) @ direction)) * direction
+    sense = -1.0 if _first_of_the_greatest(M_T) < -_PURE * most * reach else 1.0
     N, strength, radius = history.joint("N")[:, number], None, 1.0
     held = _held(history, number)
     broke = subject.is_brittle(own) and held[-1] < 1.0
@@ -126,17 +136,23 @@ def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     laws = [(bond, law) for bond, law in surfaces if law is not None]
     if strength is not None and laws:
         radius = theory.torsion_strength(laws[0][1])
-    sections = [_section(_formulation(own), law, direction, sense, radius, bond) for bond, law in laws]
+    along = np.stack([V_1, V_2], axis=1) @ direction
+    quarters = _all_of([quarters, _visited(along, sense * M_T, _PURE * most, _PURE * most * reach)])
+
+    def section(formulation: str, law: theory.Law, bond: str) -> Section:
+        V, M_T = _section(law, direction, sense, quarters)
+        return Section(formulation, V, M_T / radius, bond)
+
+    sections = [section(_formulation(own), law, bond) for bond, law in laws]
     V_0 = float(subject.shear_strength(own, now["N"]))
     if not cut and V_0 > 0.0 and (now["N"] > 0.0 or subject.is_brittle(own)) and _formulation(own) != "convex":
         exact = theory.convex(subject.outlines(own), 0.0, 0.0, V_0 / own["area"])
-        sections.append(_section("convex", exact, direction, sense, radius, surfaces[0][0]))
-    along = np.stack([V_1, V_2], axis=1) @ direction
+        sections.append(section("convex", exact, surfaces[0][0]))
     name = subject.joint_names(history)[number]
     given = history.joints[number]
     return JointPath(
-        name, number, float(N[-1]), direction, along, sense * M_T, tuple(sections), strength, radius, _formulation(own),
-        subject.strengths(given)[1] > 0.0 or subject.is_brittle(given), sense, cut,
+        name, number, float(N[-1]), direction, along, sense * M_T, quarters, tuple(sections), strength, radius,
+        _formulation(own), subject.strengths(given)[1] > 0.0 or subject.is_brittle(given), sense, cut,
     )  # fmt: skip
 
 
@@ -161,15 +177,42 @@ def _formulation(joint: dict) -> str:
     return f"convex, {joint['pressure']} pressure" if follows else joint["formulation"]
 
 
+def _first_of_the_greatest(values: np.ndarray) -> float:
+    """The first value nearly as great, in size, as the greatest: cycles reach about the same in both directions."""
+    size = np.abs(values)
+    return float(values[int(np.argmax(size >= (1.0 - _VISITS) * size.max()))])
+
+
+def _visited(V: np.ndarray, M_T: np.ndarray, least_V: float, least_M_T: float) -> tuple[int, int]:
+    """Quarters of a path, see `JointPath`: the first, those beside it that it visits, and all if it visits the opposite
+    one. Smaller forces than the least (N, N m) count as zero."""
+    back, below = (
+        own < -max(_VISITS * float(np.abs(own).max()), least) for own, least in ((V, least_V), (M_T, least_M_T))
+    )
+    if (back & below).any():
+        return -1, 3
+    return -int(below.any()), 1 + int(back.any())
+
+
+def _all_of(quarters: Sequence[tuple[int, int]]) -> tuple[int, int]:
+    """Quarters that include all of the given ones."""
+    begins, ends = zip(*quarters, strict=True)
+    return min(begins), max(ends)
+
+
 def _section(
-    formulation: str, law: theory.Law, direction: np.ndarray, sense: float, radius: float, bond: str
-) -> Section:
-    angle = np.linspace(0.0, np.pi / 2.0, _RAYS)
+    law: theory.Law, direction: np.ndarray, sense: float, quarters: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """V and M_T of a limit surface in some ``quarters``. Opposite ones are equal, as its power does not depend on the
+    sign of the twist; others only with N in the middle and shear along an axis of symmetry."""
+    steps = np.arange(_RAYS * quarters[0], _RAYS * quarters[1] + 1)
+    half = steps[: 2 * _RAYS + 1]
+    angle = 0.5 * np.pi / _RAYS * half
     v, m = np.cos(angle), law.radius * np.sin(angle)
-    v[-1] = m[0] = 0.0
-    rays = np.column_stack([v * direction[0], v * direction[1], sense * m])
-    found = theory.surface_along(law, rays)
-    return Section(formulation, found[:, :2] @ direction, sense * found[:, 2] / radius, bond)
+    v[half % (2 * _RAYS) == _RAYS] = m[half % (2 * _RAYS) == 0] = 0.0
+    found = theory.surface_along(law, np.column_stack([v * direction[0], v * direction[1], sense * m]))
+    found = np.concatenate([found, -found[1 : 1 + len(steps) - len(half)]])
+    return found[:, :2] @ direction, sense * found[:, 2]
 
 
 @accepts_paths
@@ -178,14 +221,19 @@ def load_path(
 ) -> Figure:
     """M_T over V of one joint throughout the record, on its yield domain; several histories in one figure.
 
-    The domain is that of the joint's formulation, with the exact one of the convex formulation for comparison, and with
-    the cohesion of the joint; for a breakable bond also the residual one. If a normal force varies, everything is drawn
-    relative to the strength at the current N, torsion relative to that of the joint's formulation. ``joint``: ``"a/b"``
-    by the names of its blocks; by default the joint that failed.
+    The domain, in all quarters that a path visits, is that of the joint's formulation, with the exact one of the convex
+    formulation for comparison, and with the cohesion of the joint; for a breakable bond also the residual one. If a
+    normal force varies, everything is drawn relative to the strength at the current N, torsion relative to that of the
+    joint's formulation. ``joint``: ``"a/b"`` by the names of its blocks; by default the joint that failed.
     """
     above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
     paths = [joint_path(history, joint) for history in histories]
+    quarters = _all_of([path.quarters for path in paths])
+    paths = [
+        path if path.quarters == quarters else joint_path(history, joint, quarters)
+        for history, path in zip(histories, paths, strict=True)
+    ]
     relative = any(path.strength is not None for path in paths)
     if relative and not all(path.strength is not None for path in paths):
         if any(path.cut for path in paths):
@@ -237,7 +285,8 @@ def load_path(
         axes.set_xlabel(f"shear force {way or 'V'} {over}")
         over = f"over {torsion_strength(paths)} [-]" if relative else f"[{torsion_in}]"
         axes.set_ylabel(f"{turned or 'torsion'} {over}")
-        least_V, least_M_T = np.min([np.nanmin(path.drawn, axis=1, initial=0.0) for path in paths], axis=0)
+        drawn = [*(path.drawn for path in paths), *(section[1:3] for own in surfaces for section in own)]
+        least_V, least_M_T = np.min([np.nanmin(own, axis=1, initial=0.0) for own in drawn], axis=0)
         axes.set_xlim(left=1.05 * shear * least_V)
         axes.set_ylim(bottom=1.05 * torsion * least_M_T)
         of_joint = ", ".join(filter(None, (joint_told, pressed)))
