@@ -10,9 +10,11 @@ import pytest
 from dembrick import cli, history
 from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
 from dembrick.scenario.model import Load
 from dembrick.views import plot
 from helpers.one_joint import MU, A, B, N, scene, single
+from helpers.scenario_text import block, header, jack
 
 BESIDE = (0.0487, 0.0325)  # m: within the core, also that of the corners, so that nothing opens
 
@@ -117,3 +119,18 @@ def test_the_scaled_figure_has_the_direction_and_the_place_of_n_too(tmp_path):
     reach = np.interp(np.arctan2(*mark[::-1]), np.arctan2(curve[:, 1], curve[:, 0]), np.hypot(*curve.T))
     assert np.hypot(*mark) == pytest.approx(reach, rel=2e-3)
     assert "shear at 36.9° from $t_1$, N at (48.7, 32.5) mm" in axes.get_title()
+
+
+def test_n_is_where_it_is_in_the_row_of_the_yield_point(tmp_path):
+    """A jack that presses as it pushes, beside the middle, and more at the greatest V than at the end of its way back:
+    N = W + c V acts at y c V / N."""
+    y, c, W = 0.05, 0.5, 0.4 * 0.4 * 0.1 * 2000.0 * 9.81
+    text = header("concave", 0.3, 1e10) + block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true")
+    text += block("stone", (0, 0, 0.05), (0.4, 0.4, 0.1)) + jack("stone", (0.0, y, 0.0), (1.0, 0.0, -c))
+    control = "large_displacements = true\nprotocol = [2e-5, -1e-5]\n"
+    simulate(toml.loads(text + f'[control]\nkind = "displacement"\n{control}'), tmp_path / "run.h5")
+    with history.read(tmp_path / "run.h5") as run:
+        (row,) = plot.domain_points([run])
+    pressed = c / np.hypot(1.0, c) * row["V"]
+    assert row["V"] < 0.0 and row["N"] == pytest.approx(W + pressed, rel=1e-6)
+    assert row["eccentricity"] == pytest.approx((0.0, y * pressed / row["N"]), abs=1e-6)

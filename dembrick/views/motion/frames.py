@@ -62,6 +62,14 @@ def default_frame(history) -> str:
     return PEAK if getattr(history, "searches_limit", False) and limit is not None and history.n_row else LAST
 
 
+def default_row(history) -> int:
+    """Number of the row of the default frame: that at the limit of a search, the last one of every other run; the
+    forces of its yield point are those of this row."""
+    if default_frame(history) == PEAK:
+        return int(nearest(history.time, [peak_time(history)])[0])
+    return history.n_row - 1
+
+
 def peak_time(history) -> float:
     """Time (s, or the number of the equilibrium) of the limit, or of the greatest load of the record, of either sign.
     Raises ScenarioError if no load grows."""

@@ -11,7 +11,7 @@ from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.theory.paper_tables import SETS
 from dembrick.views import summary
-from dembrick.views.motion.frames import frame_number, nearest, peak_time
+from dembrick.views.motion.frames import default_row, frame_number
 from dembrick.views.plot import runs, style
 from dembrick.views.plot.rectangular_joint import (
     SAME,
@@ -92,8 +92,9 @@ def domain_points(histories) -> list[dict]:
 
 
 def _eccentricity(history: History, number: int, height: float) -> tuple[float, float]:
-    """Point (m from O) where N acted at the limit, without the moment of the shear force at ``height`` (m) above O."""
-    carried = carried_by(history, number, int(nearest(history.time, [peak_time(history)])[0]))
+    """Point (m from O) where N acted in the row of the yield point, without the moment of the shear force at ``height``
+    (m) above O."""
+    carried = carried_by(history, number, default_row(history))
     carried |= {"M_1": carried["M_1"] + height * carried["V_2"], "M_2": carried["M_2"] - height * carried["V_1"]}
     x, y = pressure_centre(carried) if carried["N"] > 0.0 else (0.0, 0.0)
     return float(x), float(y)
