@@ -17,6 +17,7 @@ from dembrick.scenario import toml
 from dembrick.simulation import session
 from dembrick.simulation.session import Progress
 from helpers.places import SCENARIOS
+from helpers.scenario_text import block, header
 
 
 class Clock:
@@ -122,6 +123,18 @@ def test_a_callback_hears_how_far_a_run_is(make, stage, monkeypatch):
     assert done == sorted(done) and done[-1] > 0
     if stage == "step":
         assert all(one.done <= one.total and one.time >= 0.0 for one in heard if one.stage == stage)
+
+
+def test_a_settlement_tells_how_many_equilibria_it_needs(monkeypatch):
+    """A block that its support lowers without collapse: all that were announced are needed, and no more."""
+    monkeypatch.setattr(session, "TOLD_EVERY", 0.0)
+    text = header("convex", 0.5, 1e10) + block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true")
+    text += block("stone", (0, 0, 0.05), (0.4, 0.4, 0.1))
+    heard = []
+    control = '[control]\nkind = "settlement"\nsupports = ["floor"]\ndisplacement = [0.0, 0.0, -1e-3]\n'
+    found = simulate(toml.loads(text + control), progress=heard.append)
+    path = [one for one in heard if one.stage == "equilibrium"]
+    assert {one.total for one in path} == {len(found.run.path)} == {path[-1].done + 1}
 
 
 def test_a_bar_in_a_notebook():

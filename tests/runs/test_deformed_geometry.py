@@ -414,7 +414,8 @@ def test_a_load_that_a_soft_tie_follows_on_and_on_is_undecided(monkeypatch):
     found = "no limit within .* equilibria, because blocks still follow a load of V = .*; stiffen the ties or joints"
     with pytest.raises(UndecidedError, match=found):
         simulate(toml.loads(f"{text}[control]\n{control}"), progress=promised.append)
-    assert all(progress.done <= progress.total for progress in promised if progress.total)
+    path = [progress.total for progress in promised if progress.stage == "equilibrium"]
+    assert path and set(path) == {None}  # increments adapt to the blocks, so nobody knows how many there will be
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])

@@ -40,7 +40,7 @@ from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session, Snapshot
 
 EQUILIBRIA = 60  # equally spaced over the travel; over each segment out of a protocol, or half of one there and back
-MOST = 6 * EQUILIBRIA  # equilibria that are planned for at the most
+MOST = 6 * EQUILIBRIA  # equilibria that there is room for, over the travel
 FIRST = 2.0**-12  # of a step: the first one at the start and at a reversal, where joints are elastic for a short while
 LONGER = 2.0  # times the last step: the next one at the most
 ROUNDED = 1e5  # times the rounding of a position: the least first step

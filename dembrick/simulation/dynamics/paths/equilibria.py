@@ -74,24 +74,24 @@ class EquilibriumPath(ABC):
 
     ``reached``: the parameter of the last equilibrium, and ``failed``: that at which the blocks collapsed (infinite:
     not yet) although it grew slowly (``careful``); ``broken``: that at which bonds broke or blocks jumped (infinite: at
-    none to come). ``fall``: frames of the collapse, None unless they are wanted. ``way``: the most equilibria that are
-    planned. ``from_where``: the parameter and the `places` of the equilibrium from which displacements tell a collapse:
-    the last one, or an earlier one if equilibria are closer than the tolerance. ``pace``: displacement per unit of the
-    parameter in the last step (m), which ended at the `places` ``at_last``. Subclasses define the loads and supports at
-    a parameter (`driven`), the number of time steps of an increment (`steps`) and the next parameter (`following`).
+    none to come). ``fall``: frames of the collapse, None unless they are wanted. ``way``: equilibria to leave
+    room for, beside `SPARE`. ``from_where``: the parameter and the `places` of the equilibrium from which displacements
+    tell a collapse: the last one, or an earlier one if equilibria are closer than the tolerance. ``pace``: displacement
+    per unit of the parameter in the last step (m), which ended at the `places` ``at_last``. Subclasses define the loads
+    and supports at a parameter (`driven`), the number of time steps of an increment (`steps`) and the next parameter
+    (`following`).
     """
 
     greatest = 1.0  # parameter of all
     step = STEP  # of the time step
     overshoot = 1.0  # displacement on the swing of a step over that at its equilibrium, at most: see `falls`
     dropped = DROPPED
-    adapts = False  # whether increments get shorter than planned where blocks move further than expected
     often = math.inf  # see `falls_in`
     to_come: PendingLoads | None = None
     increments, path_error = 1, 0.0  # of loads that are added to those of the stage before: `load_increments`
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
-        self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
+        self.moving, self.control, self.driving, self.session = moving, control, driving, session
         self.past, self.tolerance = RunHistory(moving, None), control.tolerance or TOLERANCE
         self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
         moving.laws = SEARCHING
@@ -414,8 +414,13 @@ class EquilibriumPath(ABC):
 
     @property
     def progress(self) -> Progress:
-        unplanned = self.adapts or self.careful or self.bonded
-        return Progress("equilibrium", self.equilibria, self.room if unplanned else self.way, None, True)
+        return Progress("equilibrium", self.equilibria, self.most, None, True)
+
+    @property
+    def most(self) -> int | None:
+        """The most equilibria that the path can take; None where it has shorter increments if blocks move far, the load
+        bends, bonds break or blocks collapse."""
+        return None
 
     def _own(self) -> dict[str, np.ndarray]:
         path = np.zeros((self.room, 3))

@@ -78,7 +78,7 @@ class LoadPath(EquilibriumPath):
         super().__init__(moving, control, driving, session, equilibria_of(self.greatest / self.scale, self.growth))
         self.joint, self.stands = 0, True
         if driving.driven is not None:
-            self.dropped, self.adapts = NEAR, True
+            self.dropped = NEAR
         else:
             moving.settled = True  # this path only tells whether the blocks rest or fall from where they are
 
@@ -224,6 +224,11 @@ class Settlement(EquilibriumPath):
         super().__init__(moving, control, driving, session, len(self.shares))
         self.gentle = refine * GENTLE
         self.gravity = float(np.linalg.norm(moving.assembly.gravity))
+
+    @property
+    def most(self) -> int | None:
+        """The first equilibrium and those of all shares, unless bonds may break or blocks have collapsed."""
+        return None if self.careful or self.bonded else 1 + len(self.shares)
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
