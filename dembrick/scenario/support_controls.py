@@ -34,7 +34,7 @@ from dembrick.scenario.time_functions import (
     checked_columns,
 )
 
-QUANTITIES = ("acceleration", "velocity", "displacement")
+QUANTITIES = {"acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}  # of a base motion, with their units
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class BaseMotionControl(Control):
     )
     sine: Sine | None = field(default=None, metadata=table(Sine, "or a sine"))
     pulse: Pulse | None = field(default=None, metadata=table(Pulse, "or a rectangular pulse"))
-    quantity: str = field(default="acceleration", metadata=choice(QUANTITIES, "what file, sine or pulse give"))
+    quantity: str = field(default="acceleration", metadata=choice(tuple(QUANTITIES), "what file, sine or pulse give"))
     restitution: float = field(default=0.5, metadata=RESTITUTION)
     columns: tuple[str, ...] | None = field(
         default=None,

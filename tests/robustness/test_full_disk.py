@@ -46,7 +46,7 @@ def tables(name):
     head = {{"dembrick_study": 1, "digest": "d", "cases": 500}}
     Path(folder, name, "rows_1_of_1.jsonl").write_text("\\n".join(map(table.json.dumps, [head, *rows])) + "\\n")
     limit(size)
-    table.write_tables(Path(folder, name), "d", ["joint.friction"], "title")
+    table.write_tables(Path(folder, name), dict(digest="d", title="title"), ["joint.friction"])
 
 def limit(size):
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))

@@ -11,6 +11,7 @@ import dembrick
 from dembrick import history
 from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
+from dembrick.runs.study import sweep
 from dembrick.scenario.regimes import OF_ACTUATORS
 from dembrick.views import page, plot, summary
 from dembrick.views.plot import style
@@ -217,7 +218,8 @@ def test_a_cloud_over_formulations_has_their_colours(tmp_path):
         ("arches.arch.thickness", "m"),
         ("materials.stone.density", "kg/m3"),
         ("control.pulse.duration", "s"),
-        ("control.sine.amplitude", ""),  # of an acceleration, as a rule
+        ("control.sine.amplitude", ""),  # of a quantity that is not known
+        ("loads.push.sine.amplitude", "-"),
         ("gravity.2", "m/s2"),
         ("gravity", "m/s2"),
         ("joint.formulation", ""),
@@ -226,6 +228,20 @@ def test_a_cloud_over_formulations_has_their_colours(tmp_path):
 )
 def test_keys_have_their_units(key, unit):
     assert unit_of(key) == unit
+
+
+@pytest.mark.parametrize("quantity, unit", [("", "m/s2"), ("velocity", "m/s"), ("displacement", "m")])
+def test_amplitudes_of_a_base_motion_have_the_unit_of_its_quantity(tmp_path, quantity, unit):
+    text = header("convex", 0.5, 1e8) + block("floor", (0, 0, -0.1), (4, 4, 0.2), "fixed = true")
+    text += block("stone", (0, 0, 0.05), (0.4, 0.4, 0.1))
+    text += '[control]\nkind = "base-motion"\nduration = 0.01\ndirection = [1.0, 0.0, 0.0]\n'
+    text += "sine = { amplitude = 1.0, frequency = 5.0 }\n" + (f'quantity = "{quantity}"\n' if quantity else "")
+    (tmp_path / "base.toml").write_text(text)
+    grid = '"control.sine.amplitude" = [1e-3, 2e-3]'
+    (tmp_path / "study.toml").write_text(f'base = "base.toml"\n[grid]\n{grid}\n')
+    sweep(tmp_path / "study.toml", tmp_path / "found")
+    (axes,) = plot.study(plot.read_study(tmp_path / "found")).axes
+    assert axes.get_xlabel() == f"control.sine.amplitude [{unit}]"
 
 
 def test_loads_of_a_study_are_in_the_unit_of_its_cases(tmp_path):

@@ -107,7 +107,8 @@ def sweep(
     except Interrupted as stopped:
         kept = f"{len(done) + ran} of {len(study)} cases are recorded in {folder}; repeat the command to continue"
         raise Interrupted(stopped.signum, f"interrupted: {kept}") from None
-    csv_path, h5_path, total = write_tables(folder, study.digest, study.keys, study.title, study.columns)
+    about = {"digest": study.digest, "title": study.title, "quantity": study.quantity}
+    csv_path, h5_path, total = write_tables(folder, about, study.keys, study.columns)
     statistics, failed = _statistics(study, folder)
     wall = time.perf_counter() - began
     return Outcome(len(study), ran, total, failed, str(csv_path), str(h5_path), statistics, wall)

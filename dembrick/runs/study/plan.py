@@ -47,6 +47,7 @@ from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.csv_tables import read_table
 from dembrick.scenario.files import companions_of, names_of
+from dembrick.scenario.support_controls import BaseMotionControl
 from dembrick.scenario.text_files import read_text
 
 MOST_CASES = 10_000_000
@@ -86,6 +87,14 @@ class Study:
     def answer(self) -> str:
         """The column with the answer of a case."""
         return "V" if self.search is None else "value"
+
+    @property
+    def quantity(self) -> str:
+        """The quantity of the base motion of all cases; empty without one, or if it varies."""
+        control = tomllib.loads(self.base).get("control", {})
+        if control.get("kind") != BaseMotionControl.kind or {"control.kind", "control.quantity"} & set(self.keys):
+            return ""
+        return control.get("quantity", "acceleration")
 
     def __len__(self) -> int:
         return math.prod(map(len, self._grid.values())) * len(self._lines) * (self._draws.count if self._draws else 1)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -183,9 +183,10 @@ def _drop_torn_line(path: Path) -> None:
 
 
 def write_tables(
-    folder: str | os.PathLike, digest: str, keys: Sequence[str], title: str, columns: Sequence[str] = tuple(COLUMNS)
+    folder: str | os.PathLike, about: Mapping[str, str], keys: Sequence[str], columns: Sequence[str] = tuple(COLUMNS)
 ) -> tuple[Path, Path, int]:
-    """Write ``table.csv`` and ``table.h5`` of the `stored` rows; return both paths and the number of rows."""
+    """Write ``table.csv`` and ``table.h5`` of the `stored` rows, the latter with texts ``about`` the study; return both
+    paths and the number of rows."""
     folder = Path(folder)
     order = _order(folder, columns)
     names = ["case", *keys, *columns]
@@ -197,7 +198,7 @@ def write_tables(
             for row in _read(order):
                 writer.writerow(["" if row.get(name) is None else _cell(row[name]) for name in names])
         with replacing(str(h5_path)) as part, rewritten(part) as (table, check):
-            table.attrs.update({"format": FORMAT, "digest": digest, "title": title, "rows": len(order)})
+            table.attrs.update({"format": FORMAT, "rows": len(order), **about})
             _write_columns(table, names, keys, order, check)
     except OSError as error:
         raise WriteError(

@@ -14,6 +14,7 @@ from dembrick.history import guard
 from dembrick.scenario import keys
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.csv_tables import Table, read_table
+from dembrick.scenario.support_controls import QUANTITIES
 from dembrick.views import summary
 from dembrick.views.plot import style
 
@@ -40,13 +41,14 @@ _MOST_LINES = 8  # in the legend of a panel; with more, the cases are drawn as u
 
 class StudyTable(NamedTuple):
     """The table of a study: its ``path``, the varied ``keys``, the ``columns`` of answers, a row for each case that has
-    one, and the ``title``, empty for a table on its own."""
+    one, the ``title``, and the ``quantity`` of the base motion of all cases; both are empty for a table on its own."""
 
     path: str
     keys: tuple[str, ...]
     columns: tuple[str, ...]
     rows: list[dict[str, str]]
     title: str = ""
+    quantity: str = ""
 
     def numbers(self, name: str) -> list[float | None]:
         """A column as numbers, None if a cell holds none or the table has no such column."""
@@ -70,17 +72,17 @@ def read_study(path: str | os.PathLike) -> StudyTable:
     if not sound:
         raise ScenarioError(f"{path}: no case of this study has an answer; its column 'error' gives the reasons")
     place = titles.index("status")
-    return StudyTable(str(path), titles[1:place], titles[place:], sound, _title(path))
+    return StudyTable(str(path), titles[1:place], titles[place:], sound, *_about(path))
 
 
-def _title(path: Path) -> str:
-    """The title of the study, from the ``table.h5`` beside its table."""
+def _about(path: Path) -> list[str]:
+    """The title of the study and the quantity of its base motion, from the ``table.h5`` beside its table."""
     try:
         with guard.open_file(path.with_name("table.h5")) as file:
-            found = guard.attribute(file, "title")
+            found = [guard.attribute(file, name) for name in ("title", "quantity")]
     except HistoryError:
-        return ""
-    return found if isinstance(found, str) else ""
+        return ["", ""]
+    return [own if isinstance(own, str) else "" for own in found]
 
 
 def study(table: StudyTable, answer: str | None = None, over: Sequence[str] = ()) -> Figure:
@@ -162,7 +164,7 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
     if not numeric:
         names = list(dict.fromkeys(row[key] for row in table.rows))
         axes.set_xticks(range(len(names)), [style.plain(name) for name in names])
-    axes.set_xlabel(style.plain(_with_unit(key, unit_of(key) if numeric else "")))
+    axes.set_xlabel(style.plain(_with_unit(key, unit_of(key, table.quantity) if numeric else "")))
     axes.set_ylabel(_with_unit(axis.name, axis.unit))
 
 
@@ -209,7 +211,7 @@ def _axis(table: StudyTable, answer: str) -> _Axis:
     """The axis of an answer, with a suitable unit."""
     searched = table.rows[0].get("searched") if answer == "value" else None
     if searched:
-        return _Axis(style.plain(f"{searched} at collapse"), unit_of(searched))
+        return _Axis(style.plain(f"{searched} at collapse"), unit_of(searched, table.quantity))
     if answer in _LIMITS and _tilts(table):
         return _Axis(r"table angle $\theta$ at the limit", "deg", tilts=True)
     unit = next((u for u, c in _UNITS.items() if answer in c), "")
@@ -234,11 +236,14 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def unit_of(key: str) -> str:
+def unit_of(key: str, quantity: str = "") -> str:
     """The unit of a scenario key in the notation of studies (``joint.friction``, ``walls.house.block.1``); "-" for a
-    dimensionless number, empty if there is none."""
+    dimensionless number, empty if there is none. The amplitude of a base motion has the unit of its ``quantity``, that
+    of a load is a factor."""
     parts = [part.partition("[")[0] for part in key.split(".") if not part.isdecimal()] or [""]
     first, last = parts[0] if len(parts) > 1 else "", parts[-1]
+    if last == "amplitude":
+        return QUANTITIES.get(quantity, "") if first == "control" else "-"
     told = {heading.strip("[]{} =").split(".")[0].split("]")[0]: table for heading, table in keys.tables().items()}
     of_controls = [table for heading, table in keys.tables().items() if heading.startswith("[control]")]
     inner = [table for name, table in told.items() if name in key.split(".")[1:]]
