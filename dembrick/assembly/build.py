@@ -48,6 +48,7 @@ from dembrick.scenario.controls import ACTUATORS, EVERY_BLOCK
 from dembrick.scenario.joint_laws import CustomLaw
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
+from dembrick.scenario.text_files import require_file
 from dembrick.scenario.units import check_magnitudes
 
 _NO_POINTS = place_points(JointTable.of(()), DISCRETISATION)
@@ -124,6 +125,13 @@ def unloaded_assembly(scenario: Scenario) -> Assembly:
     names = tuple(block.name for block in blocks)
     try:
         check_magnitudes(scenario)
+    except ScenarioError as error:
+        refuse(scenario, str(error))
+    for block in scenario.blocks:
+        for solid in block.parts or (block,):
+            if solid.mesh is not None:
+                require_file(scenario, f"mesh of block {show(block.name)}", solid.mesh.file)
+    try:
         shapes = shapes_of(blocks, scenario.path_of)
     except ScenarioError as error:
         refuse(scenario, str(error))

@@ -22,6 +22,7 @@ from dembrick.runs.reading import load
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.regimes import SETTLEMENT
 from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
@@ -268,6 +269,11 @@ def limit(
         if heuristic:
             raise ScenarioError('the second opinion belongs to a load, and kind "statics" has none')
         return stands(scenario, report=report)
+    if scenario.control.regime is SETTLEMENT:
+        raise ScenarioError(
+            "a settlement has no load to multiply; for the least and greatest reaction of a support before it moves "
+            "give --reaction SUPPORT --direction X,Y,Z"
+        )
     began = time.perf_counter()
     given, assembly, built = assembled(scenario, began, report)
     tilt = given.control.tilt_axis is not None

@@ -55,7 +55,7 @@ from dembrick.scenario.generators.corners import lay
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Fill, Pressure
-from dembrick.scenario.references import check_references, unknown
+from dembrick.scenario.references import Fault, ScenarioErrors, check_references, unknown
 from dembrick.scenario.stages import check_stages, controls_of, in_deformed_geometry, stages_of
 from dembrick.scenario.ties import Tie
 from dembrick.scenario.time_functions import checked_columns
@@ -368,8 +368,11 @@ class Scenario(Generic[AControl]):
         plain: tuple[Stack | Arch | Dome, ...] = (*self.stacks, *self.arches, *self.domes)
         for generator in plain:
             blocks += generator.build()
-        for model in self.models:
-            solids, remarks = model.build(self.path_of(model.file))
+        for number, model in enumerate(self.models, 1):
+            try:
+                solids, remarks = model.build(self.path_of(model.file))
+            except ScenarioError as error:
+                raise ScenarioErrors([Fault(f"file of model {show(model.name)}: {error}", "models", number)]) from None
             blocks += solids
             assign(self, remarks=(*self.remarks, *remarks))
         assign(self, all_blocks=tuple(blocks), groups=_groups(blocks))

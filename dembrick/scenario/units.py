@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from dembrick.errors import ScenarioError
+from dembrick.scenario.angles import OF_SPRINGING, in_degrees, in_radians
 from dembrick.scenario.checks import present, show
 
 if TYPE_CHECKING:
@@ -96,31 +97,23 @@ GRAVITIES = (9.0, 10.0)  # m/s2
 LARGEST_BLOCK = 20.0  # m
 
 
-NEAR_TURN = 3e-3  # of an angle: as near to a part of a turn in radians as one written with three digits
 SMALLEST_FRICTION_ANGLE = math.pi / 3.0  # deg, of a fill: less is that of no soil, and 60 deg in radians
 
 
 def _radians(scenario: Scenario) -> list[str]:
     """A sentence for each angle (deg) that is no plausible one, and a plausible one in radians."""
-
-    def is_part(angle: float, least: float) -> bool:
-        """Whether it is a multiple of ``least``, up to a whole turn, in radians."""
-        parts = round(abs(angle) / least)
-        return 0 < parts * least < 2.1 * math.pi and abs(abs(angle) - parts * least) <= NEAR_TURN * abs(angle)
-
-    suspects = [(f"angle of arch {show(one.name)}", one.angle, math.pi / 12.0) for one in scenario.arches]
-    suspects += [(f"angle of dome {show(one.name)}", one.angle, math.pi / 12.0) for one in scenario.domes]
+    suspects = [
+        (f"angle of {kind} {show(one.name)}", one.angle, OF_SPRINGING)
+        for kind, generators in (("arch", scenario.arches), ("dome", scenario.domes))
+        for one in generators
+    ]
     for kind, generators in (("wall", scenario.walls), ("stack", scenario.stacks), ("arch", scenario.arches)):
         suspects += [(f"heading of {kind} {show(one.name)}", one.heading, math.pi / 4.0) for one in generators]
-    found = [(key, angle) for key, angle, least in suspects if is_part(angle, least)]
+    found = [(key, angle) for key, angle, least in suspects if in_radians(angle, least)]
     for fill in scenario.fills:
         if fill.friction_angle and fill.friction_angle < SMALLEST_FRICTION_ANGLE:
             found.append((f"friction_angle of the fill on {show(fill.block)}", fill.friction_angle))
-    return [
-        f"{key} = {angle:g} is in degrees, {math.radians(angle):.3g} rad; for {angle:g} rad write "
-        f"{math.degrees(angle):.4g}"
-        for key, angle in found
-    ]
+    return [f"{key} = {in_degrees(angle)}" for key, angle in found]
 
 
 def unit_slips(scenario: Scenario, shapes: Sequence[Shape]) -> list[str]:

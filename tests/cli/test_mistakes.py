@@ -234,6 +234,37 @@ def test_an_angle_in_radians_is_warned_of(key, value, told):
     assert said == [] if told is None else told in said[0] and len(said) == 1
 
 
+def test_a_dome_in_radians_is_told_what_to_write():
+    """Its eye is in degrees and so beyond its springing: the refusal says why."""
+    text = (SCENARIOS / "dome.toml").read_text()
+    said = r"oculus of dome 'dome' = 10.0 is out of range: .* for 1.5708 rad write 90"
+    changed = re.sub(r"\n(angle|key|oculus) *=.*", "", text).replace(
+        "[[domes]]", "[[domes]]\nangle = 1.5708\noculus = 10.0"
+    )
+    with pytest.raises(ScenarioError, match=said):
+        toml.loads(changed)
+    with pytest.raises(ScenarioError) as refusal:
+        toml.loads(changed.replace("1.5708", "8.0"))
+    assert "rad" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "table, line, key",
+    [
+        ('[[blocks]]\nname = "stone"', 'mesh = { file = "none.stl" }', "mesh of block 'stone'"),
+        ('[[blocks]]\nname = "stone"', 'parts = [{ mesh = { file = "none.stl" } }]', "mesh of block 'stone'"),
+        ('[[models]]\nname = "more"\nunit = "m"', 'file = "none.stl"', "file of model 'more'"),
+    ],
+)
+def test_a_file_of_blocks_that_is_not_there_is_told_with_its_line(table, line, key, tmp_path, capsys):
+    text = f'{SET4A.partition("[[actuators]]")[0]}{table}\nmaterial = "tuff"\n'
+    path = tmp_path / "one.toml"
+    path.write_text(f'{text}{line}\n[control]\nkind = "statics"\n')
+    assert main(["check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert f"{path}:{text.count(chr(10)) + 1}: {key}: " in said and "none.stl: there is no such file" in said
+
+
 @pytest.mark.parametrize("angle, told", [(0.5236, True), (0.0, False), (2.0, False), (30.0, False)])
 def test_a_friction_angle_of_a_fill_in_radians_is_warned_of(angle, told):
     scenario = toml.loads(re.sub(r"friction_angle( *)= [\d.]+", rf"friction_angle\1= {angle}", ARCH))

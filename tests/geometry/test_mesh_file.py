@@ -143,7 +143,7 @@ def test_files_that_cannot_be_read(tmp_path):
         assert fragment in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(ScenarioError, match="there is no such file"):
         convex_solids(str(tmp_path / "none.stl"))
-    with pytest.raises(ScenarioError, match="block 'stone': mesh file stone.stl: there is no such file"):
+    with pytest.raises(ScenarioError, match="mesh of block 'stone': stone.stl: there is no such file"):
         assemble(toml.loads(SCENE))
 
 

@@ -186,6 +186,8 @@ def test_loads_that_cancel():
 def test_a_scenario_without_a_load(tmp_path, capsys):
     assert cli.main(["limit", saved(tmp_path, one_block(control=DynamicControl(1.0)))]) == 2
     assert "no load to multiply" in capsys.readouterr().err
+    assert cli.main(["limit", "arch_spread"]) == 2
+    assert "--reaction SUPPORT --direction X,Y,Z" in capsys.readouterr().err
 
 
 def test_a_mixture_with_an_inner_state_is_inside_every_strength():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from dembrick.scenario.angles import OF_SPRINGING, in_degrees, in_radians
 from dembrick.scenario.blocks import Block, Quaternion, Vector, Voussoir
 from dembrick.scenario.checks import present, real, require
 from dembrick.scenario.declared import Key, count, declare, positive, truth
@@ -158,7 +159,9 @@ class Dome:
         one = (self.oculus is None) != (self.key is None)
         require(one, f"oculus{label}", self.oculus, "give either oculus (an open eye) or key (a key stone), in deg")
         which, rim = ("key", present(self.key)) if self.oculus is None else ("oculus", self.oculus)
-        require(rim < self.angle, f"{which}{label}", rim, f"it must lie between 0 and {min(self.angle, 60.0):g}")
+        turned = f"; angle = {in_degrees(self.angle)}" if in_radians(self.angle, OF_SPRINGING) else ""
+        bound = f"it must lie between 0 and {min(self.angle, 60.0):g}{turned}"
+        require(rim < self.angle, f"{which}{label}", rim, bound)
 
     def count(self) -> int:
         return self.blocks * (self.rings + self.springing) + (self.key is not None)
