@@ -414,13 +414,7 @@ class EquilibriumPath(ABC):
 
     @property
     def progress(self) -> Progress:
-        return Progress("equilibrium", self.equilibria, self.most, None, True)
-
-    @property
-    def most(self) -> int | None:
-        """The most equilibria that the path can take; None where it has shorter increments if blocks move far, the load
-        bends, bonds break or blocks collapse."""
-        return None
+        return Progress("equilibrium", self.equilibria)  # increments adapt: nobody knows how many there will be
 
     def _own(self) -> dict[str, np.ndarray]:
         path = np.zeros((self.room, 3))

@@ -37,7 +37,7 @@ from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.joint_laws import about_start
-from dembrick.simulation.session import Plan, Session
+from dembrick.simulation.session import Plan, Progress, Session
 
 FIRST = 0.01  # load factor of the first equilibrium; of actuators that times the weight of the free blocks
 GROWTH = 1.4  # of V from one equilibrium to the next
@@ -226,9 +226,11 @@ class Settlement(EquilibriumPath):
         self.gravity = float(np.linalg.norm(moving.assembly.gravity))
 
     @property
-    def most(self) -> int | None:
-        """The first equilibrium and those of all shares, unless bonds may break or blocks have collapsed."""
-        return None if self.careful or self.bonded else 1 + len(self.shares)
+    def progress(self) -> Progress:
+        """As in the base class; with the most equilibria, the first and those of all shares, unless bonds may break or
+        blocks have collapsed."""
+        most = None if self.careful or self.bonded else 1 + len(self.shares)
+        return Progress("equilibrium", self.equilibria, most, None, True)
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
