@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.integrator import Motion
     from dembrick.simulation.dynamics.loads import Driving
     from dembrick.simulation.dynamics.run import EquilibriaRun, MotionRun
+    from dembrick.simulation.statics.yield_point import YieldPoint
 
 
 SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to estimate the cost of a run
@@ -213,16 +214,16 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     return limit_load.find_limit_load(assembly, control.tolerance, session, goal, steps)
 
 
-def _other_path(follow: Callable[..., Replay]) -> Callable[..., float]:
-    """Function that finds the limit load of a scenario by ``follow``, with steps relative to the usual ones; optionally
-    of another assembly than its own, or from a given start state."""
+def _other_path(follow: Callable[..., Replay]) -> Callable[..., YieldPoint]:
+    """Function that finds the yield point of a scenario by ``follow``, with steps relative to the usual ones;
+    optionally of another assembly than its own, or from a given start state."""
 
-    def found(scenario: Scenario, steps: float, assembly: Assembly | None = None, start: State | None = None) -> float:
+    def found(scenario: Scenario, steps: float, assembly: Assembly | None = None, start: State | None = None):
         session = None if start is None else Session(start=start)
         point = follow(scenario, assembly or build.assemble(scenario), session, steps).yield_point
         if point.V is None:
             raise NotConvergedError("another path of the same structure has no limit", point)
-        return point.V
+        return point
 
     return found
 

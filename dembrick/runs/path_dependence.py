@@ -148,7 +148,7 @@ def beside_limit(run: Replay, assembly: Assembly, scenario: Scenario, others: Ot
     in which the load keeps rising and falling as blocks snap between states, half of which is the ``error_estimate``;
     None if the load reaches a limit or has passed a peak. ``--refine`` adds ``path_range``, the load factors found
     with other stiffness ratios, steps and locked-in forces, ``paths``, how many paths found a limit and how many there
-    are, and ``error_estimate``, how far the range goes.
+    are, and ``error_estimate``, how far the brackets of all these go.
     """
     point = run.yield_point
     if point.V is None:
@@ -186,19 +186,28 @@ def _left_out(run: Replay, assembly: Assembly, control: Control) -> list[dict]:
     return [one.as_dict() for one in found]
 
 
-def ranged(beside: dict, V: float, factors: list[float], tried: int) -> dict:
-    """``beside`` with the range of V and the load ``factors`` of other paths, of which so many were ``tried``; at most
-    up to the associative bound, if that is known."""
-    low, high = min(*factors, V), max(*factors, V)
-    if beside.get("associative") is not None:
-        high = max(V, min(high, beside["associative"]["upper"]))
-    paths = [len(factors) + 1, tried + 1]
-    error = max(high - V, V - low, beside["error_estimate"] or 0.0)
-    return beside | {"path_range": [low, high], "paths": paths, "error_estimate": error}
+def ranged(beside: dict, V: float, found: list[tuple[float, float, float]], tried: int) -> tuple[dict, list[float]]:
+    """``beside`` with the range of V and of the load factors ``found`` on other paths, each in the middle of its
+    `ends`, of which so many were ``tried``; and the ends of all their brackets. At most up to the associative bound, if
+    that is known."""
+    most = math.inf if beside.get("associative") is None else max(V, beside["associative"]["upper"])
+    lower, factors, upper = np.minimum([(V, V, V), *found], most).T
+    reach = [float(lower.min()), float(upper.max())]
+    error = max(reach[1] - V, V - reach[0], beside["error_estimate"] or 0.0)
+    path_range = [float(factors.min()), float(factors.max())]
+    return beside | {"path_range": path_range, "paths": [len(found) + 1, tried + 1], "error_estimate": error}, reach
 
 
-# limit load of a scenario, by steps relative to the usual ones, of an assembly in place of its own, from a state
-Search = Callable[..., float]
+def ends(point: YieldPoint) -> tuple[float, float, float]:
+    """The lower bound, V, and the upper bound of a limit; V alone if its bracket is open."""
+    V = present(point.V)
+    if point.bracket == "open" or point.V_upper is None:
+        return V, V, V
+    return point.V_lower, V, point.V_upper
+
+
+# yield point of a scenario, by steps relative to the usual ones, of an assembly in place of its own, from a state
+Search = Callable[..., YieldPoint]
 REVERSED = 0.9  # of the limit of the reversed load
 PRESSED = (2.0, 0.5, 0.1)  # of the weight of all blocks: forces that press a joint, tried until the blocks stand
 
@@ -207,10 +216,10 @@ class UnstableHistory(NotConvergedError):
     """A load history under which the blocks do not stand."""
 
 
-def histories(run: Replay, scenario: Scenario, search: Search) -> list[Callable[[], float]]:
-    """Functions that find the limit load of ``scenario`` after other load histories; each may raise NotConvergedError,
+def histories(run: Replay, scenario: Scenario, search: Search) -> list[Callable[[], YieldPoint]]:
+    """Functions that find the yield point of ``scenario`` after other load histories; each may raise NotConvergedError,
     and UnstableHistory if the blocks do not stand under the history."""
-    found: list[Callable[[], float]]
+    found: list[Callable[[], YieldPoint]]
     found = [partial(_after_smooth_rest, scenario, search), partial(_after_reversed_load, scenario, search)]
     states = [run.state] if run.left is None else [run.state, run.left]
     pressed = np.unique(np.concatenate([grazing_joints(state) for state in states]))
@@ -220,21 +229,21 @@ def histories(run: Replay, scenario: Scenario, search: Search) -> list[Callable[
     return found
 
 
-def _after_smooth_rest(scenario: Scenario, search: Search) -> float:
+def _after_smooth_rest(scenario: Scenario, search: Search) -> YieldPoint:
     smooth = with_laws(scenario, lambda law: replace(law, friction=0.0, residual_friction=None))
     return search(scenario, 1.0, start=_rest(build.assemble(smooth)))
 
 
-def _after_reversed_load(scenario: Scenario, search: Search) -> float:
+def _after_reversed_load(scenario: Scenario, search: Search) -> YieldPoint:
     assembly = build.assemble(scenario)
     actuators = assembly.actuators
     back = replace(assembly, actuators=replace(actuators, direction=-actuators.direction))
-    V = search(scenario, 1.0, back)
+    V = present(search(scenario, 1.0, back).V)
     wrench = actuators.at.on_blocks(actuators.force, len(assembly.names))
     return search(scenario, 1.0, start=_after_load_cycle(assembly, -REVERSED * V * wrench))
 
 
-def _after_pressing(scenario: Scenario, search: Search, joints: np.ndarray) -> float:
+def _after_pressing(scenario: Scenario, search: Search, joints: np.ndarray) -> YieldPoint:
     assembly = build.assemble(scenario)
     table, wrench = assembly.joints, np.zeros((len(assembly.names), 6))
     normal = table.axes[joints, 2]

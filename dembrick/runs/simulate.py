@@ -19,7 +19,7 @@ from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.outcomes.error_estimate import Refinement, error_of, inertia_remark, refinements
 from dembrick.runs.outcomes.result import Result, heading
 from dembrick.runs.outcomes.statics_result import StaticsResult
-from dembrick.runs.path_dependence import UnstableHistory, cut_at_bound, has_paths, histories, ranged
+from dembrick.runs.path_dependence import UnstableHistory, cut_at_bound, ends, has_paths, histories, ranged
 from dembrick.runs.reading import WENT_ON, came_from, load, require_repeatable
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.stages import Stages
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
         TiltControl,
         YieldControl,
     )
+    from dembrick.simulation.statics.yield_point import YieldPoint
 
 AnyResult: TypeAlias = "Result | MotionResult | StaticsResult"
 Path: TypeAlias = str | os.PathLike
@@ -386,7 +387,7 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
 
 def _range_paths(result: Result) -> None:
     """Add to a search the range of load factors on other paths of the same structure: with other stiffness, steps and
-    locked-in forces, run in parallel on free cores. The bracket is widened to hold them all.
+    locked-in forces, run in parallel on free cores. The bracket is widened to hold the brackets of them all.
 
     Paths without a limit are counted as well. Raises NotConvergedError if no other path found a limit, and
     Interrupted.
@@ -397,26 +398,25 @@ def _range_paths(result: Result) -> None:
     if result.path is None:
         return  # nothing limits the load
     search = present(driver_of(scenario.control).refined)
-    variants: list[Callable[[], float]] = [
+    variants: list[Callable[[], YieldPoint]] = [
         partial(search, one.scenario, one.steps) for one in refinements(scenario, several=True)
     ]
     variants += histories(result.run, scenario, search)
 
-    def found(one: Callable[[], float]) -> list[float | None]:
+    def found(one: Callable[[], YieldPoint]) -> list[tuple[float, float, float] | None]:
         try:
-            return [one()]
+            return [ends(one())]
         except UnstableHistory:
             return []
         except NotConvergedError:
             return [None]
 
     with ThreadPoolExecutor(min(len(variants), os.cpu_count() or 1)) as pool:
-        tried = [factor for each in pool.map(found, variants) for factor in each]
-    factors = [factor for factor in tried if factor is not None]
-    if not factors:
+        tried = [path for each in pool.map(found, variants) for path in each]
+    others = [path for path in tried if path is not None]
+    if not others:
         raise NotConvergedError("no other load path of the same structure led to a limit", point)
-    result.path = ranged(result.path, present(point.V), factors, len(tried))
-    low, high = result.path["path_range"]
+    result.path, (low, high) = ranged(result.path, present(point.V), others, len(tried))
     upper = None if point.V_upper is None else max(point.V_upper, high)
     wider = replace(point, V_lower=min(point.V_lower, low), V_upper=upper)
     result.run.yield_point = cut_at_bound(wider, result.path["associative"])

@@ -185,8 +185,11 @@ def test_refine_finds_the_slabs_that_are_pressed_to_their_walls():
 
 def test_a_range_ends_at_the_proven_bound():
     beside = {"associative": {"upper": 0.19}, "error_estimate": None}
-    assert ranged(beside, 0.185, [0.18, 0.194], 2)["path_range"] == [0.18, 0.19]
-    assert ranged(beside | {"associative": None}, 0.185, [0.18, 0.194], 2)["path_range"] == [0.18, 0.194]
+    found = [(0.178, 0.18, 0.182), (0.193, 0.194, 0.195)]
+    free, further = ranged(beside | {"associative": None}, 0.185, found, 2)
+    beside, reach = ranged(beside, 0.185, found, 2)
+    assert beside["path_range"] == [0.18, 0.19] and reach == [0.178, 0.19]
+    assert free["path_range"] == [0.18, 0.194] and further == [0.178, 0.195]
 
 
 @pytest.mark.parametrize(("scenario", "depends"), [(curb(), "true"), (tower(), "false")])

@@ -156,8 +156,25 @@ def test_which_paths_are_followed():
         refinements(replace(scenario, control=StaticsControl()))
 
 
-def test_the_bar_reaches_as_far_as_the_furthest_path_on_either_side():
+def test_the_bar_reaches_as_far_as_the_furthest_bracket_on_either_side():
+    """Each path has a bracket of its own, and its limit may be anywhere in that."""
     alone = {"error_estimate": None}
-    assert ranged(alone, 10.0, [8.0, 10.5], 2)["error_estimate"] == 2.0
-    assert ranged(alone, 10.0, [9.8, 13.0], 2)["error_estimate"] == 3.0
-    assert ranged({"error_estimate": 4.0}, 10.0, [9.8, 13.0], 2)["error_estimate"] == 4.0
+    for found, range_, reach, error in [
+        ([(7.9, 8.0, 8.1), (10.4, 10.5, 10.6)], [8.0, 10.5], [7.9, 10.6], 2.1),
+        ([(9.7, 9.8, 9.9), (12.0, 13.0, 14.0)], [9.8, 13.0], [9.7, 14.0], 4.0),
+    ]:
+        beside, ends_ = ranged(alone, 10.0, found, 3)
+        assert beside["path_range"] == range_ and ends_ == reach and beside["paths"] == [3, 4]
+        assert beside["error_estimate"] == pytest.approx(error)
+        assert ranged({"error_estimate": 5.0}, 10.0, found, 3)[0]["error_estimate"] == 5.0
+
+
+def test_limits_of_one_wall_that_differ_by_the_stiffness_are_within_each_bar():
+    """The limits differ by less than the tolerance of a search; the bars are narrower than that."""
+    law = JointLaw("concave", 0.36587, 1e10, 4e9)
+    parts = Wall("wall", "stone", (0.52217, 0.2, 0.19126), courses=4, blocks=3, base=0.2, ends="half")
+    scenario = of_stone(law, PushoverControl((0.94569, 0.32507, 0.0)), walls=(parts,))
+    points = [simulate(with_ratio(scenario, ratio), record=False, refine=True).yield_point for ratio in (0.1, 4.0)]
+    for point in points:
+        for other in points:
+            assert point.V_lower * (1.0 - 1e-9) <= other.V <= point.V_upper * (1.0 + 1e-9)

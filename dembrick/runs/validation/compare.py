@@ -17,6 +17,7 @@ from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.runs.outcomes.error_estimate import RATIOS, with_ratio
 from dembrick.runs.outcomes.load_path_result import DrivenPathResult
 from dembrick.runs.outcomes.result import Result, fell
+from dembrick.runs.path_dependence import ends
 from dembrick.runs.simulate import AnyResult, simulate
 from dembrick.runs.validation.cases import Case
 from dembrick.runs.verification.verify import STYLE
@@ -98,13 +99,12 @@ def _force(case: Case) -> tuple[float, float]:
     scenario = toml.load(case.path, case.set)
     result = simulate(scenario, None, bound=case.paths, record=False)
     point = present(result.yield_point)
-    V = present(point.V)
-    reach = [present(point.V_upper) - V, V - point.V_lower]
+    V, reach = present(point.V), [point.V_lower, present(point.V_upper)]
     if case.paths:
         assert isinstance(result, Result)
-        reach.append(present(result.path)["associative"]["upper"] - V)
-        reach += [abs(present(present(other.yield_point).V) - V) for other in _on_other_paths(scenario)]
-    return KILO * V, KILO * max(reach)
+        reach.append(present(result.path)["associative"]["upper"])
+        reach += [end for other in _on_other_paths(scenario) for end in ends(present(other.yield_point))]
+    return KILO * V, KILO * max(abs(end - V) for end in reach)
 
 
 def _on_other_paths(scenario: Scenario) -> list[AnyResult]:
