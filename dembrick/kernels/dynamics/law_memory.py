@@ -2,10 +2,11 @@
 
 In the search for an equilibrium blocks swing past it, and nothing of that swing may be irreversible. So until they
 rest, every law is evaluated from its memory at the last equilibrium for all motion of the blocks since, as in one
-implicit step. Shear springs are stretched by all of it, even beyond the force that friction allows; yielding, crushing
-and lift are computed from there again at every evaluation. Once the blocks rest, one more evaluation, without motion or
-dashpots, stores the state. Only bonds break at once. If laws crush or dilate, or are user-defined, no dashpot acts
-before that either: in every step it would respond to all that is crushed or lifted.
+implicit step. Shear springs are stretched by all of it, even beyond the force that friction allows, or while a joint
+that was closed is open on the swing; yielding, crushing and lift are computed from there again at every evaluation.
+Once the blocks rest, one more evaluation, without motion or dashpots, stores the state. Only bonds break at once. If
+laws crush or dilate, or are user-defined, no dashpot acts before that either: in every step it would respond to all
+that is crushed or lifted.
 """
 
 from math import inf
@@ -22,6 +23,12 @@ def set_law_mode(work, laws):
     for lane in range(W):
         work.undamped[lane] = 1.0 if laws == RESTED else 0.0
         work.searching[lane] = 1.0 if laws == SEARCHING else 0.0
+
+
+@jit
+def loaded(elastic):
+    """Whether a joint had shear (3, N, N, N m) at the last equilibrium, and so was closed there."""
+    return elastic[0] != 0.0 or elastic[1] != 0.0 or elastic[2] != 0.0
 
 
 @jit

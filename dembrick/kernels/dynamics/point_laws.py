@@ -57,7 +57,7 @@ def bonded_force(work, pair, which, lane, law, energy, force_out, bonded, ledger
         g, d, slip, springs, law.friction, dashpots, strengths, i, area, bond
     )
     if work.searching[lane] > 0.0:
-        closed = normal != 0.0 or now.bonded > 0.0
+        closed = normal != 0.0 or now.bonded > 0.0 or b1 != 0.0 or b2 != 0.0
         stretched = (b1 + springs[1] * slip[0], b2 + springs[1] * slip[1]) if closed else (0.0, 0.0)
         now = Bond(stretched, now.bonded, bond.crushed, bond.rise)
         slid = 0.0

@@ -18,7 +18,7 @@ from dembrick.scenario.stages import TiesBefore
 from dembrick.simulation.checkpoint_arrays import flattened, plain, restored
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.dead_load import keep, put_back
-from dembrick.simulation.dynamics.integrator import Motion, detect_initial_contacts
+from dembrick.simulation.dynamics.integrator import Motion, detect_initial_contacts, stop
 from dembrick.simulation.dynamics.outcome import PEAK_TENSIONS, Extremes
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
@@ -215,7 +215,7 @@ def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
         take_ties(moving.state, left, before)
     moving.state.links.put("viscous", dashpots)
     bodies = moving.state.bodies
-    bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
+    stop(bodies)
     bodies.applied[:] = 0.0  # the loads of this stage are added at its first step
     bodies.start[:], moving.upright[:] = bodies.position, bodies.orientation
     moving.settled = True

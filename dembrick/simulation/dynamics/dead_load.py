@@ -20,7 +20,14 @@ from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.chunks import advance_chunk
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, joint_forces, update_history_at_rest
+from dembrick.simulation.dynamics.integrator import (
+    LONGEST_MOVE,
+    NO_LIMIT,
+    Motion,
+    joint_forces,
+    stop,
+    update_history_at_rest,
+)
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 from dembrick.simulation.session import Session
@@ -82,7 +89,7 @@ def find_equilibrium(
                 motion.falling |= falls
                 motion.attempt[:] = motion.dead_load_steps, -1.0
         bodies = motion.state.bodies
-        bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
+        stop(bodies)
         update_history_at_rest(motion, driving)
     if not (sticking or attempt.ratio <= attempt.enough):
         raise UndecidedError(

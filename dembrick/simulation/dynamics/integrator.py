@@ -31,6 +31,7 @@ from dembrick.kernels.dynamics.loop import (
     advance_bodies,
     shares,
 )
+from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.tiles import rows_of_lanes
 from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.chunks import advance_chunk, call_loop, compiled
@@ -321,6 +322,12 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
     held = motion.state.bodies._replace(free=np.zeros(0, np.uint32))
     touching = motion.contact_detection.touching
     advance_chunk(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step, touching)
+
+
+def stop(bodies: Bodies) -> None:
+    """Set the velocities of blocks at an equilibrium to zero. Local damping acts by the sense of a motion, however slow,
+    so the next swing would depend on rounding."""
+    bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
 
 
 def update_history_at_rest(motion: Motion, driving: Driving) -> None:

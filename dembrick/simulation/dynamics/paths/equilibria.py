@@ -10,7 +10,6 @@ Blocks swing past their equilibrium. Sliding, yielding, crushing and uplift on t
 laws remember only their state at the equilibrium (`kernels.dynamics.law_memory`).
 
 Frames of the collapse follow that of the last equilibrium: their times lie between its number and the next.
-
 Bonds are kept intact until the blocks rest; those that are overloaded then break, and the blocks come to rest again
 until none is overloaded. So no swing breaks a bond, and the parameter at failure is known to the tolerance too.
 """
@@ -40,6 +39,7 @@ from dembrick.simulation.dynamics.integrator import (
     advance,
     detect_initial_contacts,
     rest_in_each_other,
+    stop,
     update_history_at_rest,
 )
 from dembrick.simulation.dynamics.loads import Driving
@@ -213,6 +213,7 @@ class EquilibriumPath(ABC):
             ratio = not_nan(ratio, f"the out-of-balance force at {self.said(parameter)}")
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # on a swing the out-of-balance force may pass through zero, but not twice running
+                stop(self.moving.state.bodies)
                 return ratio
             if chunk % chunks in (chunks // 4, chunks // 2, chunks - 1):
                 passed[chunk % chunks] = places(self.moving.state.bodies)
