@@ -37,7 +37,7 @@ from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.joint_laws import about_start
-from dembrick.simulation.session import Plan, Progress, Session
+from dembrick.simulation.session import Kept, Plan, Progress, Session
 
 FIRST = 0.01  # load factor of the first equilibrium; of actuators that times the weight of the free blocks
 GROWTH = 1.4  # of V from one equilibrium to the next
@@ -119,9 +119,10 @@ class LoadPath(EquilibriumPath):
         far = bool((self._away(self.at_last) > FAR * self.least).any())
         if ratio is None or not short or not far or len(self.moving.state.ties.stiffness):
             return ratio
+        there = Kept(self.past.snapshot())
         jumps = self._jumps(parameter)
-        self._go_back()
-        ratio = super()._go(parameter)  # once more, for the state at its end
+        there.arrays["loop"][1] = self.moving.time_step  # as in `_go_back`
+        self.past.restore(there)
         if jumps:
             self.record_collapse_frame(1.0)
         return None if jumps else ratio
@@ -138,7 +139,9 @@ class LoadPath(EquilibriumPath):
                 return True
             there = middle, float(self._away(self.at_last).max())
             low, high = (low, there) if there[1] - low[1] > high[1] - there[1] else (there, high)
-        return high[1] - low[1] > STAYS * most
+            if high[1] - low[1] <= STAYS * most:
+                return False
+        return True
 
     def said(self, parameter: float) -> str:
         return f"a load of V = {parameter:.6g}"
