@@ -325,8 +325,8 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
 
 
 def stop(bodies: Bodies) -> None:
-    """Set the velocities of blocks at an equilibrium to zero. Local damping acts by the sense of a motion, however slow,
-    so the next swing would depend on rounding."""
+    """Set the velocities of blocks at an equilibrium to zero. Local damping acts by the sense of a motion, however
+    slow, so the next swing would depend on rounding."""
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
 
 

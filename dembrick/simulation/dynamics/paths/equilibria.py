@@ -397,8 +397,7 @@ class EquilibriumPath(ABC):
     def found(self) -> EquilibriaRun:
         """Follow the whole path, from the start or from the checkpoint of the session, and return its result.
 
-        Raises NotConvergedError if the blocks do not stand under the dead loads, UndecidedError if they neither come
-        to rest nor collapse.
+        Raises NotConvergedError if blocks fall under the dead loads, UndecidedError if they neither rest nor collapse.
         """
         self.begin(self.session.resumed)
         self.run()
