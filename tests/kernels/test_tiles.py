@@ -100,7 +100,7 @@ def test_every_joint_has_one_lane_among_its_kind():
     rng = np.random.default_rng(0)
     kind, way = rng.integers(0, 3, 100), rng.integers(0, 2, 100)
     turn = rng.permutation(100)
-    lane, used = tiled(kind, way, turn)
+    lane, used, _ = tiled(kind, way, turn)
     own = lane[np.arange(W) < used[:, None]]
     assert sorted(own) == list(range(100))
     for members, count in zip(lane, used, strict=True):

@@ -2,9 +2,10 @@
 the functions have the same names as those of `area_joints`, and `joint_families` calls either.
 
 All joints of a tile have the same law and the same number of points, which never change; the first two points of each
-joint, then the next two and so on are evaluated side by side. An odd number is completed by a point without area. Shear
-memory is stored in the plane's axes and turns with them. The normal force acts along the other's normal, and force and
-reaction at one world point.
+joint, then the next two and so on are evaluated side by side. An odd number is completed by a point without area. In a
+tile with few joints, each may have several lanes for its points (`spread_points`). Shear memory is stored in the
+plane's axes and turns with them. The normal force acts along the other's normal, and force and reaction at one world
+point.
 
 If any joint has strengths, all points of the scene follow the law with bonds (`bonded_force` instead of `point_force`),
 which counts their losses itself; the same applies to a user-defined law (`custom_force`).
@@ -29,6 +30,7 @@ from dembrick.kernels.dynamics.point_laws import (
     spring_length,
 )
 from dembrick.kernels.dynamics.slip_paths import add_slip, lengthen_paths
+from dembrick.kernels.dynamics.spread_points import gather_losses, gather_sums, spread_motion
 from dembrick.kernels.dynamics.tiles import (
     ACTION,
     POINT,
@@ -183,19 +185,21 @@ def pair_forces(work, pair, law, energy, force_out, bonded=None, custom=None, le
 
 
 @jit
-def write_forces(corners, t, first, sense, work, out):
-    """Write the forces on the host, in the world, at the points ``first`` and, if there is one, first + 1 of every
-    joint of tile ``t``."""
+def write_forces(corners, t, row, sense, work, out):
+    """Write the forces on the host, in the world, at the points in the rows ``row`` and row + 1 of tile ``t``."""
     for lane in range(corners.used[t]):
         p = corners.lane[t, lane]
-        count = corners.start[p + 1] - corners.start[p]
-        for which in range(min(2, count - first)):
-            t1, t2, normal = three(work.last[which], lane)
-            force = combined(
-                (-t1, -t2, sense[lane] * normal), (0.0, 0.0, 0.0),
-                three(work.u1, lane), three(work.u2, lane), three(work.m, lane),
-            )  # fmt: skip
-            put_vector(out[corners.start[p] + first + which], force[0], force[1], force[2])
+        width = corners.width[p]
+        own = lane - lane % width
+        for which in range(2):
+            i = (row + which) * width + lane % width
+            if i < corners.start[p + 1] - corners.start[p]:
+                t1, t2, normal = three(work.last[which], lane)
+                force = combined(
+                    (-t1, -t2, sense[own] * normal), (0.0, 0.0, 0.0),
+                    three(work.u1, own), three(work.u2, own), three(work.m, own),
+                )  # fmt: skip
+                put_vector(out[corners.start[p] + i], force[0], force[1], force[2])
 
 
 @entry
@@ -275,6 +279,9 @@ def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, e
         fetch(links, t, bodies, work)
         update_kinematics(tile, seen, work)
         clear_sums(tile, work)
+        width = corners.width[corners.lane[t, 0]]
+        if width > 1:
+            spread_motion(work, width)
         law = corners.tile_law[t]
         dry = PointLaw(corners.k_n[law], corners.k_s[law], corners.friction[law], corners.shear_arm[law])
         start = corners.tile_start[t]
@@ -298,6 +305,10 @@ def forces(links, corners, bodies, share, force_out, strengths, bonds, custom, e
                 slides = True
             if force_out is not None:
                 write_forces(corners, t, i, tile.sense, work, force_out)
+        if width > 1:
+            gather_sums(work, width)
+            if energy_terms is not None:
+                gather_losses(energy_terms.ledger[t], width)
         if slides:
             all_dry = strengths is None and custom is None
             lengthen_paths(work, all_dry, corners.lane[t, : corners.used[t]], corners.slip)
@@ -377,7 +388,8 @@ class Corners(NamedTuple):
 
     joint: ndarray  # (p,) uint32
     start: ndarray  # (p + 1,) uint32, first contact point of each
-    place: ndarray  # (p,) uint32, place of its first point: its lane, plus W times the points in tiles before
+    width: ndarray  # (p,) int64, lanes in which its points are: the first of them is its own
+    place: ndarray  # (p,) uint32, place of its first point: its lane, plus W times the rows of points before
     law: ndarray  # (p,) uint32, index of its law in the following
     k_n: ndarray  # (l,) Pa/m
     k_s: ndarray  # (l,) Pa/m
@@ -386,7 +398,7 @@ class Corners(NamedTuple):
     lane: ndarray  # (t, W) uint32, which of the p joints each lane has; spare lanes repeat the last one
     used: ndarray  # (t,) uint32, lanes that are not spare
     tile_law: ndarray  # (t,) uint32
-    tile_start: ndarray  # (t + 1,) int64, first point of each tile
+    tile_start: ndarray  # (t + 1,) int64, first row of points of each tile
     like: ndarray  # (t,) uint32, the tile of ``points`` that the loop reads in place of each: see `alike`
     points: ndarray  # records `POINT`, point after point of a tile
     sheared: ndarray  # records `SHEAR`, likewise
@@ -398,11 +410,11 @@ class Corners(NamedTuple):
 
     def where(self, joint: int | None = None) -> ndarray:
         """The place of each contact point, as in ``place``, of all joints (c,) or of one."""
-        if joint is not None:
-            return int(self.place[joint]) + np.arange(int(self.start[joint + 1]) - int(self.start[joint])) * W
-        count = np.diff(self.start)
-        own = np.arange(int(self.start[-1])) - np.repeat(self.start[:-1].astype(np.int64), count)
-        return np.repeat(self.place.astype(np.int64), count) + own * W
+        own = np.arange(len(self.joint)) if joint is None else np.array([joint])
+        count = np.diff(self.start.astype(np.int64))[own]
+        number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        row, lane = np.divmod(number, np.repeat(self.width[own], count))
+        return np.repeat(self.place[own].astype(np.int64), count) + row * W + lane
 
     def field(self, name: str, joint: int | None = None) -> ndarray:
         """A copy of a field of contact points, of all joints (c,) or of one."""

@@ -115,7 +115,8 @@ def spring_length(strengths, bonds, law, k_n, place, g):
 @jit
 def place_of(corners, p, i):
     """Place of point ``i`` of point joint ``p``, as in `Corners.where`."""
-    return corners.place[p] + i * W
+    width = corners.width[p]
+    return corners.place[p] + i // width * W + i % width
 
 
 @jit

@@ -14,8 +14,8 @@ from dembrick.assembly.joints import JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics.area_tiles import FACE, SHEARED, FaceBonds, Faces
-from dembrick.kernels.dynamics.tiles import W, rows_of_lanes
-from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
+from dembrick.kernels.dynamics.tiles import rows_of_lanes
+from dembrick.simulation.dynamics.memory_order import own_lanes, tiled, without_rounding
 from dembrick.simulation.joint_laws import (
     bonded_at_start,
     check_pressures,
@@ -47,8 +47,8 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray, first_tile: i
     most = np.maximum(longest[joints.block_a], longest[joints.block_b])[chosen]
     room = int((np.diff(joints.start)[chosen] + most).max())
     n = len(chosen)
-    lane, used = tiled(np.zeros(n), way[chosen], np.arange(n))
-    own = np.arange(W) < used[:, None]
+    lane, used, _ = tiled(np.zeros(n), way[chosen], np.arange(n))
+    own = own_lanes(lane)
     place = np.zeros(n, np.uint32)
     place[lane[own]] = np.arange(lane.size).reshape(lane.shape)[own]
     strengths = strengths_of(laws)

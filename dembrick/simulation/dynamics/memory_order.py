@@ -123,26 +123,58 @@ FEW = 8  # directions of normals: with more, sorting is useless and would only s
 ROUNDING = 1e-12
 ALIKE = 8 * W  # identical joints: so many get tiles of their own
 STRETCH = 512  # joints that are sorted by their direction at a time
+TILE_ROWS, SPREAD_ROWS = 3, 3  # rows of points that take as long as the other work on a tile, and more if it is spread
 
 
-def tiled(kind: np.ndarray, way: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The joint in each lane of t tiles, out of p joints (t, W), and the number of used lanes of each tile (t,).
+def tiled(
+    kind: np.ndarray, way: np.ndarray, turn: np.ndarray, points: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The joint in each lane of t tiles, out of p joints (t, W), the number of used lanes of each tile (t,), and the
+    number of neighbouring lanes of each joint (p,).
 
     ``turn`` (p,): the joints in an order in which neighbours are near each other. Joints are grouped by ``kind`` (p,),
     and within it by direction, ``way`` (p,): head joints of a wall slide all the time and bed joints hardly ever, and a
     tile without sliding joints is faster; tiles of identical joints share rows. Grouping by direction is done within
     stretches of joints only, so that the blocks of a tile are still in the cache. Unused lanes repeat the last joint.
+    Joints that do not fill a tile get several lanes each for their ``points`` (p,), the same number within a kind, if
+    that is faster (`kernels.dynamics.spread_points`).
     """
-    lanes, used = [np.zeros((0, W), np.uint32)], [np.zeros(0, np.int64)]
+    lanes, used, width = [np.zeros((0, W), np.uint32)], [np.zeros(0, np.int64)], np.ones(len(kind), np.int64)
     for one in np.unique(kind):
         members = turn[kind[turn] == one]
         members = members[np.lexsort((way[members], np.arange(len(members)) // STRETCH))]
+        rest = members[len(members) // W * W :]
+        if len(rest) and points is not None:
+            width[rest] = fastest_width(len(rest), int(points[rest[0]]))
+        members = np.repeat(members, width[members])
         tiles = -(-len(members) // W)
         padded = np.full(tiles * W, members[-1], np.uint32)
         padded[: len(members)] = members
         lanes.append(padded.reshape(tiles, W))
         used.append(np.minimum(len(members) - W * np.arange(tiles), W))
-    return np.concatenate(lanes), np.concatenate(used)
+    return np.concatenate(lanes), np.concatenate(used), width
+
+
+def fastest_width(joints: int, points: int) -> int:
+    """The number of lanes for each of some ``joints`` with that many ``points``, by the rows that take as long."""
+
+    def rows(width: int) -> int:
+        tiles, more = -(-joints * width // W), SPREAD_ROWS if width > 1 else 0
+        return tiles * (TILE_ROWS + more + rows_of_points(points, width))
+
+    return min((2**k for k in range(W.bit_length())), key=rows)
+
+
+def rows_of_points(points, width):
+    """Rows of a tile for so many ``points`` of each joint, in ``width`` lanes: an even number."""
+    return 2 * -(-points // (2 * width))
+
+
+def own_lanes(lane: np.ndarray) -> np.ndarray:
+    """Which lanes of tiles (t, W) are the first of their joint, as in `tiled`."""
+    first = np.ones(lane.shape, bool)
+    first[:, 1:] = lane[:, 1:] != lane[:, :-1]
+    return first
 
 
 def without_rounding(values: np.ndarray, lengths: bool = False) -> np.ndarray:

@@ -16,7 +16,7 @@ from dembrick.kernels.dynamics.point_laws import BOND
 from dembrick.kernels.dynamics.tiles import POINT, SHEAR, W, rows_of_lanes
 from dembrick.scenario.joint_laws import RECORD
 from dembrick.simulation import joint_laws
-from dembrick.simulation.dynamics.memory_order import tiled, without_rounding
+from dembrick.simulation.dynamics.memory_order import own_lanes, rows_of_points, tiled, without_rounding
 from dembrick.simulation.joint_laws import bonded_at_start, elastic_stiffness, strengths_of
 
 if TYPE_CHECKING:
@@ -48,16 +48,17 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | 
     law = law.reshape(-1)
     count = np.diff(start)
     own_turn = np.searchsorted(chosen, turn[~table.resultant[turn]])
-    lane, used = tiled(law * (count.max() + 1) + count, way[chosen], own_turn)
+    lane, used, width = tiled(law * (count.max() + 1) + count, way[chosen], own_turn, count)
     first = lane[:, 0]
-    tile_start = np.concatenate([[0], np.cumsum((count[first] + 1) // 2 * 2)])
+    tile_start = np.concatenate([[0], np.cumsum(rows_of_points(count[first], width[first]))])
     place = np.zeros(len(chosen), np.uint32)
-    own = np.arange(W) < used[:, None]
+    own = own_lanes(lane)
     place[lane[own]] = (tile_start[:-1, None] * W + np.arange(W))[own]
     points = int(tile_start[-1])
     corners = Corners(  # type: ignore[call-arg]  # properties are no fields
         joint=chosen.astype(np.uint32),
         start=start.astype(np.uint32),
+        width=width,
         place=place,
         law=law.astype(np.uint32),
         k_n=k_n.copy(),

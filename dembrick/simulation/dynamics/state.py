@@ -18,7 +18,14 @@ from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.tiles import FIXED, SEEN, WRENCHES, Links, W, rows_of_lanes
 from dembrick.kernels.joint.ties import Ties
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.memory_order import LoopOrder, in_turn, memory_order, ways, without_rounding
+from dembrick.simulation.dynamics.memory_order import (
+    LoopOrder,
+    in_turn,
+    memory_order,
+    own_lanes,
+    ways,
+    without_rounding,
+)
 from dembrick.simulation.moving_ties import moving_ties
 
 if TYPE_CHECKING:
@@ -148,7 +155,7 @@ def _links(
     place, tiles, in_lanes = np.zeros(n, np.uint32), 0, [np.zeros((0, W), np.int64)]
     for family in (corners, faces):
         if family is not None:
-            lanes = np.arange(W) < family.used[:, None]
+            lanes = own_lanes(family.lane)
             where = W * np.arange(tiles, tiles + len(lanes))[:, None] + np.arange(W)
             place[family.joint[family.lane[lanes]]] = where[lanes]
             tiles += len(lanes)
