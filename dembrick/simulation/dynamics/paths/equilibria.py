@@ -346,14 +346,14 @@ class EquilibriumPath(ABC):
         """Follow the path to its end or until the structure collapses. Raises NotConvergedError, Interrupted."""
         with interrupts.deferred():
             while self.collapse is None:
-                target, last = self._target(), False
+                target = self._target()
                 if target is None and self.failed < math.inf:
-                    target, last = self.failed, True  # once more, from nearby, to record the collapse
+                    target = self.failed  # once more, from nearby, to record the collapse
                 if target is None:
                     self.session.ended(self)
                     return
                 self.session.pause(self)
-                self.fall = [] if last else None
+                self.fall = [] if self.careful else None
                 ratio = self._go(target)
                 if ratio is not None:
                     jumped, far = self.jumped(target), target - self.reached > self.close(target)
@@ -364,13 +364,13 @@ class EquilibriumPath(ABC):
                         continue
                     if broke or target >= self.broken:
                         self.broken = math.inf
-                    self.failed = math.inf if last else self.failed
+                    self.failed = math.inf if target >= self.failed else self.failed
                     self._note(target, ratio)
                     continue
-                if last:
-                    self._fell(standing(self.moving.state.bodies, self.kept.arrays))
-                elif self.careful:
+                if self.careful:
                     self.failed = target
+                    if self._target() is None:  # they fell from the nearest equilibrium
+                        self._fell(standing(self.moving.state.bodies, self.kept.arrays))
                 self.careful = True
                 self._go_back()
 
