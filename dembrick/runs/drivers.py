@@ -268,6 +268,7 @@ def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
 
 def _run_in_real_time(scenario: Scenario, assembly: Assembly, session: Session) -> MotionRun:
     from dembrick.simulation.dynamics import run
+    from dembrick.simulation.dynamics.paths import giving_way
 
     moving, driving = _set_up(scenario, assembly, session)
     plan = run.plan(moving, scenario.control, driving, scenario.output)
@@ -277,6 +278,8 @@ def _run_in_real_time(scenario: Scenario, assembly: Assembly, session: Session) 
     most = present(plan.seconds) if plan.seconds_falling is None else plan.seconds_falling
     session.warn_if_long(most, _shorter(scenario.control), plan.at_most or plan.seconds_falling is not None)
     run.ask_for(moving, scenario.output, driving)
+    if session.start is not None and session.resumed is None:
+        giving_way.begin_at_rest(moving, driving, session, scenario.solver.step_factor)
     return run.run(moving, scenario.control, driving, session)
 
 

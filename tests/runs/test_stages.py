@@ -76,10 +76,12 @@ CONTACTS = '[output]\nchannels = ["joints", "energy", "frames", "contacts"]\n'
 @pytest.mark.parametrize("last", [STATICS, 'kind = "dynamic"\nduration = 0.01\n'], ids=["statics", "real time"])
 @pytest.mark.parametrize("jack", [0.075, 0.135])
 def test_points_keep_forces_in_balance_when_the_jack_is_off(jack, last):
-    """Sets 4a and 4b to the limit, then unloaded, in a search and in real time: the memory of points is handed on."""
-    given = scenario(YIELD, last, changes=[f"actuators.jack.point=[{jack}, 0.0, 0.0]"], more=CONTACTS)
+    """Sets 4a and 4b to the limit, then unloaded, and so in real time after it: the memory of points is handed on."""
+    given = scenario(
+        YIELD, *dict.fromkeys((STATICS, last)), changes=[f"actuators.jack.point=[{jack}, 0.0, 0.0]"], more=CONTACTS
+    )
     result = simulate(given)
-    (stage,) = result.stages
+    stage, *_ = result.stages
     assert (stage["stage"], stage["kind"], stage["status"]) == (1, "yield", "yield")
     assert stage["yield_point"]["V"] == pytest.approx({0.075: 254.5698, 0.135: 212.2493}[jack], rel=2e-5)
     found = result.frames["contact_force"][-1]

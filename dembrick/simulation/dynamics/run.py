@@ -364,7 +364,7 @@ def start(moving: Motion, control: Control, driving: Driving, past: RunHistory, 
         past.unbalanced[0] = find_equilibrium(moving, held, free, resume, partial(session.pause, past))
         moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
-        if free or (unsupported(moving.state) & ~np.asarray(moving.assembly.fixed)).any():
+        if free or moving.settled or (unsupported(moving.state) & ~np.asarray(moving.assembly.fixed)).any():
             _set_going(moving, driving if free else held, thrown=free)
         else:
             still = np.zeros_like(moving.state.bodies.velocity)

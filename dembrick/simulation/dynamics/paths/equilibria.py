@@ -88,6 +88,7 @@ class EquilibriumPath(ABC):
     dropped = DROPPED
     often = math.inf  # see `falls_in`
     to_come: PendingLoads | None = None
+    new_loads, loads_wait = None, False  # see `PendingLoads`
     increments, path_error = 1, 0.0  # of loads that are added to those of the stage before: `load_increments`
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
@@ -384,9 +385,8 @@ class EquilibriumPath(ABC):
         """Record the collapse of the blocks from where they ``stood`` at the last equilibrium."""
         self.recorder.follow_up(self.fall or [])
         away = np.where(self.free, moved(places(self.moving.state.bodies), places(stood)), 0.0)
-        self.collapse = self.collapse_record(
-            seen(stood, self.moving.state.links), np.flatnonzero(away > MOVED * away.max())
-        )
+        blocks = np.flatnonzero(away > MOVED * away.max())
+        self.collapse = self.collapse_record(seen(stood, self.moving.state.links), blocks)
 
     def _go_back(self) -> None:
         own = self._own()

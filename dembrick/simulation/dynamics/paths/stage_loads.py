@@ -34,43 +34,52 @@ if TYPE_CHECKING:
 
 LITTLE = 2.5e-4  # of the greatest joint force: smaller new loads need no increments, such as those from small rotations
 NOTHING = 1e-6  # of the forces of new loads: smaller joint forces are rounding of the drawn positions
+Wrenches = tuple[np.ndarray, np.ndarray]  # forces and torques (f, 3) on the free blocks
 
 
 class PendingLoads:
     """Changes of a new stage that are still to come: ``shares`` of the forces that joints lose by its laws, and of its
     new loads (both at first zero). ``on_others``: whether joints bear other loads already at the last equilibrium;
     ``lost`` and ``part``: the lost forces and the new loads over the greatest joint force there; ``breaks``: whether
-    bonds are too weak for what they bear there."""
+    bonds are too weak for what they bear there. ``loads``: force and torque (f, 3) of the new loads on every free
+    block, else the out-of-balance that they cause there; ``wait``: whether they are still to come at the end."""
 
-    def __init__(self, moving: Motion, driving: Driving):
+    def __init__(self, moving: Motion, driving: Driving, loads: Wrenches | None = None, wait: bool = False):
         self.shares, bodies, state = (0.0, 0.0), moving.state.bodies, moving.state
         gravity = driving.forces(np.array([moving.time]), moving.time_step)[0][0]
 
-        def unbalanced() -> tuple[np.ndarray, np.ndarray]:
+        def unbalanced() -> Wrenches:
             joint_forces(moving, driving)
-            return tuple(part[bodies.free] for part in out_of_balance(state, gravity))
+            force, torque = out_of_balance(state, gravity)
+            return force[bodies.free], torque[bodies.free]
 
         bonds = joint_families.bonded(state)
         with held_bonds(moving):
             with stuck(moving):
-                loads = unbalanced()
+                whole = unbalanced()
             borne = np.abs(state.links.wrench[:, :3]).max(initial=0.0)
-            lost = tuple(now - load for now, load in zip(unbalanced(), loads, strict=True))
+            lost = tuple(now - before for now, before in zip(unbalanced(), whole, strict=True))
         joint_forces(moving, driving)
         self.breaks = bool((joint_families.bonded(state) < bonds).any())
-        (at, self._lost), (same, self._force) = _cancelling(bodies, *lost), _cancelling(bodies, *loads)
+        (at, self._lost), (same, self._force) = _cancelling(bodies, *lost), _cancelling(bodies, *(loads or whole))
         self._at = at.and_then(same)
         greatest, weaker = (float(np.abs(force).max(initial=0.0)) for force in (self._force, self._lost))
         self.on_others = bool(borne > NOTHING * greatest)
         self.part, self.lost = (most / borne if borne > 0.0 else math.inf for most in (greatest, weaker))
         self.lost = self.lost if self.lost > NOTHING else 0.0
+        self.last = 1.0 if wait else 0.0
+
+    @property
+    def weakened(self) -> bool:
+        """Whether joints are too weak for what they bear at the last equilibrium."""
+        return self.lost > LITTLE or self.breaks
 
     def way(self, count: int) -> list[tuple[float, float]]:
         """The `shares` at the equilibria of a way of ``count`` increments: of lost forces, if there are any, and then
         of loads."""
         parts = [left / count for left in range(count - 1, -1, -1)]
         let_go = parts if self.lost > LITTLE else [0.0] if self.lost or self.breaks else []
-        return [(part, 1.0) for part in let_go] + [(0.0, part) for part in parts]
+        return [(part, 1.0) for part in let_go] + [(0.0, part) for part in parts if not self.last]
 
     def held_off(self, driving: Driving) -> Driving:
         """``driving`` without the shares that are still to come."""
@@ -106,7 +115,7 @@ def rest_by_increments(
     that stand under them, and swing joints open, whose history is then lost.
     """
     moving = path.moving
-    path.to_come = to_come = PendingLoads(moving, still())
+    path.to_come = to_come = PendingLoads(moving, still(), path.new_loads, path.loads_wait)
 
     def go_back() -> None:
         to_come.shares = 0.0, 0.0
@@ -129,6 +138,7 @@ def rest_by_increments(
         return rest()
 
     if to_come.part + to_come.lost <= LITTLE and not to_come.breaks:
+        to_come.shares = 0.0, to_come.last
         ratio = rest()
         path.path_error = 2.0 * (to_come.part + to_come.lost) if gave_way() else 0.0
         return ratio
@@ -154,6 +164,8 @@ def rest_by_increments(
     path.increments, path.path_error = load_increments.by_increments(
         go, lambda: carried(moving), gave_way, gave_way, one_step=False
     )
+    if ratio is None and path.loads_wait:
+        return None
     if ratio is None and falls_before:  # the loads of before cannot be borne any more, but those of now perhaps can
         go_back()
         ratio, path.increments, path.path_error = at((0.0, 0.0)), 1, math.inf
