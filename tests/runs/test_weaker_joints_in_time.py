@@ -122,3 +122,13 @@ def test_a_change_at_a_moment_of_a_run_in_time_is_sudden(large, tmp_path):
         now, tie = history.time > 0.0101, history.series("tension")[:, 0]
         assert before[-1] > 84.0 and (-history.joint("V_2")[now, 0]).max() <= 0.1 * PRESSED + 0.02
         assert tie[now].max() == pytest.approx(2.0 * (PUSHED - 0.1 * PRESSED) - (PUSHED - before[-1]), rel=0.01)
+
+
+@BOTH
+def test_a_load_that_begins_at_zero_moves_nothing_before(large, tmp_path):
+    """A sine acts in full in statics and grows from zero in time; dashpots lag by 0.03 N."""
+    wave = load([0.0, -20.0, 0.0], "stages = [2]\nsine = { amplitude = 1.0, frequency = 1.0 }\n")
+    given = scene("convex", large, "friction = 0.34", tie="", more=wave)
+    joint, _ = borne(given, tmp_path / "run.h5")
+    with dembrick.read_history(tmp_path / "run.h5") as history:
+        assert joint == pytest.approx(PUSHED + 20.0 * np.sin(2.0 * np.pi * history.time), abs=0.05)

@@ -25,7 +25,6 @@ from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.session import Kept, Session
 
 if TYPE_CHECKING:
-    from dembrick.assembly.build import Assembly
     from dembrick.scenario.stages import TiesBefore
     from dembrick.simulation.statics.state import State
 
@@ -51,7 +50,7 @@ def begin_at_rest(moving: Motion, driving: Driving, session: Session, step_facto
     left, still, new = session.start, _at_time_zero(driving), None
     quiet = Session(output=Output(channels=()), tell=session.tell, report=session.report)
     if left is not None and not isinstance(left, Kept):
-        new = unborne(moving.assembly, left, session.ties_before)
+        new = unborne(moving, driving, left, session.ties_before)
         pending = _pending(moving, still, new)
         pending.shares = 0.0, 1.0
         past = run.RunHistory(moving, None)
@@ -101,17 +100,21 @@ def _at_time_zero(driving: Driving) -> Driving:
     )
 
 
-def unborne(assembly: Assembly, left: State, before: TiesBefore | None) -> Wrenches:
-    """Forces (f, 3) and torques (f, 3) of loads on the free blocks that joints and ties of ``left``, a state in the
-    geometry of the start, do not bear: those that come or go with the stage after it."""
+def unborne(moving: Motion, driving: Driving, left: State, before: TiesBefore | None) -> Wrenches:
+    """Forces (f, 3) and torques (f, 3) of the loads ``driving`` at time zero on the free blocks that joints and ties of
+    ``left``, a state in the geometry of the start, do not bear: those that come or go with the stage after it."""
     from dembrick.simulation.statics import joint_families  # imported here for its kernels
     from dembrick.simulation.statics.handover import starting_state
     from dembrick.simulation.statics.newton import Trials
 
-    state = starting_state(assembly, left, before)
+    state, at = starting_state(moving.assembly, left, before), driving.at  # type: ignore[arg-type]
     trials = Trials(state, 6 * np.arange(len(state.blocks.free)))
     trials.remember()
     joint_families.keep_bonds_intact(state, True)
     with joint_families.stuck(state):
         trials.stay()
-    return state.blocks.force[state.blocks.free], state.blocks.torque[state.blocks.free]
+    varies = _at_time_zero(driving).force - driving.force  # statics has no time: there loads act in full
+    force, torque = state.blocks.force.copy(), state.blocks.torque.copy()
+    np.add.at(force, at.block, varies)
+    np.add.at(torque, at.block, np.cross(at.arm, varies))
+    return force[state.blocks.free], torque[state.blocks.free]
