@@ -77,7 +77,7 @@ def _given_way(
 ) -> Kept | None:
     """State after joints have given way from the ``last`` equilibrium; None, and reported, if there is none."""
     control = StaticsControl(large_displacements=True)
-    resting = run.prepare(moving.assembly, control, step_factor)  # type: ignore[arg-type]
+    resting = run.prepare(moving.assembly, control, step_factor)
     checkpoint.start_on(resting, last)
     run.ask_for(resting, session.output, still)
     path = GivingWay(resting, control, still, session)
@@ -107,7 +107,7 @@ def unborne(moving: Motion, driving: Driving, left: State, before: TiesBefore | 
     from dembrick.simulation.statics.handover import starting_state
     from dembrick.simulation.statics.newton import Trials
 
-    state, at = starting_state(moving.assembly, left, before), driving.at  # type: ignore[arg-type]
+    state, at = starting_state(moving.assembly, left, before), driving.at
     trials = Trials(state, 6 * np.arange(len(state.blocks.free)))
     trials.remember()
     joint_families.keep_bonds_intact(state, True)
