@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import dembrick
+from dembrick.simulation.dynamics.paths import driven_path, load_path
 from dembrick.simulation.statics import stepper
 
 pytest.register_assert_rewrite("helpers")
@@ -61,6 +62,15 @@ def folder(tmp_path, monkeypatch):
     """Empty working directory of the test."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Fewer equilibria on the path of settlements and of driven displacements."""
+    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
+    monkeypatch.setattr(load_path, "HALVINGS", 3)
+    monkeypatch.setattr(load_path, "WITHIN", 1.0)
+    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
 
 
 @pytest.fixture

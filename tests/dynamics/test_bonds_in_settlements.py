@@ -28,6 +28,7 @@ def beam(sinks, formulation, bond=500.0, **law) -> Scenario:
     return of_stone(law, control, blocks, output=Output(("frames",)))
 
 
+@pytest.mark.usefixtures("few")
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_a_bonded_beam_hangs_its_middle_support_until_the_bond_breaks(formulation):
     """The middle support carries W / 3 - 2 k s / 3, down to minus the bond strength at s = (W + 3 f_t A) / (2 k); then
@@ -121,6 +122,7 @@ def test_a_toe_that_crushes_under_a_block_on_a_floor_that_turns():
     assert low < 0.85 * math.atan(0.2)
 
 
+@pytest.mark.usefixtures("few")
 @pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
 @pytest.mark.parametrize("dilation", [pytest.param(0.1, marks=pytest.mark.slow), 0.3])
 def test_a_block_that_is_pushed_over_a_joint_that_dilates(formulation, dilation):

@@ -16,6 +16,8 @@ from dembrick.scenario.model import Actuator, Block, JointLaw, Scenario
 from helpers.custom_laws import COULOMB
 from helpers.stone_scenes import of_stone
 
+pytestmark = pytest.mark.usefixtures("few")
+
 FRICTION, COHESION, WEIGHT, AREA = 0.6, 4000.0, 0.2 * 0.2 * 0.1 * 2000.0 * 9.81, 0.04
 THIN = 0.02  # m
 TRAVEL = 0.018  # m: 0.16 of the distance from the middle of a joint to its corner, by which all is handed over

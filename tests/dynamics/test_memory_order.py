@@ -123,7 +123,7 @@ def test_random_order_gives_the_answers_of_the_drawn_one(own_order):
     assert np.abs(second - first).max() > 0.1 * size  # without the permutation they differ
 
 
-def test_a_head_drives_blocks_that_the_loop_has_in_another_order(own_order):
+def test_a_head_drives_blocks_that_the_loop_has_in_another_order(own_order, few):
     changes = ["control.large_displacements=true", "control.travel=2e-5", "joint.formulation=concave"]
     given = toml.load(shipped.folder() / "set4a_curve.toml", changes)
     orders = []

@@ -13,6 +13,8 @@ from dembrick.views.motion.joints import JointMotion
 from helpers.custom_laws import COULOMB
 from helpers.scenario_text import block, header, jack
 
+pytestmark = pytest.mark.usefixtures("few")
+
 FIXED = "fixed = true"
 SUPPORTS = block("left", (-0.4, 0.0, -0.1), (0.2, 0.2, 0.2), FIXED) + block(
     "right", (0.4, 0.0, -0.1), (0.2, 0.2, 0.2), FIXED

@@ -16,6 +16,8 @@ from dembrick.scenario import toml
 from helpers.places import SCENARIOS, tool_module
 from helpers.scenario_text import block, header
 
+pytestmark = pytest.mark.usefixtures("few")
+
 ARCH = SCENARIOS / "arch_spread.toml"
 SPREAD = '[["arch.3", "arch.4"], ["arch.10", "arch.11"], ["arch.17", "arch.18"]]'
 STUDY = 'title = "Which springing has moved?"\nbase = "{base}"\n[target]\n'

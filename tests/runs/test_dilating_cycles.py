@@ -8,6 +8,8 @@ import dembrick
 from dembrick.scenario import toml
 from helpers.scenario_text import block, header, jack
 
+pytestmark = pytest.mark.usefixtures("few")
+
 MU, PSI, KN = 0.45, 0.15, 1e10  # the shear stiffness is 0.4 KN
 ARM = np.array([0.02, 0.05])  # of the jack, m
 DIRECTION = np.array([0.4, -np.sqrt(1.0 - 0.4**2)])

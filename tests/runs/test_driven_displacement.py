@@ -10,6 +10,8 @@ from dembrick.scenario.joint_laws import FORMULATIONS
 from helpers.restart_cases import check_same, stop_at_look
 from helpers.scenario_text import block, header, jack
 
+pytestmark = pytest.mark.usefixtures("few")
+
 A, N, MU, C, KS, KN = 0.08, 300.0, 0.5, 1e4, 4e9, 1e10  # of a block of .4 by .2 m without weight on a floor
 TRAVEL = 2e-5
 FLOOR = block("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")

@@ -15,6 +15,8 @@ from helpers.key_lines import key_lines
 from helpers.restart_cases import check_same, stop_at_look
 from helpers.scenario_text import block, header, jack
 
+pytestmark = pytest.mark.usefixtures("few")
+
 U = 2e-5
 
 

@@ -43,7 +43,7 @@ def test_a_table_has_the_series_by_equilibrium(result):
         ("newmark_pulse", None, False),
     ],
 )
-def test_rows_are_of_times_or_of_equilibria_in_memory_and_in_files(tmp_path, name, law, counts):
+def test_rows_are_of_times_or_of_equilibria_in_memory_and_in_files(tmp_path, few, name, law, counts):
     """A search with a user's law is a test in time."""
     scenario = dembrick.load(name, [] if law is None else ["joint.formulation=concave"])
     result = dembrick.simulate(scenario, tmp_path / "run.h5", law=law)

@@ -10,6 +10,8 @@ import dembrick
 from dembrick.scenario import toml
 from helpers.scenario_text import block, header, jack
 
+pytestmark = pytest.mark.usefixtures("few")
+
 W = 0.4 * 0.4 * 0.1 * 2000.0 * 9.81
 HOLDS = 0.5 * W
 POST = block("post", (1.0, 0.0, 0.3), (0.2, 0.2, 0.6), "fixed = true")

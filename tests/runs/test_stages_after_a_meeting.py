@@ -8,6 +8,8 @@ import dembrick
 from dembrick.scenario import toml
 from helpers.scenario_text import block, header, jack
 
+pytestmark = pytest.mark.usefixtures("few")
+
 MU, GRAVITY = 0.3, 9.81
 GAP, TRAVEL = 2e-3, 3e-3
 PUSHED = f'[[stages]]\nkind = "displacement"\nlarge_displacements = true\ntravel = {TRAVEL}\n'
