@@ -1,4 +1,7 @@
-"""Combined features: 60 random scenes, each judged by limit analysis, a second method and an equivalent scene."""
+"""Combined features: the 42 random scenes that contain every pair of them, each judged by limit analysis, a second
+method and an equivalent scene."""
+
+from itertools import combinations, product
 
 import pytest
 
@@ -11,7 +14,13 @@ features = tool_module("drawn_features")
 
 @pytest.fixture(scope="module")
 def drawn():
-    return features.scenes(60, 1, quick=True)
+    return features.scenes(42, 1, quick=True)
+
+
+def test_every_pair_is_drawn(drawn):
+    for one, other in combinations(features.QUICK, 2):
+        seen = {(levels[one], levels[other]) for _, levels, _ in drawn}
+        assert seen == {*product(features.QUICK[one], features.QUICK[other])}
 
 
 @pytest.mark.parametrize("part", range(PARTS))

@@ -15,6 +15,8 @@ from dembrick.scenario import toml
 from dembrick.simulation.dynamics.paths.falls import SEEN_FALLING, falls_in
 from helpers.scenario_text import block, header, jack
 
+pytestmark = pytest.mark.usefixtures("few")
+
 B, D = 0.3, 0.5  # m, of the bed
 LOADED = 3.0  # N over the weight of the blocks
 
@@ -41,10 +43,12 @@ def column(control, share, floor, heights, e=0.0, formulation="concave", more=""
     return toml.loads(f"{text}[control]\n{control}large_displacements = true\n", "crushing.toml")
 
 
-@pytest.mark.parametrize("share", [0.7, 0.8, 0.95])
-@pytest.mark.parametrize("floor", [0.06, 0.2, 1.0])
-@pytest.mark.parametrize("heights", [(0.15,), (0.5,), (0.3, 0.2), (0.2, 0.2, 0.2)])
-def test_a_toe_that_crushes_ends_in_an_answer(share, floor, heights):
+@pytest.mark.parametrize("share, heights, floor", [
+    (share, heights, (0.06, 0.2, 1.0)[(i + k) % 3])  # every pair of two of them once or twice
+    for i, share in enumerate((0.7, 0.8, 0.95))
+    for k, heights in enumerate([(0.15,), (0.5,), (0.3, 0.2), (0.2, 0.2, 0.2)])
+])  # fmt: skip
+def test_a_toe_that_crushes_ends_in_an_answer(share, heights, floor):
     """The block stands below the limit b / 2 (f_c A / N - 1) of the eccentricity and falls above it, on any floor. The
     run was once refused at a rotation of .2, where a new contact took the crushed depth for an overlap."""
     limit = 0.5 * B * (1.0 / share - 1.0)
