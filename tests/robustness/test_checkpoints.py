@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shutil
 import zipfile
 from pathlib import Path
 
@@ -13,17 +14,22 @@ from dembrick.errors import HistoryError, WriteError
 from dembrick.history import Checkpoint, Checkpoints, read
 from dembrick.kernels.statics.lone_joint import SEARCH
 from dembrick.runs.simulate import restart, simulate
-from helpers.restart_cases import case, check_same, content, rewritten
+from helpers.restart_cases import case, check_same, content, rewritten, stop_at_look
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory):
+    """Folder of an uninterrupted run, and of the same one stopped after three equilibria, with its two checkpoints."""
+    folder, given = tmp_path_factory.mktemp("once"), case("set4a", "concave")
+    simulate(given, folder / "whole.h5")
+    stop_at_look(given, folder / "run.h5", 4)
+    return folder
 
 
 @pytest.fixture
-def stopped(tmp_path, stop_after):
-    """A run stopped after three equilibria, with its two checkpoints, and an uninterrupted run beside it."""
-    given = case("set4a", "concave")
-    simulate(given, tmp_path / "whole.h5")
-    with stop_after(4):
-        simulate(given, tmp_path / "run.h5")
-    return tmp_path / "run.h5"
+def stopped(tmp_path, once):
+    """The stopped run in a folder of its own, see `once`."""
+    return shutil.copytree(once, tmp_path, dirs_exist_ok=True) / "run.h5"
 
 
 def by_step(path):

@@ -6,7 +6,6 @@ import sys
 
 import h5py
 import numpy as np
-import pytest
 
 from dembrick.history.hdf5_files import rewritten
 from dembrick.history.layout import create
@@ -52,29 +51,29 @@ def limit(size):
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
 finished("run.h5")
-failed = done = 0
-for step in range(1, 41):
-    size = int({largest} * step / 40.0)
-    if {writer} is not tables:
-        limit(size)
-    try:
-        {writer}("out")
-        done += 1
-    except WriteError as error:
-        assert "File too large" in str(error), error
-        failed += 1
-    limit(resource.RLIM_INFINITY)
-print(failed, done)
+for write, largest in ((finished, 250_000), (exported, 400_000), (tables, 400_000)):
+    failed = done = 0
+    for step in range(1, 41):
+        size = int(largest * step / 40.0)
+        if write is not tables:
+            limit(size)
+        try:
+            write(write.__name__)
+            done += 1
+        except WriteError as error:
+            assert "File too large" in str(error), error
+            failed += 1
+        limit(resource.RLIM_INFINITY)
+    print(failed, done)
 """
 
 
-@pytest.mark.parametrize(("writer", "largest"), [("finished", 250_000), ("exported", 400_000), ("tables", 400_000)])
-def test_a_full_disk_is_an_error(writer, largest, tmp_path):
-    code = WRITERS.format(paths=[str(TESTS), *sys.path], folder=str(tmp_path), writer=writer, largest=largest)
+def test_a_full_disk_is_an_error(tmp_path):
+    code = WRITERS.format(paths=[str(TESTS), *sys.path], folder=str(tmp_path))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
-    failed, succeeded = (int(word) for word in done.stdout.split())
-    assert failed > 3 and succeeded > 0
+    found = [[int(word) for word in line.split()] for line in done.stdout.splitlines()]
+    assert len(found) == 3 and all(failed > 3 and succeeded > 0 for failed, succeeded in found)
     assert not [name for name in os.listdir(tmp_path) if name.endswith(".part")]
 
 

@@ -65,7 +65,7 @@ def is_there(name, around=frozenset()):
     """Whether a name is a module, a name defined in one, or a member; ``around`` adds local names."""
     parts = name.replace("/", ".").removesuffix(".py").split(".")
     if len(parts) == 1:
-        return name in everywhere() | around
+        return name in everywhere() or name in around
     for module, names in modules().items():
         for length in range(len(parts), 0, -1):
             if f".{module}".endswith("." + ".".join(parts[:length])) and within(parts[length:], names):
@@ -93,6 +93,8 @@ def missing_in(path):
 def missing_in_comments(path):
     """Names in backticks in a module's comments that exist neither in the package nor in that module."""
     text = path.read_text(encoding="utf-8")
+    if not re.search("#.*`", text):
+        return
     around = local_names(ast.parse(text))
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:

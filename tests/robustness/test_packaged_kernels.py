@@ -11,6 +11,7 @@ import numba
 import pytest
 
 import dembrick
+from dembrick import _packaged_kernels
 from helpers.places import tool_module
 
 PACKAGE = Path(dembrick.__file__).parent
@@ -78,21 +79,38 @@ def test_checked_bounds_are_compiled(packaged, tmp_path):
     assert hits == 0 and reason == "they were compiled with other settings"
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "reason"),
-    [
-        ("numba", "0.1", f"they are for numba 0.1, this is {numba.__version__}"),
-        ("python", "2.7", f"they are for Python 2.7, this is {sys.version_info.major}.{sys.version_info.minor}"),
-        ("compiler", "0", "they were compiled with other settings"),
-        ("features", ["avx2", "nonsense"], "this processor lacks nonsense"),
-        ("target", ["vax-vms", "x86-64-v3", ""], "this processor lacks vax-vms"),
-    ],
-)
-def test_kernels_of_another_version_are_compiled(packaged, tmp_path, key, value, reason):
+CANNOT = "manifest.json cannot be read"
+MISFITS = [  # changes to the manifest, or its whole text
+    ({"numba": "0.1"}, f"they are for numba 0.1, this is {numba.__version__}"),
+    ({"python": "2.7"}, f"they are for Python 2.7, this is {sys.version_info.major}.{sys.version_info.minor}"),
+    ({"compiler": "0"}, "they were compiled with other settings"),
+    ({"features": ["avx2", "nonsense"]}, "this processor lacks nonsense"),
+    ({"target": ["vax-vms", "x86-64-v3", ""]}, "this processor lacks vax-vms"),
+    *((text, CANNOT) for text in ("", "{", "[1]", '{"numba": 3}')),
+]
+
+
+def changed(copy, change):
+    """Text of the manifest of a copy of the package with a change."""
+    text = (copy / "_kernels" / "manifest.json").read_text()
+    return change if isinstance(change, str) else json.dumps({**json.loads(text), **change})
+
+
+@pytest.mark.parametrize("change, reason", [({}, ""), *MISFITS])
+def test_why_kernels_of_a_package_are_not_taken(packaged, tmp_path, monkeypatch, change, reason):
+    (tmp_path / "manifest.json").write_text(changed(packaged[0], change))
+    monkeypatch.setattr(_packaged_kernels, "FOLDER", tmp_path)
+    monkeypatch.setattr(numba.config, "CPU_NAME", None)
+    assert (_packaged_kernels.packaged_kernels.__wrapped__() is None) == bool(reason)
+    assert not reason or _packaged_kernels.why_compiled() == reason
+
+
+@pytest.mark.parametrize("change, reason", [MISFITS[0], MISFITS[-1]])
+def test_kernels_are_compiled_instead(packaged, tmp_path, change, reason):
     copy, found = packaged
     manifest = copy / "_kernels" / "manifest.json"
     before = manifest.read_text()
-    manifest.write_text(json.dumps({**json.loads(before), key: value}))
+    manifest.write_text(changed(copy, change))
     try:
         assert call(copy, tmp_path)[:3] == (0, found, reason)
     finally:
@@ -109,15 +127,3 @@ def test_an_edited_kernel_is_compiled(packaged, tmp_path):
     finally:
         source.write_text(before)
     assert call(copy, tmp_path)[0] == 1
-
-
-@pytest.mark.parametrize("text", ["", "{", "[1]", '{"numba": 3}'])
-def test_a_damaged_manifest_is_none(packaged, tmp_path, text):
-    copy, value = packaged
-    manifest = copy / "_kernels" / "manifest.json"
-    before = manifest.read_text()
-    manifest.write_text(text)
-    try:
-        assert call(copy, tmp_path)[:3] == (0, value, "manifest.json cannot be read")
-    finally:
-        manifest.write_text(before)

@@ -41,31 +41,30 @@ def scene(formulation, tie, loads, large=False):
 
 
 def held_by_ties(tie, loads, increments, bond=0.0, after=0.0, residual=FRICTION):
-    """Force (2,) of the ties on the block, and how great any force gets: radial return, step by step.
+    """Force (2,) of the ties on the block, and how great any force gets: radial return, step by step, in x + iy.
 
     ``bond``: strength (N) that friction has besides until it is overborne; ``after`` and ``residual`` friction: from
     then on."""
-    friction = FRICTION
-    moved, elastic, before = np.zeros(2), np.zeros(2), np.zeros(3)
-    for load in np.array(loads):
-        for part in np.linspace(0.0, 1.0, increments + 1)[1:]:
-            force = before + part * (load - before)
-            strength = friction * (WEIGHT - force[2]) + bond
-            driving = force[:2] - tie * moved
+    friction, moved, elastic, across, up = FRICTION, 0j, 0j, 0j, 0.0
+    for x, y, z in np.array(loads).tolist():
+        for part in (i / increments for i in range(1, increments + 1)):
+            pressed = WEIGHT - up - part * (z - up)
+            driving = across + part * (complex(x, y) - across) - tie * moved
             slip = (driving - elastic) / (tie + SPRING)
             trial = elastic + SPRING * slip
-            if np.hypot(*trial) > strength:
+            if abs(trial) > friction * pressed + bond:
                 bond, friction = after, residual
-                strength = friction * (WEIGHT - force[2]) + bond
+                strength = friction * pressed + bond
                 total = driving + tie / SPRING * elastic  # = trial (tie / spring + strength / |trial|)
-                size = (np.hypot(*total) - strength) * SPRING / tie
-                trial = total / np.hypot(*total) * size
+                size = (abs(total) - strength) * SPRING / tie
+                trial = total / abs(total) * size
                 slip, elastic = (trial - elastic) / SPRING, strength / size * trial
             else:
                 elastic = trial
-            moved = moved + slip
-        before = load
-    return -tie * moved, max(WEIGHT - before[2], np.abs(tie * moved).max())
+            moved += slip
+        across, up = complex(x, y), z
+    tension = np.array([-tie * moved.real, -tie * moved.imag])
+    return tension, max(WEIGHT - up, np.abs(tension).max())
 
 
 LATE = [(554.3, 27.6, -557.0), (-1302.9, -209.9, -409.8)]  # slides again in the last tenth of the second load

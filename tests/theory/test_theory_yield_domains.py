@@ -1,5 +1,7 @@
 """Yield domains of Fig. 4 and Fig. 5, points of the surface, and the cheap approximations with their errors."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -87,13 +89,19 @@ def test_errors_at_the_lab_sets(name, at_4a, at_4b):
         assert domain.limit(-e) == domain.limit(e)
 
 
+@cache
+def along_rays(a, b, M_T0):
+    """Eccentricities (m), and the exact limit of V at each."""
+    law = formulation_law("convex", a, b, FRICTION, NORMAL)
+    e = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 200) * M_T0 / V_0])
+    return e, np.array([limit_load(law, (0.0, 1.0, value)).V for value in e])
+
+
 @pytest.mark.parametrize("name", APPROXIMATIONS)
 @pytest.mark.parametrize(("a", "b"), [(0.3, 0.2), (1.0, 0.1), (0.1, 1.0)])
 def test_labels_hold_the_largest_error_along_rays(name, a, b):
     domain = approximate_domain(name, a, b, FRICTION, NORMAL)
-    law = formulation_law("convex", a, b, FRICTION, NORMAL)
-    e = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 200) * domain.M_T0 / V_0])
-    exact = np.array([limit_load(law, (0.0, 1.0, value)).V for value in e])
+    e, exact = along_rays(a, b, domain.M_T0)
     excess = domain.limit(e) / exact - 1.0
     assert excess.max() <= domain.unsafe + 1e-11
     assert -excess.min() <= domain.safe + 1e-5
