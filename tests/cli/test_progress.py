@@ -155,7 +155,7 @@ def test_a_study_that_is_stopped_says_how_to_go_on(tmp_path):
     while not rows.exists() or rows.read_text().count("\n") < 2:  # until the first case is done
         assert run.poll() is None
         time.sleep(0.05)
-    time.sleep(1.0)
+    time.sleep(0.3)
     run.send_signal(signal.SIGINT)
     _, said = run.communicate(timeout=120)
     assert run.returncode == 130

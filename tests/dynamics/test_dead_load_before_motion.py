@@ -95,7 +95,7 @@ def test_supports_that_shake_want_all_blocks_to_stand_and_name_those_that_do_not
 def test_small_steps_are_more_of_them_until_blocks_rest():
     """With steps a six hundredth of the usual one a pile needs some hundreds of times as many, and gets them."""
     control = BaseMotionControl(duration=1e-4, direction=(1.0, 0.0, 0.0), sine=Sine(0.1, 2.0))
-    given = scene(pile(4, 0.5), control=control)
+    given = scene(pile(2, 0.5), control=control)
     steps = []
     for factor in (0.9, 0.0015):
         result = simulate(replace(given, solver=Solver(step_factor=factor)))

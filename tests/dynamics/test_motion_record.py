@@ -131,6 +131,7 @@ def test_frames_of_a_tilting_wall_carry_what_its_rows_say(tmp_path, formulation)
     """In every frame of the history the contact forces of a joint sum up to its N and V; open joints carry none."""
     given = toml.load(shipped.folder() / "wall_tilt.toml", [f'joint.formulation="{formulation}"'])
     changes = ["walls.0.courses=3", "walls.0.blocks=2", "control.rate=10.0", "control.displacement=0.25"]
+    changes += ["joint.normal_stiffness=1e9", "joint.shear_stiffness=4e8"]
     given = toml.loads(toml.text_of(given), None, changes)
     given = dataclasses.replace(given, output=Output(ALL, rows=80, frames=40))
     result = simulate(given, tmp_path / "wall.h5")

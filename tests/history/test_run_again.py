@@ -42,7 +42,7 @@ force = [40.0, 0.0, 0.0]
 history = "push.csv"
 [control]
 kind = "base-motion"
-duration = 0.3
+duration = 0.1
 direction = [1.0, 0.0, 0.0]
 file = "../records/quake.csv"
 quantity = "acceleration"

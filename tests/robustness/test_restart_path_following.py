@@ -269,7 +269,7 @@ def long_search(tmp_path_factory):
 @pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGKILL])
 def test_a_search_that_is_stopped_or_killed_goes_on(tmp_path, long_search, signum):
     path, rng = tmp_path / "run.h5", random.Random(int(signum))
-    for stop in range(3):
+    for stop in range(2):
         command = ["restart", str(path)] if stop else ["run", str(long_search / "wall.toml"), "--out", str(path)]
         child = dembrick(*command, code=SLOW)
         before = rows_of(path)

@@ -165,7 +165,7 @@ def test_friction_in_the_plane_of_a_joint_is_what_it_carries(pushed):
 
 @pytest.mark.parametrize("formulation", ["convex", pytest.param("concave", marks=pytest.mark.slow)])
 def test_forces_in_the_deformed_geometry_turn_with_the_blocks(tmp_path, pushed, formulation):
-    with pushed(formulation, "large_displacements = true") as found:
+    with pushed(formulation, "large_displacements = true\ntolerance = 1e-2") as found:
         in_balance(tmp_path, found)
 
 
