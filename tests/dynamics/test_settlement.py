@@ -37,10 +37,12 @@ def arch(control, stiffness=1e10) -> Scenario:
     return of_stone(law("concave", 0.7, stiffness), control, arches=(vault,), output=Output(("frames",)))
 
 
-@pytest.fixture(autouse=True)
-def few(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def few():
     """Compute fewer equilibria on the path."""
-    monkeypatch.setattr(load_path, "EQUILIBRIA", 20)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(load_path, "EQUILIBRIA", 20)
+        yield
 
 
 def thrust_at(result, x) -> float:
@@ -52,11 +54,7 @@ def thrust_at(result, x) -> float:
 
 @pytest.fixture(scope="module")
 def spread():
-    patch = pytest.MonkeyPatch()
-    patch.setattr(load_path, "EQUILIBRIA", 20)
-    result = simulate(arch(SettlementControl(("arch.right",), (0.1, 0.0, 0.0))))
-    patch.undo()
-    return result
+    return simulate(arch(SettlementControl(("arch.right",), (0.1, 0.0, 0.0))))
 
 
 def test_the_thrust_of_a_spreading_arch(spread):
@@ -212,11 +210,7 @@ def test_hinges_of_stiff_joints_stay_closed():
 @pytest.fixture(scope="module")
 def too_far():
     """Result of an arch in long steps with a coarse tolerance."""
-    patch = pytest.MonkeyPatch()
-    patch.setattr(load_path, "EQUILIBRIA", 20)
-    result = simulate(arch(SettlementControl(("arch.right",), (0.5, 0.0, 0.0), tolerance=1e-2), stiffness=2e10))
-    patch.undo()
-    return result
+    return simulate(arch(SettlementControl(("arch.right",), (0.5, 0.0, 0.0), tolerance=1e-2), stiffness=2e10))
 
 
 def test_an_arch_that_spreads_too_far(too_far):

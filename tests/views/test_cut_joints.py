@@ -7,6 +7,7 @@ import pytest
 import dembrick
 from dembrick import cli, history, plot
 from dembrick.errors import HistoryError
+from dembrick.simulation.dynamics.paths import driven_path
 from dembrick.views.motion.table import joint_table
 from dembrick.views.page import content
 from dembrick.views.plot.paths import joint_path
@@ -19,11 +20,14 @@ def slid(tmp_path_factory):
     blocks = block("lower", (0.0, 0.0, -0.025), (0.3, 0.2, 0.05), "fixed = true")
     blocks += block("upper", (0.0, 0.0, 0.025), (0.3, 0.2, 0.05)) + jack("upper", (-0.15, 0.02, 0.0))
     found = {}
+    monkeypatch = pytest.MonkeyPatch()
+    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
     for travel in (0.1, 1e-3):
         control = f'[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = {travel}'
         scenario = dembrick.loads(header("convex", 0.5, 1e10) + blocks + control)
         path = tmp_path_factory.mktemp("slid") / "slid.h5"
         found[travel] = dembrick.simulate(scenario, path), path
+    monkeypatch.undo()
     return found
 
 

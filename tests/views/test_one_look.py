@@ -185,29 +185,17 @@ def test_a_study_of_a_tilt_is_drawn_in_degrees(tmp_path):
     np.testing.assert_allclose([segment[:, 1].astype(float) for segment in bars.get_segments()], ends)
 
 
-def test_lines_of_a_study_over_formulations_have_their_colours(tmp_path):
+@pytest.mark.parametrize("over, count", [("joint.friction", 2), ("joint.formulation", 12)], ids=["lines", "a cloud"])
+def test_formulations_of_a_study_have_their_colours(tmp_path, over, count):
+    """A legend names lines; the axis labels clouds."""
     head = "case,joint.formulation,joint.friction,status,V,V_lower,V_upper,collapse_angle,collapse_load_factor"
     names = ("concave", "convex", "corrected")
-    rows = [
-        f"{i},{name},{mu},yield,{100 * mu},,,,"
-        for i, (name, mu) in enumerate((n, m) for n in names for m in (0.5, 0.6))
-    ]
-    axes = plot.study(table_of(tmp_path, head, rows), over=["joint.friction"]).axes[0]
+    cases = enumerate((name, 0.5 + 0.01 * i) for name in names for i in range(count))
+    rows = [f"{i},{name},{mu},yield,{100 * mu},,,," for i, (name, mu) in cases]
+    axes = plot.study(table_of(tmp_path, head, rows), over=[over]).axes[0]
     assert [own[0].get_color() for own in axes.containers] == [style.FORMULATION[name][0] for name in names]
-    assert axes.get_ylabel() == "V [N]"
-    assert axes.get_legend() is not None
-
-
-def test_a_cloud_over_formulations_has_their_colours(tmp_path):
-    head = "case,joint.formulation,joint.friction,status,V,V_lower,V_upper,collapse_angle,collapse_load_factor"
-    names, drawn = ("concave", "convex", "corrected"), [0.5 + 0.01 * i for i in range(12)]
-    rows = [
-        f"{i},{name},{mu},yield,{100 * mu},,,," for i, (name, mu) in enumerate((n, m) for n in names for m in drawn)
-    ]
-    axes = plot.study(table_of(tmp_path, head, rows), over=["joint.formulation"]).axes[0]
-    assert [own[0].get_color() for own in axes.containers] == [style.FORMULATION[name][0] for name in names]
-    assert [len(own[0].get_xdata()) for own in axes.containers] == [12, 12, 12]
-    assert axes.get_legend() is None  # the axis labels them
+    assert [len(own[0].get_xdata()) for own in axes.containers] == [count] * 3
+    assert axes.get_ylabel() == "V [N]" and (axes.get_legend() is not None) == (over == "joint.friction")
 
 
 @pytest.mark.parametrize(
