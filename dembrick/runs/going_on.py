@@ -7,8 +7,9 @@ the same state, and its rows begin the new history. From there the changed scena
 from __future__ import annotations
 
 import math
+import operator
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from dembrick.history import History
     from dembrick.runs.record_store import RecordStore
     from dembrick.scenario.model import Scenario
+    from dembrick.scenario.ties import Tie
 
 REGIMES = (REAL_TIME, SETTLEMENT, LOAD_PATH, DRIVEN_PATH, CONSTANT_RATE)
 AS_IT_WAS = (DRIVEN_PATH, CONSTANT_RATE)  # regimes that continue only unchanged
@@ -81,8 +83,11 @@ def check_kind(scenario: Scenario, file: str) -> None:
         )
 
 
-def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly, file: str) -> RestartChanges:
-    """Changes in the scenario that continues; ScenarioError for those that cannot be made during a run."""
+def changes_between(
+    old: Scenario, new: Scenario, one: Assembly, other: Assembly, file: str, replaces_ties: bool = False
+) -> RestartChanges:
+    """Changes in the scenario that continues; ScenarioError for those that cannot be made during a run.
+    ``replaces_ties``: see `_ties`."""
     for key in (field.name for field in fields(old) if field.init and field.name not in _SHOWN):
         if getattr(old, key) != getattr(new, key) and key not in _CHANGING:
             listed = ", ".join(_CHANGING)
@@ -99,10 +104,12 @@ def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly
             what = f"only {', '.join(may)} can" if may else "only loads, ties and joint laws can"
             raise ScenarioError(f"{file}: control.{key} of kind {show(before.kind)} cannot change on the way; {what}")
     check_change(new, one, other, f"on the way of {file}", deformed=True)
-    ties = _ties(at_stage(old, len(old.stages) + 1), at_stage(new, len(new.stages) + 1))
-    if ties is not None and old.stages:
+    had, has = (at_stage(each, len(each.stages) + 1).ties for each in (old, new))
+    ties = _ties(had, has, file, replaces_ties or bool(old.stages))
+    if ties is not None and old.stages and ties.of != tuple(range(ties.total)):
         raise ScenarioError(
-            f"{file}: the ties of a run with [[stages]] cannot change on the way; give them stages instead"
+            f"{file}: of the ties of a run with [[stages]] only the strength can change on the way; give ties stages "
+            "instead"
         )
     loads, gone = _loads(one, other, old, new)
     anything = any(getattr(old, key) != getattr(new, key) for key in _CHANGING)
@@ -122,14 +129,8 @@ def _loads(
     before, now = _rows_of_loads(one, old), _rows_of_loads(other, new)
     if [key for key, _ in before] == [key for key, _ in now]:
         return None, ()
-    left: list[Any] = [key for key, _ in before]
-    of = []
-    for key, _ in now:
-        at = left.index(key) if key in left else -1
-        of.append(at)
-        if at >= 0:
-            left[at] = None
-    return tuple(of), tuple((row, before[row][1]) for row, key in enumerate(left) if key is not None)
+    of = _matched([key for key, _ in before], [key for key, _ in now], operator.eq)
+    return of, tuple((row, block) for row, (_, block) in enumerate(before) if row not in of)
 
 
 def _rows_of_loads(assembly: Assembly, scenario: Scenario) -> list[tuple[Any, int]]:
@@ -141,17 +142,44 @@ def _rows_of_loads(assembly: Assembly, scenario: Scenario) -> list[tuple[Any, in
     return rows + [((last.pressures, q), int(b)) for q, b in enumerate(pressed.block.tolist())]
 
 
-def _ties(old: Scenario, new: Scenario) -> TiesBefore | None:
-    """Ties of the new scenario that equal one of the old; None if all ties are the same."""
-    left: list[Any] = list(old.ties)
-    of = []
-    for tie in new.ties:
-        at = left.index(tie) if tie in left else -1
-        of.append(at)
-        if at >= 0:
-            left[at] = None
-    same = of == list(range(len(old.ties)))
-    return None if same else TiesBefore(len(old.ties), tuple(of))
+def _matched(before: Sequence, now: Sequence, *alike: Callable[[Any, Any], bool]) -> tuple[int, ...]:
+    """For each entry of ``now`` the first one of ``before`` that is ``alike`` and that no other takes, -1 for none; by
+    the first of these relations as far as it goes, then by the next."""
+    of = [-1] * len(now)
+    for relation in alike:
+        for i in (i for i, at in enumerate(of) if at < 0):
+            of[i] = next((k for k, other in enumerate(before) if k not in of and relation(now[i], other)), -1)
+    return tuple(of)
+
+
+def _ties(before: tuple[Tie, ...], now: tuple[Tie, ...], file: str, replaces: bool) -> TiesBefore | None:
+    """Which ties stay; None if nothing about them changes. A tie that differs in nothing but its strength stays, with
+    its length and its history. Any other difference is another tie, which only a new list of all ties (``replaces``)
+    puts in place of the old one; ScenarioError without it."""
+    for number, (had, has) in enumerate(zip(before, now, strict=False) if not replaces else ()):
+        if not _same_tie(had, has):
+            a, b = (show(end.block) for end in had.between)
+            raise ScenarioError(
+                f"{file}: of tie {number} between {a} and {b} only the strength can change on the way, as it has its "
+                "length already; to replace it by another one, installed at its length of that time with its "
+                "prestress, give all ties: --set 'ties=[...]'"
+            )
+    return None if before == now else TiesBefore(len(before), _matched(before, now, operator.eq, _same_tie))
+
+
+def _same_tie(tie: Tie, other: Tie) -> bool:
+    """Whether two ties are one but for its strength."""
+    return replace(tie, strength=None, stages=None) == replace(other, strength=None, stages=None)
+
+
+def told_of_ties(changes: RestartChanges) -> str:
+    """Remark on ties that are added and removed; empty if there are none."""
+    if changes.ties is None:
+        return ""
+    stay = len(set(changes.ties.of) - {-1})
+    added, removed = len(changes.ties.of) - stay, changes.ties.total - stay
+    said = f"of the ties {stay} stay, {removed} are removed and {added} are added, installed at their present length"
+    return said if added or removed else ""
 
 
 def repeat(
@@ -233,7 +261,8 @@ def prepared(
     check_kind(old, file)
     new = scenarios.loads(history.scenario_text, path, overrides, old.files)
     one, other = assemblies.assemble(old), assemblies.assemble(new)
-    goes_on = changes_between(old, new, one, other, file)
+    replaces_ties = any(change.partition("=")[0].strip() == "ties" for change in overrides)
+    goes_on = changes_between(old, new, one, other, file, replaces_ties)
     if goes_on.ties is not None:
         _check_time_step(old, one, new, other, file)
     return old, new, one, other, goes_on

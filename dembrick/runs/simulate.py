@@ -174,9 +174,9 @@ def restart_at(
 ) -> AnyResult:
     """Continue the run of a history, which may have ended, from the time ``at`` (s, or the number of an equilibrium).
 
-    ``changes`` are ``key.path=value`` texts, as for ``--set``: joint laws, loads, ties. The new history ``out`` holds
-    the whole run, before and after ``at``; the old one stays as it is. The old run is repeated up to its first row at
-    or after ``at``. Raises ScenarioError for keys that cannot change during a run.
+    ``changes`` are ``key.path=value`` texts, as for ``--set``: joint laws, loads, ties and their strengths. The new
+    history ``out`` holds the whole run, before and after ``at``; the old one stays as it is. The old run is repeated up
+    to its first row at or after ``at``. Raises ScenarioError for keys that cannot change during a run.
     """
     from dembrick.history import claimed, read, refuse_inputs
     from dembrick.runs import going_on
@@ -197,7 +197,8 @@ def restart_at(
             raise
         remark = going_on.check_repeated(moment, left)
     if report:
-        report(remark or f"continuing from {moment.where}")
+        for line in filter(None, (remark or f"continuing from {moment.where}", going_on.told_of_ties(goes_on))):
+            report(line)
     store.checkpoint, store.goes_on = moment.state, goes_on
     return _run(new, other, store, (began, start_up), progress=progress, report=report)
 

@@ -156,6 +156,114 @@ def test_a_spread_goes_on_with_a_tie_that_came_half_way(tmp_path):
     assert result.as_dict()["status"] == "completed"
 
 
+K_WALL = 2e5
+ENDS = '{ block = "wall", point = [-1.4, 0.0, 0.0] }, { block = "block", point = [-0.2, 0.0, 0.0] }'
+FIRM = f"[[ties]]\nbetween = [{ENDS}]\nstiffness = {K_WALL}\nprestress = 10.0\nstrength = 1000.0\n"
+TIED = SETTLED.replace("[0.06", "[4e-4").replace("[control]", FIRM + "[control]")
+
+
+@pytest.fixture(scope="module")
+def tied(tmp_path_factory):
+    """The spread with a tie to the wall that never reaches its strength."""
+    path = tmp_path_factory.mktemp("tied") / "spread.h5"
+    dembrick.simulate(dembrick.loads(TIED), path, progress=False)
+    return path
+
+
+@pytest.mark.parametrize("strength", [2000.0, 40.0])
+def test_an_installed_tie_keeps_its_length_and_its_past_if_its_strength_changes(tied, strength):
+    """More strength than it needs changes nothing; with less than it bears it yields to it, and its plastic elongation
+    is that of its ends less (S - T_0) / k."""
+    with dembrick.read_history(tied) as old:
+        row = int(np.argmax(old.tension[:, 0] > 50.0))
+        at, tension, end = float(old.time[row]), old.tension[: row + 1, 0], old.frame("displacement", -1)[1, 0]
+        borne = float(old.tension[-1, 0])
+    assert borne == pytest.approx(0.5 * W, rel=1e-4)
+    result, new = go_on(tied, at, f"ties.0.strength={strength}")
+    with dembrick.read_history(new) as found:
+        assert np.array_equal(found.tension[: row + 1, 0], tension)
+        stretched, yielded = found.frame("displacement", -1)[1, 0], found.series("yielded")[-1, 0]
+        if strength > borne:
+            assert found.tension[row:, 0] == pytest.approx(np.maximum(found.tension[row:, 0], tension[-1]), rel=1e-5)
+            assert stretched == pytest.approx(end, rel=1e-6) and yielded == 0.0
+        else:
+            assert found.tension[row + 1 :, 0] == pytest.approx(strength, rel=1e-9)
+            assert yielded == pytest.approx(stretched - (strength - 10.0) / K_WALL, rel=1e-6)
+    (tie,) = result.as_dict()["ties"]
+    assert tie["tension"] == pytest.approx(min(strength, borne), rel=1e-4)
+    assert tie["peak"] == pytest.approx(max(tie["tension"], tension.max()), rel=1e-4)
+
+
+@pytest.mark.parametrize("changes", [["ties.0.strength=40.0"], ["ties.0.strength=40.0", "joint.friction=0.3"]])
+def test_after_another_stage_too_a_weakened_tie_lets_its_joint_go(tmp_path, changes):
+    """The block has slid at mu W; then its joint bears the new strength S, which is less than .3 W, and springs forward
+    by (mu W - S) / k_s of its shear stiffness. From there the floor carries it along."""
+    path, k_s = tmp_path / "stages.h5", 4e9 * 0.08
+    control = TIED[TIED.index("[control]") :]
+    text = TIED.replace("[control]", control.replace("[control]", "[[stages]]") + "[control]")
+    dembrick.simulate(dembrick.loads(text), path, progress=False)
+    _, new = go_on(path, 20.0, *changes)
+    with dembrick.read_history(new) as found:
+        row = int(np.argmin(np.abs(found.time - 20.0)))
+        first, last = (found.frame("displacement", k) for k in (np.argmin(np.abs(found.frame_time - 20.0)), -1))
+        moved = last - first
+        assert found.tension[row, 0] == pytest.approx(0.5 * W, rel=1e-4)
+        assert found.tension[row + 1 :, 0] == pytest.approx(40.0, rel=1e-6)
+        assert moved[1, 0] - moved[0, 0] == pytest.approx((0.5 * W - 40.0) / k_s, rel=1e-3)
+        assert found.series("yielded")[-1, 0] == pytest.approx(last[1, 0] - (40.0 - 10.0) / K_WALL, rel=1e-3)
+    with pytest.raises(ScenarioError, match=r"of the ties of a run with \[\[stages\]\] only the strength can change"):
+        go_on(path, 20.0, "ties.0.stiffness=3e5")
+
+
+def test_in_real_time_a_tie_that_is_weakened_yields_from_the_tension_it_had(tmp_path):
+    """From x'' = -k x / m - mu g to x'' = -S / m - mu g: it stops after v^2 / (2 (S / m + mu g))."""
+    k, S = 4000.0, 100.0
+    ends = '{ block = "floor", point = [-1.0, 0.0, 0.0] }, { block = "block", point = [-0.2, 0.0, 0.0] }'
+    tie = f"[[ties]]\nbetween = [{ends}]\nstiffness = {k}\nstrength = 1e6\n"
+    path = tmp_path / "tied.h5"
+    dembrick.simulate(dembrick.loads(IN_TIME.replace("[control]", tie + "[control]")), path, progress=False)
+    t, x, row = at_row(path, 0.06)
+    w = math.sqrt(k / M)
+    v = math.cos(w * t) - MU * G / w * math.sin(w * t)
+    _, stronger = go_on(path, 0.06, "ties.0.strength=2e6")
+    with dembrick.read_history(stronger) as found, dembrick.read_history(path) as old:
+        for name in ("displacement", "tension", "load"):
+            assert np.array_equal(getattr(found, name), getattr(old, name)), name
+        before = old.tension[: row + 1, 0]
+    result, weaker = go_on(path, 0.06, f"ties.0.strength={S}")
+    with dembrick.read_history(weaker) as found:
+        assert np.array_equal(found.tension[: row + 1, 0], before) and before[-1] > 1.5 * S
+        furthest = found.displacement.max()
+        assert furthest == pytest.approx(x + 0.5 * v**2 / (S / M + MU * G), rel=1e-3)
+        assert found.series("yielded")[-1, 0] == pytest.approx(furthest - S / k, rel=1e-3)
+    assert result.as_dict()["ties"][0]["peak"] == pytest.approx(before[-1], rel=1e-9)
+    assert result.energy.relative_residual < 1e-9
+
+
+@pytest.mark.parametrize(
+    "change", ["stiffness=3e5", "prestress=20.0", "tension_only=false", "between.1.point=[-0.2, 0.0, 0.01]"]
+)
+def test_a_tie_that_became_another_is_no_change_of_one_number(tied, change):
+    with pytest.raises(ScenarioError, match="only the strength can change on the way.* give all ties") as refusal:
+        go_on(tied, 3.0, f"ties.0.{change}")
+    assert "of tie 0 between 'wall' and 'block'" in str(refusal.value)
+
+
+def test_a_list_of_ties_keeps_those_that_stay_and_says_which_come_and_go(tied):
+    """Two ties like the first come, of another strength and of another stiffness; the first stays."""
+    first = WALL_TIE[len("ties=[") : -1].replace("1e5", "2e5")
+    listed = f"ties=[{first.replace('2e5', '3e5')}, {first}, {first.replace('10.0', '10.0, strength=50.0')}]"
+    said = []
+    new = tied.parent / "listed.h5"
+    dembrick.restart_at(tied, 5.0, new, [listed], force=True, report=said.append, progress=False)
+    assert any("of the ties 1 stay, 0 are removed and 2 are added" in line for line in said)
+    with dembrick.read_history(new) as found, dembrick.read_history(tied) as old:
+        row = int(np.argmin(np.abs(old.time - 5.0)))
+        before = np.zeros((row + 1, 3))
+        before[:, 1] = old.tension[: row + 1, 0]
+        assert np.array_equal(found.tension[: row + 1], before)
+
+
 JACK = '[[actuators]]\nname = "jack"\nblock = "block"\npoint = [-0.2, 0.0, 0.0]\ndirection = [1.0, 0.0, 0.0]\n'
 ON_FLOOR = SETTLED[: SETTLED.index("[control]")] + JACK
 

@@ -207,12 +207,12 @@ def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
     dashpots = moving.state.links.viscous  # of this run's time step and damping
     laws = joint_families.strengths(moving.state)
     try:
-        restore_scene(moving, left, True, PARTS if before is None else [part for part in PARTS if part != "ties"])
+        restore_scene(moving, left, True, [part for part in PARTS if part != "ties"])
     except HistoryError as error:  # the blocks are the same, so their joints differ
         raise ScenarioError(OTHER_JOINTS) from error
     joint_families.put_strengths(moving.state, laws)
-    if before is not None:
-        take_ties(moving.state, left, before)
+    total = len(moving.state.ties.length)
+    take_ties(moving.state, left, TiesBefore(total, tuple(range(total))) if before is None else before)
     moving.state.links.put("viscous", dashpots)
     bodies = moving.state.bodies
     stop(bodies)

@@ -11,7 +11,8 @@ under the loads of the stage before; bonds that these overload break. Only then 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,7 @@ from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import out_of_balance
 
 if TYPE_CHECKING:
+    from dembrick.kernels.joint.ties import Ties
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
     from dembrick.simulation.session import Kept
 
@@ -38,11 +40,12 @@ Wrenches = tuple[np.ndarray, np.ndarray]  # forces and torques (f, 3) on the fre
 
 
 class PendingLoads:
-    """Changes of a new stage that are still to come: ``shares`` of the forces that joints lose by its laws, and of its
-    new loads (both at first zero). ``on_others``: whether joints bear other loads already at the last equilibrium;
-    ``lost`` and ``part``: the lost forces and the new loads over the greatest joint force there; ``breaks``: whether
-    bonds are too weak for what they bear there. ``loads``: force and torque (f, 3) of the new loads on every free
-    block, else the out-of-balance that they cause there; ``wait``: whether they are still to come at the end."""
+    """Changes of a new stage that are still to come: ``shares`` of the forces that joints and ties lose by their laws,
+    and of its new loads (both at first zero). ``on_others``: whether joints bear other loads already at the last
+    equilibrium; ``lost`` and ``part``: the lost forces and the new loads over the greatest joint force there;
+    ``breaks``: whether bonds are too weak for what they bear there. ``loads``: force and torque (f, 3) of the new loads
+    on every free block, else the out-of-balance that they cause there; ``wait``: whether they are still to come at the
+    end."""
 
     def __init__(self, moving: Motion, driving: Driving, loads: Wrenches | None = None, wait: bool = False):
         self.shares, bodies, state = (0.0, 0.0), moving.state.bodies, moving.state
@@ -55,7 +58,7 @@ class PendingLoads:
 
         bonds = joint_families.bonded(state)
         with held_bonds(moving):
-            with stuck(moving):
+            with stuck(moving), _unyielding(state.ties):
                 whole = unbalanced()
             borne = np.abs(state.links.wrench[:, :3]).max(initial=0.0)
             lost = tuple(now - before for now, before in zip(unbalanced(), whole, strict=True))
@@ -94,6 +97,17 @@ class PendingLoads:
             force=np.concatenate([driving.force[:own], force, driving.force[own:]]),
             factor=(*driving.factor, *(None,) * len(force)),
         )
+
+
+@contextmanager
+def _unyielding(ties: Ties) -> Iterator[None]:
+    """Context in which no tie yields: what a tie loses by a lower strength is let go with what joints lose."""
+    strength, least = ties.strength.copy(), ties.least.copy()
+    ties.strength[:], ties.least[least < 0.0] = math.inf, -math.inf
+    try:
+        yield
+    finally:
+        ties.strength[:], ties.least[:] = strength, least
 
 
 def _cancelling(bodies: Bodies, force: np.ndarray, torque: np.ndarray) -> tuple[Attached, np.ndarray]:
