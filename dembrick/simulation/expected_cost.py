@@ -32,6 +32,13 @@ STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have b
 RELAXATION_SECONDS = 1.5e-6  # s per joint and step of a dead-load equilibrium
 LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s per joint and step of a constant-rate test, and per contact point
 MOTION_SECONDS, MOTION_JOINT_SECONDS = 9e-6, 5e-8  # s per step in real time, and per joint, with contact detection
+DRY_POINT_SECONDS, POINT_LAW_SECONDS = 3.4e-8, 1.4e-7  # s per contact point and step in motion; with more than friction
+PATH_SECONDS = 2.5e-6  # s per step of relaxation on a path of equilibria, which meets few new contacts
+BREAKING_PER_BOND, BREAKING_OF_ALL = 0.5, 8.0  # equilibria of a growing load per bond, of its root at the most,
+BREAKING_BY_TOLERANCE = 0.25  # and over the tolerance: on 660 points 193 equilibria more than without bonds
+TORN_PER_BOND = 2.5  # equilibria of a prescribed travel per bond: 194 with 48 of them, 527 with 192
+TRIED, TRIED_ON_TRAVELS = 3.0, 1.5  # steps of such paths over those kept: attempts that fail are long
+PATH_WITHIN = 3.0  # factor by which the steps of a path may be off if bonds break on it
 ROW_SECONDS = 4e-5  # s per row of the record in real time
 HEAP_BLOCK_SECONDS = 1.2e-5  # s per step and block, if blocks fall and meet anywhere
 SEARCH_FIRST, SEARCH_PER_DIGIT = 10, 1.2  # Newton steps of a search of a lone joint to 1e-2, and per further digit
@@ -90,9 +97,22 @@ def loop_seconds(steps: int, joints: int, points: int) -> float:
     return steps * (LOOP_SECONDS * joints + POINT_SECONDS * points)
 
 
-def motion_seconds(steps: int, joints: int) -> float:
-    """Seconds of a run in real time on one thread."""
-    return steps * (MOTION_SECONDS + MOTION_JOINT_SECONDS * joints)
+def motion_seconds(steps: int, joints: int, points: int = 0, strengths: bool = False) -> float:
+    """Seconds of a run in real time on one thread. ``points``: contact points, four of a joint included, and
+    ``strengths``: whether their law is more than friction."""
+    further = POINT_LAW_SECONDS * points if strengths else DRY_POINT_SECONDS * max(0, points - 4 * joints)
+    return steps * (MOTION_SECONDS + MOTION_JOINT_SECONDS * joints + further)
+
+
+def path_seconds(steps: float, convex: int, points: int, strengths: bool) -> float:
+    """Seconds of so many steps of relaxation with so many ``convex`` joints and contact ``points`` of all others."""
+    each = POINT_LAW_SECONDS if strengths else DRY_POINT_SECONDS
+    return steps * (PATH_SECONDS + MOTION_JOINT_SECONDS * convex + each * points)
+
+
+def breaking_equilibria(bonds: int, tolerance: float) -> int:
+    """Equilibria of a growing load that are added as so many ``bonds`` break one after the other."""
+    return round(min(BREAKING_PER_BOND * bonds, BREAKING_OF_ALL * math.sqrt(bonds), BREAKING_BY_TOLERANCE / tolerance))
 
 
 def row_seconds(rows: int) -> float:

@@ -191,7 +191,8 @@ def plan(moving: Motion, control: Control, driving: Driving, output: Output, loa
     copies = 2 if "velocity" in output.channels else 1  # see `present_velocities`
     memory = copies * sum(array.nbytes for array in moving.state.arrays)
     memory += bytes_of(fields, rows, frames, frames * MEETINGS * len(moving.assembly.names))
-    seconds = motion_seconds(steps, len(moving.assembly.joints)) + row_seconds(rows)
+    points, strengths = joint_families.contact_points(moving.state), joint_families.has_strengths(moving.state)
+    seconds = motion_seconds(steps, len(moving.assembly.joints), points, strengths) + row_seconds(rows)
     at_most = falls and load_factor is None
     free = int((~np.asarray(moving.assembly.fixed)).sum())
     falling = None if falls else max(seconds, heap_seconds(steps, free))

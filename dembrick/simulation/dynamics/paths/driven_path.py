@@ -20,6 +20,7 @@ from dembrick.scenario.checks import present
 from dembrick.scenario.controls import Control, DisplacementControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.protocols import Protocol
+from dembrick.simulation import expected_cost
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.dead_load import FIRM_STEP, STEP, of_rounding
 from dembrick.simulation.dynamics.integrator import Motion
@@ -101,7 +102,10 @@ class DrivenPath(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        return plan_of(moving, control, output, EQUILIBRIA, step=cls.step)
+        bonds = int(joint_families.bonds(moving.state).sum())
+        breaking = min(round(expected_cost.TORN_PER_BOND * bonds), MOST)
+        tried = expected_cost.TRIED_ON_TRAVELS
+        return plan_of(moving, control, output, EQUILIBRIA, step=cls.step, breaking=breaking, tried=tried)
 
     def driven(self, parameter: Curve) -> Driving:
         """Loads with the head at that parameter; before the first equilibrium there is no head."""

@@ -23,19 +23,19 @@ import numpy as np
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import ACTUATORS, Control
-from dembrick.simulation import load_increments
+from dembrick.simulation import expected_cost, load_increments
 from dembrick.simulation.channels import bytes_of, recorded
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.dead_load import STEP
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import moved_most
-from dembrick.simulation.dynamics.paths.equilibria import FEWEST, EquilibriumPath
+from dembrick.simulation.dynamics.paths.equilibria import FEWEST, TOLERANCE, EquilibriumPath
 from dembrick.simulation.dynamics.paths.stage_loads import carried
 from dembrick.simulation.dynamics.pushover import STRONGEST
 from dembrick.simulation.dynamics.run import MEETINGS, EquilibriaRun
 from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.dynamics.time_histories import Curve
-from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.joint_laws import about_start
 from dembrick.simulation.session import Kept, Plan, Progress, Session
 
@@ -84,7 +84,12 @@ class LoadPath(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        return plan_of(moving, control, output, equilibria_of(STRONGEST, GROWTH) if driving.driven is not None else 1)
+        if driving.driven is None:
+            return plan_of(moving, control, output, 1)
+        bonds, tolerance = int(joint_families.bonds(moving.state).sum()), control.tolerance or TOLERANCE
+        breaking = expected_cost.breaking_equilibria(bonds, tolerance)
+        way = equilibria_of(STRONGEST, GROWTH)
+        return plan_of(moving, control, output, way, breaking=breaking, tried=expected_cost.TRIED)
 
     def driven(self, parameter: Curve) -> Driving:
         """Loads at that multiplier; a table tilts by the angle of which it is the tangent."""
@@ -192,15 +197,26 @@ def equilibria_of(most: float, growth: float) -> int:
 
 
 def plan_of(
-    moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST, step: float = STEP
+    moving: Motion,
+    control: Control,
+    output: Output,
+    equilibria: int,
+    each: float = 4.0 * FEWEST,
+    step: float = STEP,
+    breaking: int = 0,
+    tried: float = 1.0,
 ) -> Plan:
-    """Plan of a path of so many ``equilibria`` of roughly ``each`` steps; ``step``: over the time step of the run."""
+    """Plan of a path of so many ``equilibria`` of roughly ``each`` steps, and of those of half as many while bonds are
+    ``breaking``; ``step``: over the time step of the run, and ``tried``: all steps over those that are kept."""
+    count, state = equilibria + breaking, moving.state
     fields = recorded(moving.assembly, output.channels, control)
-    memory = 3 * sum(array.nbytes for array in moving.state.arrays)
-    memory += bytes_of(fields, equilibria, equilibria, equilibria * MEETINGS * len(moving.assembly.names))
-    steps = int(equilibria * each)
-    seconds = motion_seconds(steps, len(moving.assembly.joints))
-    return Plan(step * moving.time_step, moving.critical_time_step, steps, memory, seconds)
+    memory = 3 * sum(array.nbytes for array in state.arrays)
+    memory += bytes_of(fields, count, count, count * MEETINGS * len(moving.assembly.names))
+    steps = int(equilibria * each + breaking * 2.0 * FEWEST)
+    convex, points = len(joint_families.convex_joints(state)), joint_families.contact_points(state)
+    seconds = expected_cost.path_seconds(tried * steps, convex, points, joint_families.has_strengths(state))
+    within = expected_cost.PATH_WITHIN if breaking else Plan.within
+    return Plan(step * moving.time_step, moving.critical_time_step, steps, memory, seconds, within=within)
 
 
 EQUILIBRIA = 80  # of the whole settlement, equally spaced
