@@ -42,7 +42,7 @@ def made(kinds, family, law):
 def answer_as(joint, laws):
     """Switch the joint to the laws of swinging or of resting blocks."""
     joint.work.undamped[:] = float(laws == RESTED)
-    joint.work.searching[:] = float(laws == SEARCHING)
+    joint.work.searching[:] = joint.work.keeping[:] = float(laws == SEARCHING)
 
 
 def deformed(joint):

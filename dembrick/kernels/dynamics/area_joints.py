@@ -15,7 +15,7 @@ from dembrick.kernels.dynamics.area_tiles import (
 )
 from dembrick.kernels.dynamics.bonded_areas import bonded_face
 from dembrick.kernels.dynamics.energy_terms import STEPPING_AT, Counted
-from dembrick.kernels.dynamics.law_memory import dashpots_of, loaded
+from dembrick.kernels.dynamics.law_memory import dashpots_of, keeps_shear
 from dembrick.kernels.dynamics.tiles import (
     ACTION,
     FOUR,
@@ -137,7 +137,7 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, counted
         limit, n, face.friction[lane], face.negligible[lane], springs, dashpots_of(tile, work, lane)[1], slip, before,
         three_of(twist),
     )  # fmt: skip
-    if work.searching[lane] > 0.0 and (n > 0.0 or loaded(before)):
+    if work.searching[lane] > 0.0 and (n > 0.0 or keeps_shear(before, work, lane)):
         elastic = stretched(springs, slip, before)
         slid = 0.0
     put_three(sheared.elastic, lane, elastic)

@@ -10,7 +10,7 @@ from dembrick.kernels.dynamics.area_tiles import (
 from dembrick.kernels.dynamics.energy_terms import (
     dashpot_work,
 )
-from dembrick.kernels.dynamics.law_memory import bonded_dashpots, dashpots_of, loaded
+from dembrick.kernels.dynamics.law_memory import bonded_dashpots, dashpots_of, keeps_shear
 from dembrick.kernels.dynamics.tiles import put_three, three, two
 from dembrick.kernels.joint.area_law import Memory, area_springs, bonded_area, shear_springs, springs_hold, stretched
 from dembrick.kernels.joint.geometry import Motion
@@ -68,7 +68,7 @@ def bonded_face(faces, limit, bonded, a, tile, seen, own, lane, work, counted):
         bonded_dashpots(dashpots_of(tile, work, lane), strengths, a, work, lane), motion, before,
     )  # fmt: skip
     if work.searching[lane] > 0.0:
-        closed = pressure[0] > 0.0 or now.bonded > 0.0 or loaded(before.elastic)
+        closed = pressure[0] > 0.0 or now.bonded > 0.0 or keeps_shear(before.elastic, work, lane)
         springs = shear_springs(limit.polygon, face.k_s[lane])
         elastic = stretched(springs, motion.slip, before.elastic) if closed else (0.0, 0.0, 0.0)
         now = Memory(elastic, now.start, now.bonded, before.rise)

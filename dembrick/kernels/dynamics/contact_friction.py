@@ -14,7 +14,7 @@ is widened to that, so that integrals over it keep their digits; its strength gr
 from math import atan2, cos, sin, sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.law_memory import SEARCHING
+from dembrick.kernels.dynamics.law_memory import in_search
 from dembrick.kernels.joint.area_law import area_friction, stretched
 from dembrick.kernels.joint.limit_surface import LimitSurface
 from dembrick.kernels.math.vectors import cross, put_vector, three_of, turned_back
@@ -233,7 +233,7 @@ def friction_wrench(touching, bodies, t, blocks, dt, normal, springs, damped, ax
     (f_t, f_u, f_m), (e_t, e_u, e_m), _, start, slid, _ = area_friction(
         limit, normal, friction, 0.0, springs, damped, slip, before, three_of(twist), CLOSE
     )
-    if touching.laws[0] == SEARCHING:
+    if in_search(touching.laws[0]):
         e_t, e_u, e_m = stretched(springs, slip, before)
         slid = 0.0
     put_vector(twist, *start)

@@ -7,6 +7,9 @@ that was closed is open on the swing; yielding, crushing and lift are computed f
 Once the blocks rest, one more evaluation, without motion or dashpots, stores the state. Only bonds break at once. If
 laws crush or dilate, or are user-defined, no dashpot acts before that either: in every step it would respond to all
 that is crushed or lifted.
+
+Such friction is no loss, and if joints open and close again and again, with great friction, blocks may swing for ever.
+So in a search that takes too long (`FORGETTING`) joints that open lose their shear.
 """
 
 from math import inf
@@ -14,21 +17,28 @@ from math import inf
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.tiles import W
 
-MOVING, SEARCHING, RESTED = 0, 1, 2
+MOVING, SEARCHING, RESTED, FORGETTING = 0, 1, 2, 3
 
 
 @jit
 def set_law_mode(work, laws):
-    """Set the mode of the laws of joints, one of the three above."""
+    """Set the mode of the laws of joints, one of the four above."""
     for lane in range(W):
         work.undamped[lane] = 1.0 if laws == RESTED else 0.0
-        work.searching[lane] = 1.0 if laws == SEARCHING else 0.0
+        work.searching[lane] = 1.0 if in_search(laws) else 0.0
+        work.keeping[lane] = 1.0 if laws == SEARCHING else 0.0
 
 
 @jit
-def loaded(elastic):
-    """Whether a joint had shear (3, N, N, N m) at the last equilibrium, and so was closed there."""
-    return elastic[0] != 0.0 or elastic[1] != 0.0 or elastic[2] != 0.0
+def in_search(laws):
+    """Whether laws store nothing of a step."""
+    return laws in (SEARCHING, FORGETTING)
+
+
+@jit
+def keeps_shear(elastic, work, lane):
+    """Whether a joint keeps its shear (3, N, N, N m) while open: it had some at the last equilibrium, closed there."""
+    return work.keeping[lane] > 0.0 and (elastic[0] != 0.0 or elastic[1] != 0.0 or elastic[2] != 0.0)
 
 
 @jit

@@ -25,7 +25,7 @@ from dembrick.kernels.dynamics.driven_displacement import Head, follow_head, sta
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
-from dembrick.kernels.dynamics.law_memory import SEARCHING, set_law_mode
+from dembrick.kernels.dynamics.law_memory import in_search, set_law_mode
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, write_rotations
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vectors import NO_MOMENT, add_wrench, rotate
@@ -137,7 +137,7 @@ def advance_bodies(
     away = shares.away
     damping = course.damping
     travel = course.travel
-    searching = course.laws == SEARCHING
+    searching = in_search(course.laws)
     touching = contacts.touching
     goal2 = course.displacement**2
     longest2 = course.longest**2

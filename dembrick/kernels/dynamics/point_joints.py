@@ -114,7 +114,7 @@ def point_force(work, pair, which, lane, law, energy, force_out):
     dashpots = work.normal[lane], work.damped[lane], work.damping[lane]
     k_s = law.k_s * area
     normal, t1, t2, e1, e2, slid = point_law(g, d, (u1, u2), (b1, b2), (k, k_s), law.friction, dashpots)
-    searching = work.searching[lane] if (normal > 0.0) | (abs(b1) + abs(b2) > 0.0) else 0.0
+    searching = work.searching[lane] if (normal > 0.0) | (work.keeping[lane] * (abs(b1) + abs(b2)) > 0.0) else 0.0
     e1 += searching * (b1 + k_s * u1 - e1)
     e2 += searching * (b2 + k_s * u2 - e2)
     slid -= searching * slid

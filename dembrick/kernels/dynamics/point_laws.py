@@ -7,7 +7,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.law_memory import bonded_dashpots, dashpots_in_mode
+from dembrick.kernels.dynamics.law_memory import bonded_dashpots, dashpots_in_mode, keeps_shear
 from dembrick.kernels.dynamics.slip_paths import weigh
 from dembrick.kernels.dynamics.tiles import W, put_three, record, three, two
 from dembrick.kernels.joint.custom_law import Custom, custom_law, energy_held
@@ -57,7 +57,7 @@ def bonded_force(work, pair, which, lane, law, energy, force_out, bonded, ledger
         g, d, slip, springs, law.friction, dashpots, strengths, i, area, bond
     )
     if work.searching[lane] > 0.0:
-        closed = normal != 0.0 or now.bonded > 0.0 or b1 != 0.0 or b2 != 0.0
+        closed = normal != 0.0 or now.bonded > 0.0 or keeps_shear((b1, b2, 0.0), work, lane)
         stretched = (b1 + springs[1] * slip[0], b2 + springs[1] * slip[1]) if closed else (0.0, 0.0)
         now = Bond(stretched, now.bonded, bond.crushed, bond.rise)
         slid = 0.0

@@ -16,8 +16,7 @@ total motion: nothing drifts, and a pair that moves as one rigid body has neithe
 foot of its point: when a block rocks, that point (O of a convex joint) rises from the plane while the toe stays.
 
 The speed of large scenes is limited by the memory. So constants are stored apart from what a step changes, and tiles
-with the same constants, to the last bit, share those of one of them, which stays in the cache (`alike`): a regular wall
-has some hundred kinds of tiles.
+with the same constants, to the last bit, share those of one of them, which stays in the cache (`alike`).
 """
 
 from collections.abc import Iterable
@@ -85,6 +84,7 @@ WORK = record(
     ("wrench", (3, 3)),  # N, N m, see `Links`
     ("undamped", 1),  # 1 where no dashpot acts: `law_memory`
     ("searching", 1),  # 1 where laws store nothing of a step
+    ("keeping", 1),  # 1 where joints that open on a swing keep their shear
     ("normal", 1),  # of joints that act at points: dashpot along the normal
     ("damped", 1),  # one plus that in shear
     ("damping", 1),  # one over that

@@ -24,7 +24,7 @@ from functools import partial
 import numpy as np
 
 from dembrick.errors import HistoryError, NotConvergedError, UndecidedError, of_joint_forces
-from dembrick.kernels.dynamics.law_memory import SEARCHING
+from dembrick.kernels.dynamics.law_memory import FORGETTING, SEARCHING
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.scenario.regimes import Control
@@ -58,6 +58,7 @@ TOLERANCE = 1e-3  # relative, of the parameter at collapse, if the control sets 
 FEWEST = 768  # time steps in which the parameter grows by an increment, at least
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
 ROUNDS = 5  # each of as many steps as a dead-load equilibrium may take: sliding blocks come to rest slowly
+KEPT = 0.25  # of a round: if blocks do not rest within it, joints that open lose their shear
 INTACT = 0.05  # of a round: if blocks do not rest within it after a bond broke, the other bonds may break on the swing
 DRIFTING = 2.0  # displacement from a quarter of a round to its end over that to its middle: blocks drift if it is more
 DROPPED = 0.5  # of a block's least dimension: a block that has moved so far since the last equilibrium has collapsed
@@ -162,8 +163,7 @@ class EquilibriumPath(ABC):
     def _at(self, parameter: float) -> Driving:
         """Loads and supports of the run at a constant parameter."""
         driving = self.driven(lambda times: np.full(np.shape(times), parameter))
-        driving = driving if self.to_come is None else self.to_come.held_off(driving)
-        return replace(driving, constant=True)
+        return replace(driving if self.to_come is None else self.to_come.held_off(driving), constant=True)
 
     def advance(self, driving: Driving, steps: int) -> None:
         """Advance by ``steps`` time steps under the loads and supports ``driving``."""
@@ -179,6 +179,7 @@ class EquilibriumPath(ABC):
 
     def _gone(self, parameter: float, before: np.ndarray) -> float | None:
         """`_go` with the present time step, for blocks whose `places` were ``before`` at the last equilibrium."""
+        self.moving.laws = SEARCHING
         driving, steps = self._growing(self.reached, parameter)
         joint_families.keep_bonds_intact(self.moving.state, self.bonded)
         return None if falls_in(self, driving, steps, before) else self._rest_and_break(parameter, before)
@@ -202,6 +203,7 @@ class EquilibriumPath(ABC):
         for that part of a round."""
         still, balanced, chunks, passed, ratio = self._at(parameter), 0, most_steps(self.moving) // CHUNK, {}, 1.0
         for chunk in range(ROUNDS * chunks):
+            self.moving.laws = SEARCHING if chunk < KEPT * chunks else FORGETTING
             if chunk >= intact * chunks:
                 joint_families.keep_bonds_intact(self.moving.state, False)
             if falls_in(self, still, CHUNK, before):
@@ -237,8 +239,7 @@ class EquilibriumPath(ABC):
         return moved(places(self.moving.state.bodies), before)[self.free]
 
     def record_collapse_frame(self, down: float) -> None:
-        """Record a frame of the collapse if frames of it are wanted; ``down`` is the progress of the fall, 1 at its
-        end."""
+        """Record a frame of the collapse if wanted; ``down`` is the progress of the fall, 1 at its end."""
         if self.fall is None or not self.recorder.takes_frames:
             return
         last = self.equilibria - 1
