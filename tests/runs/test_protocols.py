@@ -64,6 +64,22 @@ def test_friction_work_of_a_slider():
     assert len(found.cycles) == 2 and found.status == "completed"
 
 
+@pytest.mark.parametrize("large", [False, True])
+def test_loops_of_growing_amplitude_are_those_of_constant_amplitude(large):
+    """Each amplitude twice, as laboratories do: both loops of an amplitude lose 4 mu N s and damp the same, though the
+    second cycle goes on to the next amplitude. In the deformed geometry the head has no spring."""
+    protocol = tuple(size * U for size in (0.0, 1.0, -1.0, 1.0, -1.0, 2.0, -2.0, 2.0, -2.0))
+    scenario = to_and_fro(protocol, "shear", large_displacements=large)
+    found = dembrick.simulate(scenario)
+    law, N = scenario.joint, found.yield_point.N
+    spring = 0.0 if large else law.friction * N / found.run.settings["actuator_stiffness"]
+    assert len(found.cycles) == 3
+    for size, cycle in zip((U, U, 2.0 * U), found.cycles, strict=True):
+        lost = 4.0 * law.friction * N * (size - law.friction * N / (law.shear_stiffness * 0.06) - spring)
+        assert cycle["dissipated"] == pytest.approx(lost, rel=3e-3)
+        assert cycle["damping"] == pytest.approx(lost / (2.0 * np.pi * law.friction * N * (size - spring)), rel=3e-3)
+
+
 ONE = jack("stone", (0.0, 0.0, 0.05), (1.0, 0.0, 0.0))
 COUPLE = jack("stone", (0.2, 0.0, 0.05), (0.0, 1.0, 0.0))
 COUPLE += jack("stone", (-0.2, 0.0, 0.05), (0.0, 1.0, 0.0)).replace("jack", "other") + "weight = -1.0\n"

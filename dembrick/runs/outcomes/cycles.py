@@ -1,7 +1,8 @@
 """Cycles of a cyclic test: peak force of each half cycle, dissipated energy, damping, residual displacement.
 
-A cycle is a full loop, from a turning point to the next but one; the first begins at the first turning point after the
-start. An incomplete loop does not count: one whose record ends half way back or earlier after its last turning point.
+A cycle goes from a turning point to the next but one; the first begins at the first turning point after the start. An
+incomplete one does not count: one whose record ends half way back or earlier after its last turning point. If
+amplitudes grow, its loop closes before its last turning point, and what lies beyond belongs to no loop.
 """
 
 from __future__ import annotations
@@ -31,11 +32,13 @@ def cycles_of(
     not turn, or kept no record. ``weight``: the sum of the weights of the actuators, without their signs, as their work
     is that times V du.
 
-    Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of these; ``dissipated`` (J):
-    the work of `LOSSES` or, if no energies are recorded, that of the actuators until the loop is back at the
-    displacement of its start (None if it does not come back); ``damping``: the work of the actuators in the loop, which
-    is the same unless joints dilate or open, over 2 pi F_a u_a, with half the ranges of the force, ``weight`` times V,
-    and of the displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
+    Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of these, up to its turning
+    points; ``residual`` (m): where V passes zero after the second peak, None if it does not. Of the loop, until it is
+    back at the displacement of its start: ``dissipated`` (J), the work of `LOSSES` or, if no energies are recorded,
+    that of the actuators; and ``damping``: the work of the actuators, which is the same unless joints dilate or open,
+    over 2 pi F_a u_a, with half the ranges of the force, ``weight`` times V, and of the displacement. A cycle of
+    shrinking amplitude never is back: its work is that of `LOSSES` up to its last turning point (None without
+    energies).
     """
     control = scenario.control
     if not control.cyclic or not len(rows.get("load", ())):
@@ -50,13 +53,15 @@ def cycles_of(
     for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
         if last == len(u) - 1 and abs(u[last] - u[middle]) <= RETURN_SHARE * abs(u[first] - u[middle]):
             break
-        loop = slice(first, last + 1)
-        area = _area(weight * V[loop], u[loop], middle - first)
-        taken = None if lost is None else float(lost[last] - lost[first])
+        whole = slice(first, last + 1)
+        closes = _closing(u[whole], middle - first)
+        path, force = _until(closes, u[whole]), _until(closes, weight * V[whole])
+        area = None if closes is None else _area(force, path, middle - first)
+        taken = None if lost is None else float(np.diff(_until(closes, lost[whole])[[0, -1]])[0])
         same = taken is not None and not dilates and (area is None or abs(area - taken) <= MISSED * abs(taken))
         work, dissipated = taken if same else area, area if taken is None else taken
         halves = [_peak(V, u, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
-        sizes = 0.25 * weight * float(np.ptp(V[loop]) * np.ptp(u[loop]))
+        sizes = 0.25 * float(np.ptp(force) * np.ptp(path))
         work, dissipated = (_but_for_rounding(value, sizes) for value in (work, dissipated))
         found.append(
             {
@@ -65,7 +70,7 @@ def cycles_of(
                 "V_upper": [float(V[at]) + bar for at, bar in halves],
                 "dissipated": dissipated,
                 "damping": _damping(work, sizes),
-                "residual": _but_for_rounding(_residual(V, u, halves[1][0]), float(np.ptp(u[loop]))),
+                "residual": _but_for_rounding(_residual(V, u, halves[1][0]), float(np.ptp(path))),
             }
         )
     return found
@@ -103,21 +108,33 @@ def _peak(
     return first + at, bar + min((float(np.ptp(np.diff(side))) for side in sides if len(side) > 2), default=0.0)
 
 
-def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
-    """The work (J) of a force V along a loop with its turning point at ``middle``, until it is back at its first
-    displacement, interpolated between rows; None if it does not come back, and zero if leaving out every second
-    row changes it by as much."""
+def _closing(u: np.ndarray, middle: int) -> tuple[int, float] | None:
+    """Where a loop with its turning point at ``middle`` is back at its first displacement: the row at or behind it, and
+    the part of the way there from the row before; None if it does not come back."""
     way = 1.0 if u[0] > u[middle] else -1.0
     beyond, slack = way * (u[middle:] - u[0]), CLOSED * np.ptp(u[: middle + 1])
     back = middle + np.flatnonzero(beyond >= (0.0 if (beyond >= 0.0).any() else -slack))
     if not len(back):
         return None
     end = int(back[0])
-    part = min((u[0] - u[end - 1]) / (u[end] - u[end - 1]), 1.0)
-    x, y = (np.append(values[:end], values[end - 1] + part * (values[end] - values[end - 1])) for values in (u, V))
-    area = float(np.trapezoid(y, x))
+    return end, float(min((u[0] - u[end - 1]) / (u[end] - u[end - 1]), 1.0))
+
+
+def _until(closes: tuple[int, float] | None, values: np.ndarray) -> np.ndarray:
+    """The values at the rows of a loop until it ``closes``, the last one interpolated; all if it does not close."""
+    if closes is None:
+        return values
+    end, part = closes
+    return np.append(values[:end], values[end - 1] + part * (values[end] - values[end - 1]))
+
+
+def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float:
+    """The work (J) of a force V along a closed loop with its turning point at ``middle``; zero if leaving out every
+    second row changes it by as much."""
+    end = len(u) - 1
+    area = float(np.trapezoid(V, u))
     coarser = np.unique(np.append(np.arange(0, end, 2), [middle, end]))
-    return 0.0 if abs(area) <= abs(area - float(np.trapezoid(y[coarser], x[coarser]))) else area
+    return 0.0 if abs(area) <= abs(area - float(np.trapezoid(V[coarser], u[coarser]))) else area
 
 
 def _but_for_rounding(value: float | None, size: float) -> float | None:
