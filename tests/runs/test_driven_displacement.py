@@ -228,3 +228,27 @@ def test_a_loop_that_loses_nothing_loses_nothing_whatever_comes_after():
     control = '[control]\nkind = "displacement"\nlarge_displacements = true\nforce_protocol = [30.0, -20.0, 50.0]\n'
     (cycle,) = dembrick.simulate(toml.loads(text + control)).cycles
     assert cycle["dissipated"] == 0.0 and cycle["damping"] == 0.0
+
+
+COUPLE = jack("stone", (0.2, 0.0, 0.0), (0.0, 1.0, 0.0))
+COUPLE += jack("stone", (-0.2, 0.0, 0.0), (0.0, 1.0, 0.0)).replace("jack", "other") + "weight = -1.0\n"
+
+
+@pytest.mark.parametrize("back", [0.0, 0.99])
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_the_mechanism_is_that_of_the_last_segment_in_which_joints_give_way(formulation, back):
+    """A couple turns the block: torsion, though the test ends at its start, or begins to unload at its last turning
+    point while all is elastic. The motion since the start would be a rest of creep in any direction."""
+    protocol = f"protocol = [{TRAVEL}, {-TRAVEL}, {TRAVEL}, {back * TRAVEL}]"
+    found = driven(formulation, protocol, jacks=COUPLE)
+    assert found.yield_point.mechanism == "torsion"
+
+
+def test_a_restart_after_the_last_turning_point_names_the_same_mechanism(tmp_path):
+    text = header("concave", MU, KN, gravity=(0.0, 0.0, 0.0)) + FLOOR + STONE + PRESSED + COUPLE
+    text += f'[control]\nkind = "displacement"\nlarge_displacements = true\nprotocol = [{TRAVEL}, {-TRAVEL}, 0.0]\n'
+    scenario = toml.loads(text + "[output]\ncheckpoint = 0.0\n")
+    dembrick.simulate(scenario, tmp_path / "whole.h5")
+    stop_at_look(scenario, tmp_path / "stopped.h5", 260)
+    dembrick.restart(tmp_path / "stopped.h5")
+    check_same(tmp_path / "whole.h5", tmp_path / "stopped.h5")

@@ -37,6 +37,7 @@ from dembrick.simulation.dynamics.paths.load_path import (
     run_of,
 )
 from dembrick.simulation.dynamics.paths.stage_loads import slip_path
+from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session, Snapshot
 
@@ -50,7 +51,10 @@ HELD = 1e-6  # of the parameter: points that are further from their prescribed p
 BENDS = 4.0  # times the expected displacement: there the curve bends and is followed in shorter steps,
 FLAT = 0.01  # of the greatest V: if V is off the straight line by more,
 NOISE = 100.0  # times the out-of-balance of blocks at rest, or the rounding of a displacement: smaller ones are noise
-PROTOCOL, WHOLE = "driven_path.protocol", "driven_path.whole"  # arrays in a checkpoint
+MECHANISMS = "none", "sliding", "rocking", "torsion", "uplift", "crushing"  # of `mechanism`
+PROTOCOL, WHOLE, STOOD, GAVE_WAY = (  # arrays in a checkpoint
+    f"driven_path.{name}" for name in ("protocol", "whole", "stood", "gave_way")
+)
 
 
 class DrivenPath(EquilibriumPath):
@@ -58,7 +62,10 @@ class DrivenPath(EquilibriumPath):
 
     ``way_number``: current segment of the ``protocol``, and ``turned``: where it began, as the parameter and the
     displacement of the head (m); ``turns``: the equilibria at which segments ended, and ``V``: its current value;
-    ``whole``: slip path of all joints (m) and number of unbroken bonds at the first equilibrium.
+    ``whole``: slip path of all joints (m), number of unbroken bonds, and 1 if a joint was open, at the last turning
+    point, and ``stood``: positions of the joints there (j, 9, of `seen`); ``gave_way``: joint that moved most in the
+    last segment so far in which any gave way, and the mechanism. A test that comes back to its start has moved nowhere
+    as a whole.
     """
 
     greatest = math.inf
@@ -71,7 +78,8 @@ class DrivenPath(EquilibriumPath):
         assert driving.driven is not None and isinstance(control, DisplacementControl)
         self.loads, self.refine, self.protocol = driving.driven, refine, present(protocol)
         self.V, self.way_number, self.turned = 0.0, 0, (0.0, 0.0)
-        self.turns, self.whole = np.zeros(len(self.protocol.ways)), np.zeros(2)
+        self.turns, self.whole = np.zeros(len(self.protocol.ways)), np.zeros(3)
+        self.stood, self.gave_way = np.zeros((len(moving.state.links.host), 9)), (0, "none")
         ways = np.abs(self.protocol.ways)
         self.ranges = np.maximum(ways[0], 0.5 * ways)  # m: a segment there and back is twice as long as one out
         free = ~np.asarray(moving.assembly.fixed)
@@ -144,7 +152,19 @@ class DrivenPath(EquilibriumPath):
 
     def _whole(self) -> np.ndarray:
         """Current values of ``whole``."""
-        return np.array([slip_path(self.moving), float(joint_families.bonds(self.moving.state).sum())])
+        unbroken = joint_families.bonds(self.moving.state).sum()
+        return np.array([slip_path(self.moving), float(unbroken), float(opened(self.moving))])
+
+    def _motion(self) -> tuple[int, str]:
+        """Current value of ``gave_way``."""
+        now = self._whole()
+        if self.collapse is None and not now[-1] and (now == self.whole).all():
+            return self.gave_way
+        return moved_most(self.moving, self.stood), mechanism(self.moving, self.stood)
+
+    def _stand(self) -> None:
+        """Take the present positions for those from which blocks move."""
+        self.whole, self.stood = self._whole(), seen(self.moving.state.bodies, self.moving.state.links)
 
     @property
     def _goes_on(self) -> bool:
@@ -179,6 +199,8 @@ class DrivenPath(EquilibriumPath):
 
     def _turn(self) -> None:
         """Begin the next segment at the present position of the head."""
+        self.gave_way = self._motion()
+        self._stand()
         self.turned = float(self.reached), float(self.head(self.reached))
         self.turns[self.way_number] = self.equilibria - 1
         self.way_number += 1
@@ -189,7 +211,7 @@ class DrivenPath(EquilibriumPath):
     def _note(self, parameter: float, ratio: float) -> None:
         """As in the base class; NotConvergedError if the points could not follow the head."""
         if not self.path:
-            self.whole = self._whole()
+            self._stand()
         super()._note(parameter, ratio)
         u, V, _ = self.path[-1]
         if not self.arrived(parameter):
@@ -210,12 +232,16 @@ class DrivenPath(EquilibriumPath):
 
     def _own(self) -> dict[str, np.ndarray]:
         protocol = np.array([self.way_number, *self.turned, *self.turns])
-        return super()._own() | {PROTOCOL: protocol, WHOLE: self.whole}
+        joint, how = self.gave_way
+        gave_way = np.array([joint, MECHANISMS.index(how)])
+        return super()._own() | {PROTOCOL: protocol, WHOLE: self.whole, STOOD: self.stood, GAVE_WAY: gave_way}
 
     def _restore(self, snapshot: Snapshot) -> None:
         super()._restore(snapshot)
         kept = snapshot.array(PROTOCOL, np.zeros(3 + len(self.turns)))
-        self.whole = snapshot.array(WHOLE, self.whole).copy()
+        self.whole, self.stood = (snapshot.array(*own).copy() for own in ((WHOLE, self.whole), (STOOD, self.stood)))
+        joint, how = snapshot.array(GAVE_WAY, np.zeros(2, np.int64)).tolist()
+        self.gave_way = joint, MECHANISMS[how]
         (number, *turned), self.turns = kept[:3].tolist(), kept[3:].copy()
         if not (number.is_integer() and 0 <= number < len(self.protocol.ways)):
             raise HistoryError(f"{snapshot.path}: this checkpoint holds no step of this run")
@@ -223,10 +249,10 @@ class DrivenPath(EquilibriumPath):
         self.V = self.path[-1][1]
 
     def finished(self) -> LoadPathRun:
-        moving, start = self.moving, self.past.at_rest
-        gave_way = self.collapse is not None or (self._whole() != self.whole).any() or opened(moving)
-        how = mechanism(moving, start) if gave_way else "none"
-        found = run_of(super().finished(), moved_most(moving, start), how)
+        joint, how = self._motion()
+        if how == "none":
+            joint = moved_most(self.moving, self.stood)
+        found = run_of(super().finished(), joint, how)
         ended = [*self.turns[: self.way_number].astype(int).tolist()]
         if found.collapse is None:
             ended.append(self.equilibria - 1)
