@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -142,8 +143,10 @@ class LimitResult:
         what = "V" if unit else "load factor"
         angle = "" if self.angle is None else f"{self.angle:.6g} deg, "
         digits = _digits(self.limit)
-        ends = f"{self.lower:.{digits + 1}g} and {self.upper:.{digits + 1}g}{unit}"
-        numbers = [KeyNumber("limit", f"{angle}{what} {self.load_factor:.{digits}g}{unit}, proven between {ends}")]
+        ends = f"{_rounded(self.lower, digits + 1, ROUND_FLOOR)} and {_rounded(self.upper, digits + 1, ROUND_CEILING)}"
+        numbers = [
+            KeyNumber("limit", f"{angle}{what} {self.load_factor:.{digits}g}{unit}, proven between {ends}{unit}")
+        ]
         numbers += of_ties({"ties": self._ties()})
         numbers.append(KeyNumber("flow", "associative: an upper bound for friction without dilatancy"))
         numbers += [KeyNumber("mechanism", present(self.mechanism)), KeyNumber("blocks", listed(self.blocks))]
@@ -421,6 +424,11 @@ def _digits(found: analysis.Limit) -> int:
     """Significant digits of the load factor that its bounds justify."""
     gap = max(found.gap, 1e-10)
     return int(min(9, max(4, math.floor(-math.log10(gap)) + 1)))
+
+
+def _rounded(value: float, digits: int, way: str) -> str:
+    """A bound with so many significant digits, rounded away from the other bound."""
+    return f"{float(Context(prec=digits, rounding=way).create_decimal_from_float(value)):.{digits}g}"
 
 
 def _without_rounding(end: Extreme, carried: float) -> Extreme:

@@ -166,7 +166,7 @@ def test_no_limit_is_only_said_where_forces_can_grow(push, arm, monkeypatch):
 def test_a_ray_that_is_none_is_no_proof_of_no_limit(monkeypatch):
     solve = solver.solve
 
-    def unbounded(programme):
+    def unbounded(programme, sizes=None):
         found = solve(programme)
         return replace(found, status=solver.UNBOUNDED, said="AlmostDualInfeasible") if programme.cost.any() else found
 

@@ -42,6 +42,8 @@ CRUSHED = 1e-8  # of N: accepted excess over the surface of crushing, which lowe
 MOST_ROUNDS = 80  # of cutting planes
 GAP = 1e-4  # of the load factor: a wider gap between the bounds is an error
 LITTLE = 1e-3  # of the dead loads: least reference load for the accuracy
+APART = 1e-6  # of the bound: bounds further apart are sought again,
+MEASURED = 2  # times at most
 _STANDS = 1e-7  # of the dead loads: out-of-balance force that counts as zero
 RAY = 1e-6  # of the forces of a load without a limit: accepted violation of equilibrium and strengths
 _FAR_OUT = 1e6  # of the strengths, and of the unit of forces
@@ -334,7 +336,32 @@ def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]
 def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndarray | None = None) -> Optimum:
     """The least cost . x of joint forces that balance ``loads`` within the strengths, bounded from both sides.
 
-    ``inner``: unknowns that balance them well inside. Area joints are bounded by cutting planes: each round adds, for
+    ``inner``: unknowns that balance them well inside. If the bounds are apart, as the solver takes the forces of light
+    blocks for rounding next to those of heavy ones, each force is measured by the scale of its joint.
+    """
+    found = _optimum(structure, loads, cost, inner)
+    for _ in range(MEASURED):
+        if found.status != SOLVED or found.reached - found.bound <= APART * abs(found.bound):
+            break
+        try:
+            again = _optimum(structure, loads, cost, inner, bounds.sizes(structure, found.x))
+        except NotConvergedError:
+            break
+        if again.status != SOLVED:
+            break
+        best = min(found, again, key=lambda one: one.reached - one.bound)  # only good duals price what is not balanced
+        found = replace(best, bound=max(found.bound, again.bound), rounds=found.rounds + again.rounds)
+    return found
+
+
+def _optimum(
+    structure: Structure,
+    loads: Loads,
+    cost: np.ndarray,
+    inner: np.ndarray | None,
+    sizes: np.ndarray | None = None,
+) -> Optimum:
+    """`optimum` by unknowns of given ``sizes``. Area joints are bounded by cutting planes: each round adds, for
     every joint beyond its surface of friction or of crushing, the plane that cuts off its forces, until, with slightly
     reduced strengths, no joint is beyond its exact surface.
     """
@@ -345,7 +372,7 @@ def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndar
     cuts = NO_CUTS._replace(crushed=crushes[places], closing=closing)
     while True:
         programme = programme_of(structure, loads, cost, cuts, reduced)
-        found = solver.solve(programme)
+        found = solver.solve(programme, sizes)
         rounds += 1
         if found.status == INFEASIBLE:
             break
@@ -366,11 +393,16 @@ def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndar
     plain, outer = programme, found
     if surfaces:
         plain = programme_of(structure, loads, cost, cuts)
-        outer = solver.solve(plain)
+        outer = solver.solve(plain, sizes)
         if outer.status != SOLVED:
             return Optimum(outer.status, math.nan, math.nan, outer.x, outer.equation_dual, rounds, cuts)
+    bound, duals = bounds.least_cost(structure, plain, outer)
     x, reached = _within(structure, plain, found, inner)
-    return Optimum(SOLVED, reached, bounds.least_cost(structure, plain, outer), x, outer.equation_dual, rounds, cuts)
+    if cost.any():
+        price = bounds.price_of_excess(plain, x, duals)
+        small = price <= APART * max(abs(reached), LITTLE * float(np.abs(structure.dead).sum()))
+        reached = reached + price if small else math.inf  # forces that far from equilibrium prove nothing
+    return Optimum(SOLVED, reached, bound, x, outer.equation_dual, rounds, cuts)
 
 
 def _far(programme: Programme, ray: Solution) -> np.ndarray:
@@ -406,8 +438,8 @@ def _cuts_off(structure: Structure, x: np.ndarray) -> Cuts | None:
 def _within(structure: Structure, programme: Programme, found: Solution, inner: np.ndarray | None):
     """Unknowns that balance exactly and lie within the strengths, and their cost; infinite if there are none."""
     x = bounds.balanced(structure, programme, found)
-    allowed = bounds.ROUNDING * max(1.0, float(np.abs(x).max(initial=0.0)))
-    over = np.concatenate(bounds.excess(structure, programme, x))
+    parts = bounds.excess(structure, programme, x)
+    over, allowed = np.concatenate(parts), bounds.allowed(structure, x, parts)
     if not (over > allowed).any():
         return x, float(programme.cost @ x)
     if inner is None:

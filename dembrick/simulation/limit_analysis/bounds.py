@@ -2,8 +2,10 @@
 
 An interior-point method leaves a residual, so neither of its two values is a bound. The forces get the least correction
 that restores equilibrium, weighted by the distance of each joint from its limit; a state that is then still outside a
-strength is mixed with one that balances the dead loads well inside. The bound of the mechanism is corrected for its
-incompatibility: its residual velocity times forces ``CAP`` times the largest joint force found.
+strength is mixed with one that balances the dead loads well inside. What is left, rounding next to the largest joint
+force but perhaps not next to a light block, is charged at the price of the mechanism (`price_of_excess`). The bound of
+the mechanism is corrected for its incompatibility: its residual velocity times forces ``CAP`` times the largest joint
+force found.
 """
 
 from __future__ import annotations
@@ -16,15 +18,32 @@ from dembrick.simulation.limit_analysis.solver import Entries, Programme, Soluti
 from dembrick.simulation.limit_analysis.support_function import gauges
 
 CAP = 10.0  # of the largest joint force found: greatest forces that the upper bound covers
-ROUNDING = 1e-11  # of the largest joint force: accepted excess over a strength
+ROUNDING = 1e-11  # of the largest joint force: excess over a strength that is charged, not mixed away
+SMALLEST = 1e-9  # of the largest unknown: least size by which one is measured
+PRICED = 2.0  # factor on the charge for such an excess, as the duals are approximate
 ROUNDS = 5  # in which the mechanism is made compatible
 PAID = 1e-9  # of the bound: correction below which no further round is needed
 _LEAST = 1e-14  # of the largest slack: least distance from a limit in the correction
 
 
-def least_cost(structure: Structure, programme: Programme, solution: Solution) -> float:
+def sizes(structure: Structure, x: np.ndarray) -> np.ndarray:
+    """Sizes of the unknowns near a solution ``x``: of joint forces the scale of their joint, of others their own."""
+    layout, scale = structure.layout, force_scales(structure, x)
+    joint = np.concatenate([
+        np.repeat(layout.joint, layout.width),
+        layout.areas.joint[layout.corner_owner],
+        np.repeat(layout.areas.joint, layout.n_shear),
+    ])  # fmt: skip
+    own = np.append(scale[joint], np.abs(x[len(joint) :]))
+    most = own.max(initial=0.0) or 1.0
+    return np.maximum(own, SMALLEST * most)
+
+
+def least_cost(
+    structure: Structure, programme: Programme, solution: Solution
+) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
     """Lower bound of cost . x, from the duals of a solution, for any x in the programme whose entries are at most `CAP`
-    times the largest found.
+    times the largest found; and the duals, of equilibrium and of the strengths, that prove it.
 
     The duals are first made compatible, by least squares weighted by the distance of those of the strengths from the
     edge of their cone: velocities y, then the duals z of the strengths, in a few rounds. The remaining residual is
@@ -37,7 +56,7 @@ def least_cost(structure: Structure, programme: Programme, solution: Solution) -
     starts = programme.linear + np.cumsum(programme.quadratic) - programme.quadratic
     first = np.concatenate([np.arange(programme.linear), starts])
     cap = CAP * float(np.abs(solution.x).max(initial=0.0))
-    best = -np.inf
+    best, proof = -np.inf, (y, z)
 
     def residual() -> np.ndarray:
         return programme.cost + equations.transposed_times(y) + rows.transposed_times(z)
@@ -57,10 +76,40 @@ def least_cost(structure: Structure, programme: Programme, solution: Solution) -
         z[first] += (1.0 + 1e-3) * outside + np.where(outside > 0.0, _LEAST, 0.0)
         paid = cap * float(np.abs(residual()).sum())
         value = float(-(programme.right_hand @ y) - programme.limits @ z)
-        best = max(best, value - paid)
+        rounded = np.finfo(float).eps * float(np.abs(programme.right_hand) @ np.abs(y) + np.abs(programme.limits) @ z)
+        if value - paid - rounded > best:
+            best, proof = value - paid - rounded, (y, z.copy())
         if paid <= PAID * abs(value):
             break
-    return best
+    return best, proof
+
+
+def price_of_excess(programme: Programme, x: np.ndarray, duals: tuple[np.ndarray, np.ndarray]) -> float:
+    """Most by which cost . x of nearly feasible unknowns may lie below the least cost of feasible ones.
+
+    The least cost is convex in the strengths and the loads, with the ``duals`` as its slope: what lies outside
+    a strength, and what is out of balance, each costs at most its dual.
+    """
+    y, z = duals
+    equations, rows = _matrices(programme)
+    outside = np.maximum(cone_excess(programme, programme.limits - rows.times(x)), 0.0)
+    starts = programme.linear + np.cumsum(programme.quadratic) - programme.quadratic
+    price = np.maximum(z[np.concatenate([np.arange(programme.linear), starts])], 0.0)
+    missing = np.abs(programme.right_hand - equations.times(x))
+    rounded = np.finfo(float).eps * (
+        np.abs(programme.right_hand) @ np.abs(y) + float(np.abs(programme.cost) @ np.abs(x))
+    )
+    return float(PRICED * (outside @ price + missing @ np.abs(y)) + rounded)
+
+
+def force_scales(structure: Structure, x: np.ndarray) -> np.ndarray:
+    """Scale of the forces (j,) of every joint in the unit of forces: the sum of all joint forces on the lighter loaded
+    of its blocks."""
+    joints, fixed = structure.assembly.joints, np.asarray(structure.assembly.fixed)
+    size = np.linalg.norm(structure.carried(x)[1][:, :3], axis=1) / structure.frame.unit
+    ends = joints.block_a, joints.block_b
+    total = sum(np.bincount(block, size, minlength=len(fixed)) for block in ends)
+    return np.minimum(*(np.where(fixed[block], np.inf, total[block]) for block in ends))
 
 
 def balanced(structure: Structure, programme: Programme, solution: Solution) -> np.ndarray:
@@ -133,9 +182,19 @@ def crushing_excess(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np
     return 0.5 * (gauge - 1.0) * strongest, plane
 
 
-def share_of_inner(over: np.ndarray, inner: np.ndarray, allowed: float) -> float:
+def allowed(structure: Structure, x: np.ndarray, over: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+    """The excesses (k,) over strengths, like those of `excess`, that are rounding: next to the largest force if duals
+    charge them, and next to the scale of the joint if it is beyond an exact surface, which none charges."""
+    areas, scale = structure.areas, force_scales(structure, x)
+    parts = [np.full(len(over[0]), max(1.0, float(np.abs(x).max(initial=0.0))))]
+    parts += [scale[areas.joint]] if len(over[1]) else []
+    parts += [scale[areas.joint[areas.crushes]]] if len(over[2]) else []
+    return ROUNDING * np.concatenate(parts)
+
+
+def share_of_inner(over: np.ndarray, inner: np.ndarray, allowed: np.ndarray) -> float:
     """The least share of an inner state in a mixture that is feasible: ``over`` and ``inner`` (k,) are the excesses of
-    the two states; 1 if no mixture is."""
+    the two states, ``allowed`` (k,) those that pass; 1 if no mixture is."""
     outside = over > allowed
     if not outside.any():
         return 0.0

@@ -1,0 +1,55 @@
+"""Bounds of limit analysis for light blocks in heavy scenes: they hold the closed form, however small the block is."""
+
+import re
+
+import numpy as np
+import pytest
+
+from dembrick.runs.limit import limit
+from dembrick.scenario import toml
+from helpers.scenario_text import block, header
+
+PUSHOVER = '[control]\nkind = "pushover"\ndirection = [{:.17g}, {:.17g}, 0.0]\n'
+
+
+def on_tower(formulation, friction, towers, pins, side, height, direction, apart):
+    """A tower of blocks 9 by 9 by 2 m, and a pinnacle of ``pins`` blocks on it, or ``apart`` on a floor."""
+    text = header(formulation, friction, 1e11) + block("ground", (0.0, 0.0, -0.1), (9.0, 9.0, 0.2), "fixed = true")
+    text += block("floor", (20.0, 0.0, -0.1), (2.0, 2.0, 0.2), "fixed = true") if apart else ""
+    for i in range(towers):
+        text += block(f"tower{i}", (0.0, 0.0, 2.0 * i + 1.0), (9.0, 9.0, 2.0))
+    x, z = (20.0, 0.0) if apart else (0.0, 2.0 * towers)
+    for i in range(pins):
+        text += block(f"pin{i}", (x, 0.0, z + height * (i + 0.5)), (side, side, height))
+    return toml.loads(text + PUSHOVER.format(*direction))
+
+
+def printed(found):
+    """The two bounds as they are printed."""
+    return map(float, re.search(r"proven between (\S+) and (\S+)", found.text()).groups())
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_bounds_hold_the_closed_form_for_light_blocks(formulation):
+    """A pinnacle of size 5 mm to .3 m beside 1,300 t or on it slides at mu, or rocks where the resultant leaves its
+    square. Excesses of 1e-11 of the tower's forces are 1e-4 of those of the lightest pinnacle."""
+    rng = np.random.default_rng(53)
+    for _ in range(25):
+        friction, towers, pins = rng.uniform(0.3, 0.9), int(rng.integers(1, 5)), int(rng.integers(1, 4))
+        scale, angle = 10.0 ** rng.uniform(-2.3, -0.5), rng.choice([0.0, 0.25, 0.5]) * np.pi
+        side, height = scale * rng.uniform(0.5, 1.5), scale * rng.uniform(0.5, 2.0)
+        direction = np.round([np.cos(angle), np.sin(angle)], 15)
+        given = on_tower(formulation, friction, towers, pins, side, height, direction, rng.random() < 0.5)
+        truth = min(friction, side / (pins * height) / np.abs(direction).max(), 4.5 / towers / np.abs(direction).max())
+        found = limit(given)
+        low, high = printed(found)
+        assert low <= found.lower <= truth * (1.0 + 1e-14) and truth * (1.0 - 1e-14) <= found.upper <= high
+        assert found.limit.gap < 1e-5
+
+
+@pytest.mark.parametrize("side, height, apart, truth", [(0.3, 0.72, True, 5.0 / 12.0), (0.2, 0.5, False, 0.4)])
+def test_a_pinnacle_that_rocks(side, height, apart, truth):
+    """The lower bound lay above the truth and above the upper bound."""
+    found = limit(on_tower("concave", 0.65, 4, 1, side, height, (1.0, 0.0), apart))
+    low, high = printed(found)
+    assert low <= truth <= high and low <= float(re.search(r"load factor (\S+),", found.text())[1]) <= high
