@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.legend import Legend
 
 import dembrick
@@ -58,6 +59,24 @@ def test_runs_of_one_formulation_are_told_apart_by_shade_and_dashes():
     assert len(set(colours)) == 4 and colours[0] == style.FORMULATION["convex"][0]
     assert not set(colours[1:3]) & {own[0] for own in style.FORMULATION.values()}
     assert len({line.get_linestyle() for line in lines[:3]}) == 3
+
+
+def test_two_runs_of_one_formulation_differ_in_grey_print():
+    """Their luminance differs by a quarter of the scale at least: dashes that overlap look like a full line."""
+    lines = plot.force_displacement([result("convex", path=f"{name}.h5") for name in "ab"]).axes[0].lines
+    first, second = (np.array([0.299, 0.587, 0.114]) @ to_rgb(line.get_color()) for line in lines)
+    assert abs(first - second) > 0.25
+
+
+def test_a_legend_is_as_wide_as_its_figure_at_most():
+    """Its last columns go to another row, where they were cut at the edge."""
+    figure = style.new_figure((4.0, 3.0))
+    axes = figure.add_subplot()
+    for i in range(4):
+        axes.plot([0.0, 1.0], [0.0, 1.0], label=f"{i}: a rather long description")
+    style.legend(figure, axes, True, columns=4)
+    (drawn,) = figure.legends
+    assert drawn.get_window_extent().width <= figure.bbox.width and len(drawn.get_texts()) == 4
 
 
 def test_an_energy_has_its_colour_in_every_panel_and_stands_in_the_legend(tmp_path):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 _DIVIDED = re.compile(r"(?<=[:,;])\s+")  # separators of the parts of a title
-_SHADES = (0.0, -0.45, 0.4, -0.7, 0.6)  # shades of a colour: negative towards black, positive towards white
+_SHADES = (0.0, -0.75, 0.5, -0.4, 0.7)  # shades of a colour: negative towards black, positive towards white
 
 
 def formulation_of(history: History) -> str:

@@ -129,8 +129,8 @@ def upwards(axes: Axes, place: tuple[float, float], coords, colour: str) -> None
 
 
 def legend(figure: Figure, panels: Axes | Sequence[Axes], own: bool, columns: int = 2) -> None:
-    """Draw one legend for all panels: below the axes, where it hides no data, in our ``own`` figures; else a legend
-    inside each of the user's axes."""
+    """Draw one legend for all panels: below the axes, where it hides no data, in our ``own`` figures, in as many of the
+    ``columns`` as the figure is wide enough for; else a legend inside each of the user's axes."""
     first, *others = each = np.ravel(np.asarray(panels, dtype=object))
     if not own:
         for axes in each:
@@ -142,8 +142,11 @@ def legend(figure: Figure, panels: Axes | Sequence[Axes], own: bool, columns: in
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             if label not in labels:
                 handles, labels = [*handles, handle], [*labels, label]
-    if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    for fewer in range(columns, 0, -1) if handles else ():
+        drawn = figure.legend(handles, labels, loc="outside lower center", ncols=fewer)
+        if drawn.get_window_extent().width <= figure.bbox.width or fewer == 1:
+            break
+        drawn.remove()
 
 
 def plain(text: str) -> str:
