@@ -16,7 +16,7 @@ from dembrick.runs import custom_law
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.logger import LOGGER, heard_by
 from dembrick.runs.notebook import notebook_bar
-from dembrick.runs.outcomes.error_estimate import Refinement, error_of, inertia_remark, refinements
+from dembrick.runs.outcomes.error_estimate import Refinement, error_of, inertia_remark, refinements, spring_remark
 from dembrick.runs.outcomes.result import Result, heading
 from dembrick.runs.outcomes.statics_result import StaticsResult
 from dembrick.runs.path_dependence import UnstableHistory, cut_at_bound, ends, has_paths, histories, ranged
@@ -314,9 +314,8 @@ def _run(
         result = _finished(scenario, assembly, run, audit, store, spent, asked)
     LOGGER.info("%r", result)
     if report:
-        carried = inertia_remark(result)
-        if carried:
-            report(carried)
+        for remark in filter(None, (inertia_remark(result), spring_remark(result))):
+            report(remark)
     return result
 
 

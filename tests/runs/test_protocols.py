@@ -80,6 +80,19 @@ def test_loops_of_growing_amplitude_are_those_of_constant_amplitude(large):
         assert cycle["damping"] == pytest.approx(lost / (2.0 * np.pi * law.friction * N * (size - spring)), rel=3e-3)
 
 
+@pytest.mark.parametrize("size, said", [(0.4, True), (1.0, False)])
+def test_a_jack_whose_spring_takes_the_displacement_is_reported(size, said):
+    """Where the block slides it stays behind the jack by mu N / k_jack, in either direction."""
+    scenario, heard = to_and_fro((0.0, size * U, -size * U, size * U), "shear"), []
+    found = dembrick.simulate(scenario, report=heard.append)
+    reached = size * U - scenario.joint.friction * found.yield_point.N / found.run.settings["actuator_stiffness"]
+    assert (reached < 0.9 * size * U) == said
+    remarks = [text for text in heard if "the spring of the jack takes the rest" in text]
+    assert len(remarks) == said
+    if said:
+        assert float(remarks[0].split("moved by ")[1].split()[0]) == pytest.approx(1e6 * reached, rel=1e-3)
+
+
 ONE = jack("stone", (0.0, 0.0, 0.05), (1.0, 0.0, 0.0))
 COUPLE = jack("stone", (0.2, 0.0, 0.05), (0.0, 1.0, 0.0))
 COUPLE += jack("stone", (-0.2, 0.0, 0.05), (0.0, 1.0, 0.0)).replace("jack", "other") + "weight = -1.0\n"

@@ -17,7 +17,8 @@ lock forces in are tried as well (`path_dependence.histories`).
 Equilibria in the deformed geometry have no rate either: their error is that of the stiffness and of the steps of the
 path, which are halved; supports also move by half the acceleration on them.
 
-Share of inertia in a load: a remark on rates at which a run in time shows more than the joints carry.
+Share of inertia in a load: a remark on rates at which a run in time shows more than the joints carry; and one on jacks
+whose spring takes much of their displacement.
 
 A head that starts at the rate v against an actuator of stiffness k, with a mass m behind it, carries up to v sqrt(k m)
 more than the joints while the blocks take up its speed. V_peak - V is at most that. The controller of a pushover in
@@ -39,6 +40,7 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.outcomes.result import Result
 from dembrick.scenario.checks import present
 from dembrick.scenario.model import JointLaw, Scenario
+from dembrick.scenario.protocols import protocol_of
 from dembrick.scenario.regimes import (
     COLLAPSE,
     CONSTANT_RATE,
@@ -141,6 +143,26 @@ def with_laws(scenario: Scenario, law: Callable[[JointLaw], JointLaw]) -> Scenar
 
 
 REMARKED = 0.05  # of V
+FOLLOWED = 0.9  # of a turning point of the jack: blocks that reach less have left much of it to its spring
+
+
+def spring_remark(result) -> str | None:
+    """Remark on a test at a constant rate whose blocks stay behind the turning points of the jack, as its spring takes
+    the rest; None for all others."""
+    control, turns = result.scenario.control, getattr(result.run, "turns", None)
+    displacement = np.asarray(result.rows.get("displacement", ()), float)
+    if not (control.cyclic and control.regime is CONSTANT_RATE and turns and len(displacement)):
+        return None
+    heads = protocol_of(result.scenario).turns[1:]
+    pairs = [(displacement[turn], head) for turn, head in zip(turns, heads, strict=True) if head != 0.0]
+    reached, asked = min(pairs, key=lambda pair: pair[0] / pair[1])
+    if reached / asked >= FOLLOWED:
+        return None
+    return (
+        f"at a turning point of {1e6 * asked:.4g} um the blocks had moved by {1e6 * reached:.4g} um, as the spring of "
+        "the jack takes the rest; if displacements are those of the blocks, give large_displacements = true, which "
+        "prescribes them"
+    )
 
 
 def inertia_remark(result) -> str | None:
