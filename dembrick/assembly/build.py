@@ -23,7 +23,7 @@ from dembrick.assembly.broad_phase import bodies_of, close_pairs
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, place_points
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
-from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
+from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads, weight_without_mass
 from dembrick.assembly.surface_pressures import NO_POLYGONS, PressurePolygons, pressure_polygons
 from dembrick.assembly.ties import NO_TIES, TieTable, given_ties
 from dembrick.assembly.validation import (
@@ -214,6 +214,7 @@ def with_loads(scenario: Scenario, bare: Assembly, points: bool = True) -> Assem
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
     exact = exact and not len(bare.guided)  # a guide can carry load in parallel to joints
     warnings = scenario.remarks + bare.warnings + check_control(scenario) + check_strengths(scenario, joints)
+    warnings += weight_without_mass(scenario, loads, bare)
     warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
     tolerance = min(one.tolerance or DISCRETISATION for one in scenario.among or (control,))
     if len(joints) == 1 and not scenario.among:  # the limit search of a single joint places the points itself

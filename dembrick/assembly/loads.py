@@ -21,6 +21,7 @@ from dembrick.assembly.actuators import NO_VECTORS, NOWHERE, Attached, check_ins
 from dembrick.assembly.surface_pressures import FACING, FaceForce, bare_faces, face_forces, resultant
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
+from dembrick.scenario.controls import BaseMotionControl, PushoverControl
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -99,3 +100,28 @@ def fill_forces(fill: Fill, members, bare: Assembly) -> list[FaceForce]:
             f"{fill.surface:g} m; check block and surface"
         )
     return found
+
+
+def weight_without_mass(scenario: Scenario, loads: PointLoads, bare: Assembly) -> tuple[str, ...]:
+    """Remarks on fills and loads whose weight a pushover does not push, or a moving support does not shake, as they
+    have no mass; empty if there are none. (A tilt refuses fills, and turns loads as it turns gravity.)"""
+    control = scenario.control
+    doing = {PushoverControl: "pushed", BaseMotionControl: "shaken"}.get(type(control))
+    gravity = np.array(scenario.gravity, float)
+    size = float(np.linalg.norm(gravity))
+    if doing is None or size == 0.0:
+        return ()
+    down = (loads.force @ gravity) / size
+    of_fills = loads.given >= len(scenario.loads)
+    free = ~np.asarray(bare.fixed)[loads.at.block]
+    found = []
+    for table, meant in (("fills", of_fills), ("loads", ~of_fills & (loads.given >= 0))):
+        weight = float(down[meant & free].sum())
+        if weight > 0.0:
+            share = weight / (weight + size * float(bare.mass[~np.asarray(bare.fixed)].sum()))
+            found.append(
+                f"the weight of [[{table}]], {weight:.6g} N or {100.0 * share:.2g} % of theirs and that of the blocks, "
+                f"is not {doing}, as they have no mass: for earthquakes this is on the unsafe side; to include it, "
+                "give it as blocks, or as density of the blocks that bear it"
+            )
+    return tuple(found)

@@ -163,3 +163,45 @@ def test_a_tilt_refuses_a_fill_and_an_unknown_block_is_named():
         assemble(toml.loads(tilt))
     with pytest.raises(ScenarioError, match="block of fill number 1 = 'arc' is not the name"):
         toml.loads(text.replace('block = "arch"', 'block = "arc"'))
+
+
+SHAKEN = """[control]
+kind = "base-motion"
+duration = 1.0
+quantity = "acceleration"
+direction = [1.0, 0.0, 0.0]
+sine = { amplitude = 1.0, frequency = 2.0 }
+"""
+
+
+@pytest.mark.parametrize("doing", ["pushed", "shaken"])
+def test_the_weight_of_a_fill_that_is_not_pushed_or_shaken_is_told(doing):
+    scenario, corner = scene(), corners(scene())
+    text = toml.dumps(scenario)
+    if doing == "shaken":
+        text = text[: text.index("[control]")] + SHAKEN
+    fill = 18000.0 * 0.8 * (np.diff(corner[:, 0]) * (3.0 - 0.5 * (corner[1:, 1] + corner[:-1, 1]))).sum()
+    inner, outer = 2.0 - 0.2, 2.0 + 0.2
+    stones = 0.8 * 20 * math.sin(math.pi / 20) * (outer**2 - inner**2) / 2.0  # m3, of straight-sided voussoirs
+    material = scenario.materials["stone"].density * 9.81 * stones
+    (said,) = (one for one in assemble(toml.loads(text)).warnings if "[[fills]]" in one)
+    assert f"{fill:.6g} N or {100.0 * fill / (fill + material):.2g} %" in said
+    assert f"is not {doing}" in said
+
+
+def test_loads_without_mass_are_told_apart_and_no_uplift_is():
+    load = '[[loads]]\nblock = "arch.{}"\nforce = [0.0, 0.0, {}]\n'
+    text = SCENE.format(fill=load.format(10, -1000.0) + load.format(11, -500.0), heading=0.0)
+    (said,) = assemble(toml.loads(text)).warnings
+    assert "weight of [[loads]], 1500 N" in said
+    assert not assemble(toml.loads(SCENE.format(fill=load.format(10, 1000.0), heading=0.0))).warnings
+
+
+@pytest.mark.parametrize(
+    "keys", ["", "large_displacements = true\n", "quasi_static = false\nrate = 1.0\ndisplacement = 0.1\n"]
+)
+def test_tilts_refuse_fills_in_every_geometry(keys):
+    text = toml.dumps(scene())
+    tilt = f'[control]\nkind = "tilt"\naxis = [0.0, 1.0, 0.0]\n{keys}'
+    with pytest.raises(ScenarioError, match="sideways pressure"):
+        assemble(toml.loads(text[: text.index("[control]")] + tilt))
