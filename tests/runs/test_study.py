@@ -240,6 +240,18 @@ def test_rows_of_another_study_are_refused_and_left_alone(write, tmp_path):
     assert (folder / "rows_1_of_1.jsonl").read_bytes() == before
 
 
+def test_force_replaces_the_rows_of_all_shards_of_another_study_and_keeps_its_own(write, tmp_path):
+    folder = tmp_path / "out"
+    studies.sweep(write(THREE), folder, part="1/2")
+    studies.sweep(write(THREE), folder, part="2/2")
+    other = write(THREE.replace("0.5", "0.4"))
+    outcome = studies.sweep(other, folder, force=True)
+    assert (outcome.ran, outcome.finished) == (3, 3)
+    alone = studies.sweep(other, tmp_path / "alone")
+    assert [row["V"] for row in read_csv(outcome.csv)] == [row["V"] for row in read_csv(alone.csv)]
+    assert studies.sweep(other, folder, force=True).ran == 0
+
+
 def test_shards_make_up_the_whole(write, tmp_path):
     path = write(DRAWS)
     whole = studies.sweep(path, tmp_path / "whole")

@@ -74,11 +74,11 @@ def sweep(
 
     ``jobs`` local processes, or a Dask ``scheduler`` (address or file) that must answer within ``timeout`` seconds.
     ``part`` "i/n" runs every n-th case only; the shards may share the folder. ``retry`` runs failed cases again.
-    ``force``: tables may replace others in a folder without rows.
+    ``force``: rows of another study and foreign tables in the folder are replaced.
 
-    Raises ScenarioError for an invalid study, OutputError for a folder with rows of another study or with foreign
-    tables, ClusterError for a scheduler that does not answer. A case that fails gets a row with its error, and the
-    other cases are run.
+    Raises ScenarioError for an invalid study, OutputError without ``force`` for a folder with rows of another study or
+    with foreign tables, ClusterError for a scheduler that does not answer. A case that fails gets a row with its error,
+    and the other cases are run.
     """
     began = time.perf_counter()
     study = study if isinstance(study, Study) else load(study)
@@ -90,7 +90,7 @@ def sweep(
         refuse_foreign(folder)
     if study.histories:
         _make(folder / "histories")
-    rows = Rows(folder, study.digest, len(study), label, study.columns)
+    rows = Rows(folder, study.digest, len(study), label, study.columns, force)
     done = rows.done(retry)
     todo = [number for number in numbers if number not in done]
     ran = 0

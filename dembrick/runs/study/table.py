@@ -32,7 +32,8 @@ _TEXT = h5py.string_dtype()
 
 
 class Rows:
-    """The row file of one shard of a study, open for appending; a context manager."""
+    """The row file of one shard of a study, open for appending; a context manager. With ``force``, rows of another study
+    in the folder are removed."""
 
     def __init__(
         self,
@@ -41,14 +42,16 @@ class Rows:
         cases: int,
         label: str = "1/1",
         columns: Sequence[str] = tuple(COLUMNS),
+        force: bool = False,
     ):
         self._columns = columns
         self.folder = Path(folder)
         self._head = {"dembrick_study": FORMAT, "digest": digest, "cases": cases}
         self.path = self.folder / f"rows_{label.replace('/', '_of_')}.jsonl"
-        for other in row_files(self.folder):
-            _check_head(other, self._head)
         check_output(self.path)
+        for other in row_files(self.folder):
+            if not _has_head(other, self._head):
+                _remove_rows(other, force)
         self._file: TextIO | None = None
 
     def done(self, retry: bool = False) -> set[int]:
@@ -160,16 +163,23 @@ def _storable(row: dict) -> bool:
         return False
 
 
-def _check_head(path: Path, head: dict) -> None:
+def _has_head(path: Path, head: dict) -> bool:
+    """Whether a row file belongs to the study with this head; an empty one does to any."""
     with open(path, encoding="utf-8", errors="replace") as file:
-        found = _parsed(file.readline())
-    if found is None and path.stat().st_size == 0:
-        return
-    if found != head:
+        return path.stat().st_size == 0 or _parsed(file.readline()) == head
+
+
+def _remove_rows(path: Path, force: bool) -> None:
+    """Remove the rows of another study; raise OutputError without ``force``, WriteError if the system refuses."""
+    if not force:
         raise OutputError(
             f"{path}: these are rows of another study (or the study, its base scenario or a file that they read has "
-            "changed since); choose another --out, or remove the folder if you no longer need it"
+            "changed since); choose another --out, or --force replaces them"
         )
+    try:
+        path.unlink(missing_ok=True)  # another shard may have removed them
+    except OSError as error:
+        raise WriteError(f"{path}: the rows of another study cannot be removed ({reason(error)})") from error
 
 
 def _drop_torn_line(path: Path) -> None:
