@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
 from dembrick.cli.paths import add_force
@@ -23,7 +24,7 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     from dembrick.assembly.build import assemble
-    from dembrick.errors import OverlapError
+    from dembrick.errors import OutputError, OverlapError
     from dembrick.runs.drivers import driver_of
     from dembrick.runs.reading import load
     from dembrick.runs.stages import warnings_before
@@ -34,7 +35,10 @@ def run(options, console) -> int:
         assembly = assemble(scenario)
     except OverlapError as error:
         if options.picture:
-            _draw_overlap(scenario, error.blocks, options, console)
+            try:
+                _draw_overlap(scenario, error.blocks, options, console)
+            except OutputError as refused:
+                console.remark(f"no picture: {refused}")
         raise
     before = [warning for warning in warnings_before(scenario) if warning.partition(": ")[2] not in assembly.warnings]
     warnings = [*unit_slips(scenario, assembly.shapes), *before, *assembly.warnings]
@@ -69,37 +73,41 @@ def run(options, console) -> int:
         "expected_seconds_falling": _here(plan.seconds_falling),
         "warnings": warnings,
     }
+    console.result(data, _text(data, plan))  # first, so that a picture that cannot be written hides nothing
     if options.picture:
         _draw(scenario, assembly, options, console)
-    console.result(data, _text(data, plan))
     return 0
 
 
 def _draw(scenario, assembly, options, console) -> None:
-    from dembrick import history
     from dembrick.runs import mechanism_history
-    from dembrick.scenario.files import inputs_of
     from dembrick.views import render
 
     with (
         mechanism_history.before_a_run(scenario, assembly) as found,
-        history.product("picture", [found.scenario_text], [options.scenario, *inputs_of(scenario)], options.force),
+        _picture_of(scenario, found.scenario_text, options),
     ):
         console.meter.busy("drawing")
         render.picture(found, options.picture, color="none")
 
 
 def _draw_overlap(scenario, blocks, options, console) -> None:
-    from dembrick import history
     from dembrick.scenario import toml
-    from dembrick.scenario.files import inputs_of
     from dembrick.views.render.overlap import overlap_picture
 
-    text = toml.text_of(scenario)
-    with history.product("picture", [text], [options.scenario, *inputs_of(scenario)], options.force):
+    with _picture_of(scenario, toml.text_of(scenario), options):
         console.meter.busy("drawing")
         overlap_picture(scenario, blocks, options.picture)
     console.remark(f"{options.picture}: the blocks that overlap are red")
+
+
+def _picture_of(scenario, text: str, options) -> AbstractContextManager:
+    """Context in which pictures are of this scenario with this ``text``, and replace those before an edit."""
+    from dembrick import history
+    from dembrick.scenario.files import inputs_of
+
+    read = [options.scenario, *inputs_of(scenario)]
+    return history.product("picture", [text], read, options.force, draft_of=scenario.path or options.scenario)
 
 
 def _here(seconds: float | None) -> float | None:

@@ -1,7 +1,8 @@
 """Protection of existing files: one is replaced only by output of the same kind for the same scenario.
 
-Figures, pictures, movies, pages and exports have a mark at their end, in a comment of their format; a table (CSV) or a
-scenario (TOML) has none and is replaced only by identical text. A command declares its output by `product`, and
+Figures, pictures, movies, pages and exports have a mark at their end, in a comment of their format; pictures of a
+scenario that is being written have a second one, and replace one another after every edit of its file. A table (CSV) or
+a scenario (TOML) has none and is replaced only by identical text. A command declares its output by `product`, and
 `files.check_output` and `files.replacing` apply the rule. Outside of such a context, as in a user's script, any path is
 accepted.
 """
@@ -26,9 +27,10 @@ _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 
 @dataclass(frozen=True)
 class Product:
-    """Output of a command: its ``mark``, the files that it reads, and whether it may replace any file."""
+    """Output of a command: its ``marks``, of which a file that it replaces has at least one, the files that it reads,
+    and whether it may replace any file."""
 
-    mark: bytes
+    marks: tuple[bytes, ...]
     inputs: tuple[str, ...]
     force: bool
 
@@ -37,11 +39,20 @@ _making: ContextVar[Product | None] = ContextVar("product", default=None)
 
 
 @contextmanager
-def product(kind: str, texts: Iterable[str], inputs: Iterable[str | os.PathLike] = (), force: bool = False) -> Iterator:
+def product(
+    kind: str,
+    texts: Iterable[str],
+    inputs: Iterable[str | os.PathLike] = (),
+    force: bool = False,
+    draft_of: str | None = None,
+) -> Iterator:
     """Context in which files are output of ``kind`` ("curve", "page") for the scenarios ``texts``; ``inputs`` must not
-    be overwritten, and with ``force`` any other file may be replaced."""
-    digest = hashlib.sha256("\0".join(sorted(texts)).encode("utf-8", "backslashreplace")).hexdigest()[:16]
-    given = Product(f"dembrick {kind} {digest}".encode(), tuple(map(os.fspath, inputs)), force)
+    be overwritten, and with ``force`` any other file may be replaced. Drafts of a file ``draft_of`` replace one
+    another, whatever its text was."""
+    marks = [_mark(kind, sorted(texts))]
+    if draft_of is not None:
+        marks.append(_mark(f"draft {kind}", [os.path.realpath(draft_of)]))
+    given = Product(tuple(marks), tuple(map(os.fspath, inputs)), force)
     token = _making.set(given)
     try:
         yield
@@ -49,14 +60,20 @@ def product(kind: str, texts: Iterable[str], inputs: Iterable[str | os.PathLike]
         _making.reset(token)
 
 
+def _mark(kind: str, texts: Iterable[str]) -> bytes:
+    digest = hashlib.sha256("\0".join(texts).encode("utf-8", "backslashreplace")).hexdigest()[:16]
+    return f"dembrick {kind} {digest}".encode()
+
+
 def is_ours(target: str) -> bool:
-    """Whether the current output may replace ``target`` without loss: it does not exist, is empty, or has the mark."""
+    """Whether the current output may replace ``target`` without loss: it does not exist, is empty, or has a mark."""
     making = _making.get()
     if making is None or making.force or not os.path.exists(target) or os.path.getsize(target) == 0:
         return True
     with open(target, "rb") as file:
         file.seek(max(0, os.path.getsize(target) - _TAIL))
-        return making.mark in file.read()
+        tail = file.read()
+    return any(mark in tail for mark in making.marks)
 
 
 def refuse_foreign(path: str | os.PathLike, target: str) -> None:
@@ -99,12 +116,12 @@ def _other(path: str | os.PathLike) -> str:
 
 
 def sign(target: str, part: str) -> None:
-    """Append the mark to the new file ``part``, as a comment in the format of ``target``."""
+    """Append the marks to the new file ``part``, as a comment in the format of ``target``."""
     making = _making.get()
     ending = os.path.splitext(target)[1].lower()
     if making is None or ending in (*_TEXTS, ".vtu"):
         return
-    mark = making.mark
+    mark = b" ".join(making.marks)
     with open(part, "r+b") as file:
         file.seek(0, os.SEEK_END)
         if ending in (".svg", ".html", ".htm", ".pvd"):

@@ -164,6 +164,45 @@ print(got)
     assert time.monotonic()
 
 
+# --- pictures of check ------------------------------------------------------------------------------------------------
+
+
+def test_check_draws_a_file_again_after_an_edit_and_no_other_file(folder, capsys):
+    check = ["check", "mine.toml", "--picture", "p.png"]
+    assert main(check) == 0
+    first = (folder / "p.png").read_bytes()
+    (folder / "mine.toml").write_text(SET4A.replace("0.64 ", "0.62 "))
+    assert main(check) == 0 and main([*check, "--set", "joint.friction=0.5"]) == 0
+    again = (folder / "p.png").read_bytes()
+    assert again != first
+    (folder / "other.toml").write_text(SET4A.replace("0.64 ", "0.63 "))
+    capsys.readouterr()
+    assert main(["check", "other.toml", "--picture", "p.png"]) == 2
+    out, err = capsys.readouterr()
+    assert "was not written by this command from the same scenario" in err
+    assert "blocks        2 (1 free)" in out  # the check itself
+    assert (folder / "p.png").read_bytes() == again
+
+
+def test_a_result_is_not_replaced_by_the_picture_of_an_edited_scenario(folder):
+    assert main(["run", "mine.toml", "--to", "p.png", "--quiet"]) == 0
+    assert main(["render", "results/mine.h5", "--to", "r.png", "--quiet"]) == 0
+    (folder / "mine.toml").write_text(SET4A.replace("0.64 ", "0.63 "))
+    assert main(["check", "mine.toml", "--picture", "r.png"]) == 2
+
+
+def test_overlapping_blocks_are_told_where_their_picture_is_refused(folder, capsys):
+    (folder / "p.png").write_bytes(b"mine")
+    text = (
+        SET4A + '\n[[blocks]]\nname = "extra"\nmaterial = "tuff"\nbox = [0.3, 0.2, 0.1]\nposition = [0.0, 0.0, 0.05]\n'
+    )
+    (folder / "mine.toml").write_text(text)
+    assert main(["check", "mine.toml", "--picture", "p.png"]) == 2
+    err = capsys.readouterr().err
+    assert "overlap" in err and "p.png: this file exists" in err
+    assert (folder / "p.png").read_bytes() == b"mine"
+
+
 # --- tables, figures, exports -----------------------------------------------------------------------------------------
 
 

@@ -32,8 +32,9 @@ _TEXT = h5py.string_dtype()
 
 
 class Rows:
-    """The row file of one shard of a study, open for appending; a context manager. With ``force``, rows of another study
-    in the folder are removed."""
+    """The row file of one shard of a study, open for appending; a context manager.
+
+    With ``force``, rows of another study in the folder are removed."""
 
     def __init__(
         self,
