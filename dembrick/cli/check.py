@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from dembrick.cli.paths import add_force
 
 if TYPE_CHECKING:
     from dembrick.assembly.actuators import ActuatorTable
+    from dembrick.simulation.dynamics.time_histories import Record
+    from dembrick.simulation.session import Plan
 
 LOADS = {"actuators": "actuator", "pressures": "pressure", "body_forces": "body force"}  # key of --json -> kind
 
@@ -29,6 +32,7 @@ def run(options, console) -> int:
     from dembrick.runs.reading import load
     from dembrick.runs.stages import warnings_before
     from dembrick.scenario.units import unit_slips
+    from dembrick.simulation.dynamics.time_histories import records_of
 
     scenario = load(options.scenario, options.set)
     try:
@@ -41,7 +45,9 @@ def run(options, console) -> int:
                 console.remark(f"no picture: {refused}")
         raise
     before = [warning for warning in warnings_before(scenario) if warning.partition(": ")[2] not in assembly.warnings]
-    warnings = [*unit_slips(scenario, assembly.shapes), *before, *assembly.warnings]
+    records = records_of(scenario)
+    strong = [record.warning for record in records if record.warning]
+    warnings = [*unit_slips(scenario, assembly.shapes), *strong, *before, *assembly.warnings]
     for warning in warnings:
         console.remark(f"warning: {warning}")
     plan = driver_of(scenario.control).plan(scenario, assembly)
@@ -64,6 +70,7 @@ def run(options, console) -> int:
         "joints": joints,
         "contact_points": sum(joint["contact_points"] for joint in joints),
         **{key: _named_so(assembly.actuators, kind) for key, kind in LOADS.items()},
+        "records": [asdict(record) for record in records],
         "time_step": plan.time_step,
         "critical_time_step": plan.critical_time_step,
         "expected_steps": plan.steps,
@@ -73,7 +80,7 @@ def run(options, console) -> int:
         "expected_seconds_falling": _here(plan.seconds_falling),
         "warnings": warnings,
     }
-    console.result(data, _text(data, plan))  # first, so that a picture that cannot be written hides nothing
+    console.result(data, _text(data, plan, records))  # first, so that a picture that cannot be written hides nothing
     if options.picture:
         _draw(scenario, assembly, options, console)
     return 0
@@ -117,7 +124,7 @@ def _here(seconds: float | None) -> float | None:
     return None if seconds is None else slowness() * (START_SECONDS + seconds)
 
 
-def _text(data: dict, plan) -> str:
+def _text(data: dict, plan: Plan, records: list[Record]) -> str:
     from dembrick.simulation.expected_cost import duration
 
     lines = [
@@ -134,6 +141,7 @@ def _text(data: dict, plan) -> str:
     if len(data["joints"]) > 20:
         lines.append(f"  ... and {len(data['joints']) - 20} more")
     lines += [f"{kind + 's':13} {_some(data[key])}" for key, kind in LOADS.items() if data[key]]
+    lines += [f"record        {record}" for record in records]
     lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
     bound = "at most " if plan.at_most else "" if plan.exact else "about "
     seconds = data["expected_seconds"]

@@ -47,6 +47,7 @@ def run(options, console) -> int:
     from dembrick.runs.simulate import simulate
     from dembrick.scenario import toml as scenarios
     from dembrick.scenario.files import inputs_of
+    from dembrick.simulation.dynamics.time_histories import records_of
 
     export.check_names(options.to)
     changes = list(options.set)
@@ -61,6 +62,8 @@ def run(options, console) -> int:
         path, force = _default_path(scenario, console), options.force or history.OWN
     given = [options.scenario, *inputs_of(scenario)]
     export.check_free(options.to, scenarios.text_of(scenario), given, options.force)
+    for record in records_of(scenario):
+        console.detail(f"record: {record}")
     shown = {"report": console.remark, "progress": console.meter.run}
     asked = {"refine": options.refine, "bound": options.bound}
     return answer(

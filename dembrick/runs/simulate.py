@@ -31,6 +31,7 @@ from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
 from dembrick.scenario.units import unit_slips
 from dembrick.simulation import interrupts
+from dembrick.simulation.dynamics.time_histories import records_of
 from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Progress, Session
@@ -254,7 +255,8 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
     LOGGER.info("%s: %r", scenario.path or "a scenario of Python", scenario)
     assembly = assemblies.assemble(scenario)
     if report:
-        for warning in (*unit_slips(scenario, assembly.shapes), *assembly.warnings):
+        strong = (record.warning for record in records_of(scenario) if record.warning)
+        for warning in (*unit_slips(scenario, assembly.shapes), *strong, *assembly.warnings):
             report(warning)
     return assembly
 

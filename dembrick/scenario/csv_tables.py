@@ -82,7 +82,9 @@ def read_table(path: str | os.PathLike, what: str) -> Table:
         if not any(cell.strip() for cell in cells):
             continue  # an empty line as spreadsheets write it
         if len(cells) != len(titles):
-            raise ScenarioError(f"{path}, line {number}: {len(cells)} values for {len(titles)} columns")
+            commas = divider == "," and len(cells) > len(titles) and "." not in line
+            remedy = "; with decimal commas, separate the columns by semicolons" if commas else ""
+            raise ScenarioError(f"{path}, line {number}: {len(cells)} values for {len(titles)} columns{remedy}")
         lines.append((number, cells))
     if not titles:
         raise ScenarioError(f"{path}: the file is empty; {what} begins with a line that names its columns")

@@ -93,6 +93,7 @@ def _check(key: str, values, whose: str) -> None:
 
 STEEPEST_FRICTION = 1.5
 DENSITIES = (500.0, 8000.0)  # kg/m3, from wood to steel
+WEIGHTS = (2500.0, 40000.0)  # N/m3, from expanded clay to slag
 GRAVITIES = (9.0, 10.0)  # m/s2
 LARGEST_BLOCK = 20.0  # m
 
@@ -131,6 +132,14 @@ def unit_slips(scenario: Scenario, shapes: Sequence[Shape]) -> list[str]:
             found.append(
                 f"density of material {show(name)} = {material.density:g} kg/m3 fits no stone (about 2000); "
                 "multiply g/cm3 by 1000"
+            )
+    weighed = [("fill", fill.block, fill.weight) for fill in scenario.fills]
+    weighed += [("pressure", one.block, one.weight) for one in scenario.pressures if one.weight is not None]
+    for kind, loaded, weight in weighed:
+        if not WEIGHTS[0] <= weight <= WEIGHTS[1]:
+            found.append(
+                f"weight of the {kind} on {show(loaded)} = {weight:g} N/m3 fits no earth (about 18000) and no water "
+                "(9810); multiply kN/m3 by 1000, kg/m3 by 9.81"
             )
     found += _radians(scenario)
     size = math.hypot(*scenario.gravity)

@@ -234,6 +234,16 @@ def test_an_angle_in_radians_is_warned_of(key, value, told):
     assert said == [] if told is None else told in said[0] and len(said) == 1
 
 
+@pytest.mark.parametrize(("weight", "told"), [(18.0, True), (1800.0, True), (18000.0, False)])
+def test_the_weight_of_a_fill_or_a_fluid_in_another_unit_is_warned_of(weight, told):
+    assert "= 18000.0" in ARCH
+    said = slips(toml.loads(ARCH.replace("= 18000.0", f"= {weight}")))
+    assert [f"weight of the fill on 'arch' = {weight:g} N/m3 fits no earth" in one for one in said] == [True] * told
+    water = '[[pressures]]\nblock = "upper"\ndirection = [0.0, -1.0, 0.0]\nsurface = 1.0\nweight = '
+    said = slips(toml.loads(f"{SET4A}\n{water}{weight}\n"))
+    assert ["weight of the pressure on 'upper'" in one for one in said] == [True] * told
+
+
 def test_a_dome_in_radians_is_told_what_to_write():
     """Its eye is in degrees and so beyond its springing: the refusal says why."""
     text = (SCENARIOS / "dome.toml").read_text()

@@ -7,8 +7,10 @@ import re
 import numpy as np
 import pytest
 
+from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.scenario.model import Load
 from dembrick.simulation.dynamics.time_histories import (
@@ -16,6 +18,7 @@ from dembrick.simulation.dynamics.time_histories import (
     must_end_at_rest,
     pulse_velocity,
     read_samples,
+    records_of,
     sampled_velocity,
     sine_velocity,
     with_baseline,
@@ -207,3 +210,35 @@ def test_a_sine_that_no_step_follows_is_refused():
     fast = BaseMotionControl(0.1, direction=(1.0, 0.0, 0.0), sine=Sine(1.0, 50000.0))
     with pytest.raises(ScenarioError, match=r"control.sine.frequency = 50000 Hz has a period of 2e-05 s"):
         simulate(block_on_floor(fast))
+
+
+@pytest.mark.parametrize(
+    ("quantity", "peak", "told"),
+    [
+        ("acceleration", 0.28 * 9.80665, "301 samples, 3 s, peak 0.28 g"),
+        ("acceleration", 1.4 * 9.80665, "peak 1.4 g"),
+        ("acceleration", 1.6 * 9.80665, "peak 1.6 g: are its units"),
+        ("velocity", 0.4, "peak 0.4 m/s"),
+        ("velocity", 40.0, "peak 40 m/s: are its units"),
+        ("displacement", 0.1, "peak 0.1 m"),
+    ],
+)
+def test_a_record_is_told_with_its_peak_and_a_warning_if_no_earthquake_has_it(quantity, peak, told, folder, capsys):
+    time = np.linspace(0.0, 3.0, 301)
+    # half of it by the factor of the control; the peak is at one sample, and negative
+    file = write(folder / "base.csv", time, np.where(time == time[100], -2.0 * peak, 0.0), quantity)
+    control = BaseMotionControl(duration=3.0, direction=(1.0, 0.0, 0.0), file=file, quantity=quantity, scale=-0.5)
+    (record,) = records_of(block_on_floor(control))
+    said, _, doubt = told.partition(":")
+    assert str(record) == f"base.csv: 301 samples, 3 s, {said.rpartition('s, ')[2]}"
+    assert bool(record.warning) == bool(doubt) and doubt in (record.warning or "")
+
+
+def test_check_tells_records(folder, capsys):
+    write(folder / "base.csv", np.linspace(0.0, 3.0, 301), np.full(301, 20.0))
+    control = BaseMotionControl(duration=3.0, direction=(1.0, 0.0, 0.0), file="base.csv")
+    (folder / "mine.toml").write_text(scenarios.dumps(block_on_floor(control)))
+    assert main(["check", "mine.toml"]) == 0
+    out, err = capsys.readouterr()
+    assert "record        base.csv: 301 samples, 3 s, peak 2.04 g" in out
+    assert "warning: the peak of the record base.csv is 2.04 g" in err

@@ -6,16 +6,29 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.controls import Pulse, Sine
+from dembrick.scenario.controls import BaseMotionControl, Pulse, Sine
 from dembrick.scenario.csv_tables import read_columns
+from dembrick.scenario.stages import controls_of
+from dembrick.scenario.support_controls import QUANTITIES
+from dembrick.scenario.text_files import require_file
+from dembrick.scenario.units import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
 
 Curve = Callable[[np.ndarray], np.ndarray]  # times (s,) -> values (s,)
 
 AT_REST = 0.01  # of the greatest velocity: a lower one at the end of a record counts as rest
+STRONGEST = {  # peaks of earthquakes; few have had more
+    "acceleration": 1.5 * STANDARD_GRAVITY,  # m/s2
+    "velocity": 5.0,  # m/s
+    "displacement": 10.0,  # m
+}
 GAP = 1.5  # of the usual step: a longer one means that samples are missing
 
 
@@ -57,6 +70,49 @@ def read_samples(
             "shorten control.duration or lengthen the history"
         )
     return Samples(time, value, str(path))
+
+
+@dataclass(frozen=True)
+class Record:
+    """A record that shakes supports: its ``name``, ``samples`` and ``duration`` (s), and the greatest value of its
+    ``quantity``, times the factor of the control: ``peak`` (SI)."""
+
+    name: str
+    samples: int
+    duration: float
+    quantity: str
+    peak: float
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.samples} samples, {self.duration:.4g} s, peak {self._peak}"
+
+    @property
+    def warning(self) -> str | None:
+        """Remark on a peak that no earthquake has; None otherwise."""
+        if self.peak <= STRONGEST[self.quantity]:
+            return None
+        return f"the peak of the record {self.name} is {self._peak}: are its units, control.quantity and scale right?"
+
+    @property
+    def _peak(self) -> str:
+        size, unit = (STANDARD_GRAVITY, "g") if self.quantity == "acceleration" else (1.0, QUANTITIES[self.quantity])
+        return f"{self.peak / size:.3g} {unit}"
+
+
+def records_of(scenario: Scenario) -> list[Record]:
+    """The records of all controls of a scenario, by component; ScenarioError for one that cannot be read."""
+    found = []
+    for control in controls_of(scenario):
+        if not isinstance(control, BaseMotionControl):
+            continue
+        for _, file, columns in control.components:
+            if file is not None:
+                path = require_file(scenario, "control.file", file)
+                read, _ = read_columns(path, "a history in time", ("time", control.quantity), columns)
+                time, peak = read["time"], abs(control.scale) * float(np.abs(read[control.quantity]).max())
+                name = file if columns is None else f"{file}, {columns[1]}"
+                found.append(Record(name, len(time), float(time[-1] - time[0]), control.quantity, peak))
+    return found
 
 
 def _fault(step: float, usual: float, quantity: str) -> str:
