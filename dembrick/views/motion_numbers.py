@@ -75,7 +75,17 @@ def _greatest(results: Mapping) -> ValueWithRemark | None:
     return ValueWithRemark(length(known_ways[furthest]), f"of the centroid of {furthest}, at any time")
 
 
+def _residual(results: Mapping) -> ValueWithRemark | None:
+    """Displacement that is left of a motion which has ended; None if blocks still move."""
+    return None if number(results.get("speed_at_the_end")) else _displacement(results)
+
+
 def _at_the_end(results: Mapping) -> ValueWithRemark | None:
+    """Displacement at the last instant; None if it is what is left of a motion (see `_residual`)."""
+    return _displacement(results) if "outcome" not in results or not _residual(results) else None
+
+
+def _displacement(results: Mapping) -> ValueWithRemark | None:
     moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
     if moved is None:
         return None
@@ -83,7 +93,9 @@ def _at_the_end(results: Mapping) -> ValueWithRemark | None:
     bar = "from stiffer joints" if error is not None else no_bar(results)
     if part(results, "collapse").get("error_estimate") is not None:  # the collapse load has the bar of the refined runs
         bar = "no error bar"
-    return ValueWithRemark(value, f"of a centroid; {bar}")
+    block = results.get("furthest")
+    whose = f"the centroid of {block}" if isinstance(block, str) else "a centroid"
+    return ValueWithRemark(value, f"of {whose}; {bar}")
 
 
 def _peak_tie(results: Mapping) -> ValueWithRemark | None:
@@ -213,8 +225,8 @@ OF_MOTION = (
     KeyNumberSpec("outcome", _outcome),
     KeyNumberSpec("drift", _drift),
     KeyNumberSpec("greatest displacement", _greatest),
-    KeyNumberSpec("displacement at the end", _at_the_end, unless="outcome"),
-    KeyNumberSpec("residual displacement", _at_the_end, only="outcome"),
+    KeyNumberSpec("displacement at the end", _at_the_end),
+    KeyNumberSpec("residual displacement", _residual, only="outcome"),
     KeyNumberSpec("still moving", _moving, unless="outcome"),
     KeyNumberSpec("peak tie force", _peak_tie),
     KeyNumberSpec("fallen", _fallen),

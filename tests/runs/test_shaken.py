@@ -73,8 +73,13 @@ def test_what_still_moves_when_the_run_ends_stood_so_far(tmp_path):
     bodies = result.run.motion.state.bodies
     speed = np.linalg.norm(bodies.velocity[1]) + np.linalg.norm(bodies.spin[1]) * np.sqrt(0.2**2 + 0.2**2 + 0.8**2) / 2
     assert told["outcome"] == "stood" and told["speed_at_the_end"] == pytest.approx(speed, rel=1e-12) and speed > 0.05
+    (moved,) = np.linalg.norm(result.displacement[1:], axis=1)
+    assert told["residual_displacement"] is None and told["displacement"] == moved > 0.01
+    assert "residual displacement" not in result.text()
+    assert key_lines(result)["displacement at the end"].rpartition("(")[2].startswith("of the centroid of stone; ")
     assert f"stood (so far: blocks still move at {speed:.2g} m/s; give a longer duration)" in result.text()
     rest, told = ran(column(0.1, duration=1.0), tmp_path / "rest.h5")
+    assert "displacement at the end" not in rest.text() and "residual displacement" in rest.text()
     assert told["outcome"] == "stood" and told["speed_at_the_end"] == 0.0 and "so far" not in rest.text()
 
 

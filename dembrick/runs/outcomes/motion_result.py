@@ -49,9 +49,13 @@ class MotionResult(RunResult):
         return self.run.motion.displacement
 
     @property
-    def _furthest(self) -> float:
-        """Greatest displacement of a free block at the end (m)."""
-        return float(np.linalg.norm(self.displacement[self.run.motion.state.bodies.free], axis=1).max(initial=0.0))
+    def _furthest(self) -> tuple[float, str | None]:
+        """Greatest displacement of a free block at the end (m), and that block; 0 and None without free blocks."""
+        free = self.run.motion.state.bodies.free
+        if not len(free):
+            return 0.0, None
+        far = np.linalg.norm(self.displacement[free], axis=1)
+        return float(far.max()), self.assembly.names[free[np.argmax(far)]]
 
     @property
     def greatest_displacement(self) -> dict[str, float]:
@@ -106,7 +110,7 @@ class MotionResult(RunResult):
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick run --json``."""
-        motion = self.run.motion
+        motion, (displacement, furthest) = self.run.motion, self._furthest
         return self._dict(
             status=self.status,
             collapse=self.collapse,
@@ -116,7 +120,8 @@ class MotionResult(RunResult):
             time_step=motion.time_step,
             critical_time_step=motion.critical_time_step,
             simulated_time=motion.time,
-            displacement=self._furthest,
+            displacement=displacement,
+            furthest=furthest,
             displacement_error=self.displacement_error,
             unbalanced=self.run.unbalanced,
             greatest_displacement=self.greatest_displacement,
@@ -139,7 +144,7 @@ class MotionResult(RunResult):
             "outcome": outcome(self.fallen, self.not_standing),
             "speed_at_the_end": self.run.speed,
             "drift": None if found is None else found._asdict(),
-            "residual_displacement": self._furthest,
+            "residual_displacement": None if self.run.speed else self._furthest[0],  # none is left while blocks move
         }
 
     def _tied(self) -> list[dict]:
