@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import xarray
 
     from dembrick.scenario.model import Scenario
+    from dembrick.scenario.overrides import Overrides
 
 _SEARCHING = (LIMIT_LOAD.name, PATH_FOLLOWING.name)
 _COUNTING = {regime.name for regime in REGIMES if regime.counts_equilibria}  # except with a user-defined law
@@ -168,6 +169,11 @@ class History(InitialGeometry):
     def __exit__(self, *_) -> None:
         self.close()
 
+    def __reduce__(self) -> NoReturn:
+        raise HistoryError(
+            f"{self.path}: an open history cannot be pickled or copied; pass on its path, and read it there"
+        )
+
     def __repr__(self) -> str:
         return f"<History {self.path}: {self.status}, {self.n_row} rows, {self.n_frames} frames, {self.n_block} blocks>"
 
@@ -185,7 +191,7 @@ class History(InitialGeometry):
         """The files that the scenario reads, as they were in the run."""
         return read_inputs(self._file)
 
-    def scenario(self, path: str | None, overrides: Iterable[str] = ()) -> Scenario:
+    def scenario(self, path: str | None, overrides: Overrides = ()) -> Scenario:
         """The scenario, with the files that it reads, extracted to a folder that exists until this process ends.
 
         ``path``: its nominal file, None if it was written in Python; ``overrides``: as for ``--set``.

@@ -67,18 +67,20 @@ def to_pandas(history: History) -> pandas.DataFrame:
 
 
 def to_xarray(history: History) -> xarray.Dataset:
-    """All series and frames with named dimensions: ``row`` and ``frame`` (with their times), ``joint``, ``block``,
-    ``actuator``, ``control_point``, ``support``, ``tie`` (with their names), ``axis``; unit and description are
-    attributes of each variable. The series ``control_point`` is ``control_point_displacement`` there. While no upper
-    bound is known, ``upper`` is infinite.
+    """All series and frames with named dimensions: ``row`` and ``frame`` (with their times, or numbers of equilibria),
+    ``joint``, ``block``, ``actuator``, ``control_point``, ``support``, ``tie`` (with their names), ``axis``; unit and
+    description are attributes of each variable. The series ``control_point`` is ``control_point_displacement`` there.
+    While no upper bound is known, ``upper`` is infinite.
 
     Raises MissingDependency without xarray.
     """
     xarray = needed("xarray", "a dataset")
     names = names_of(history)
-    variables, coordinates = {}, {"time": ("row", history.time)}
+    counted = "number of the equilibrium" if history.counts_equilibria else "time"
+    clock = {"units": history.unit("time"), "long_name": counted}
+    variables, coordinates = {}, {"time": ("row", history.time, clock)}
     if history.has_frames:
-        coordinates["frame_time"] = ("frame", history.frame_time)
+        coordinates["frame_time"] = ("frame", history.frame_time, clock)
     there = {f"{group}/{name}" for group in ("history", "frames") for name in history.series_names(group)}
     for channel in CHANNELS:
         if channel.path not in there or channel.grows_by == CONTACTS or channel.path.endswith("/time"):

@@ -188,6 +188,10 @@ class ReactionResult:
     wall: dict
     towards: float = 0.0
 
+    def __repr__(self) -> str:
+        ends = f"{self.least.value:.6g} to {self.greatest.value:.6g} N"
+        return f"<ReactionResult {self.scenario.title!r}: {self.support}, {ends}>"
+
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick limit --reaction --json``."""
 

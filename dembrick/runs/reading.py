@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from dembrick.errors import HistoryError
@@ -13,16 +13,17 @@ from dembrick.scenario import toml
 if TYPE_CHECKING:
     from dembrick.history import History
     from dembrick.scenario.model import Scenario
+    from dembrick.scenario.overrides import Overrides
 
 WENT_ON = "went_on"  # setting of a history: the history that its run continued, and from what time
 
 
-def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool = False) -> Scenario:
+def load(path: str | os.PathLike, overrides: Overrides = (), regular: bool = False) -> Scenario:
     """Read a scenario: a TOML file, a history (with the files that its run read), or a shipped scenario by its name if
     there is no such file.
 
-    ``overrides`` are ``key.path=value`` texts, as for ``--set``. ``regular``: refuse a pipe, which a user may name, but
-    no other file may.
+    ``overrides`` are ``key.path=value`` texts, as for ``--set``, or a mapping of key paths to values. ``regular``:
+    refuse a pipe, which a user may name, but no other file may.
     """
     path = os.fsdecode(path)
     if not is_hdf5(path):

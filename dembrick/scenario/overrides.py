@@ -11,7 +11,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import nearest, show
@@ -19,8 +19,21 @@ from dembrick.scenario.checks import nearest, show
 _BARE_WORD = re.compile(r"""(?:[^\W\d]|[.~]*/)[^\[\]{}"'\n]*""")  # a word, or a path
 
 
-def apply_overrides(document: dict, assignments: Iterable[str]) -> None:
-    """Apply ``key.path=value`` assignments to a document, in the given order."""
+Overrides: TypeAlias = Iterable[str] | Mapping[str, object]
+
+
+def apply_overrides(document: dict, overrides: Overrides) -> list[str]:
+    """Apply ``key.path=value`` texts to a document, in the given order, or a mapping of key paths to values; return all
+    as texts."""
+    if isinstance(overrides, str):
+        raise ScenarioError(
+            f"overrides = {show(overrides)}: give a list, [{show(overrides)}], or a mapping of key paths to values"
+        )
+    if isinstance(overrides, Mapping):
+        changes = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in overrides.items()}
+        assign(document, changes)
+        return [f"{key}={show(value)}" for key, value in changes.items()]
+    assignments = list(overrides)
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         if not equals or not key.strip():
@@ -30,6 +43,7 @@ def apply_overrides(document: dict, assignments: Iterable[str]) -> None:
             _assign(document, path, _parse_value(text.strip()))
         except ScenarioError as error:
             raise ScenarioError(f"--set {show(assignment)}: {error}") from None
+    return assignments
 
 
 def assign(document: dict, changes: Mapping[str, object]) -> None:

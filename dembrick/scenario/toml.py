@@ -25,7 +25,7 @@ from dembrick.scenario.controls import ACTUATORS, CONTROLS
 from dembrick.scenario.generators import GENERATORS
 from dembrick.scenario.keys import default_of, tables_with, written_fields
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario
-from dembrick.scenario.overrides import apply_overrides, assign
+from dembrick.scenario.overrides import Overrides, apply_overrides, assign
 from dembrick.scenario.references import ScenarioErrors
 from dembrick.scenario.stages import controls_of
 from dembrick.scenario.text_files import hint_of, line_of, read_text
@@ -55,11 +55,11 @@ _INSTEAD = {"blocks": f"give blocks, {', '.join(GENERATORS)} or models"}  # reme
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
-def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool = False) -> Scenario:
+def load(path: str | os.PathLike, overrides: Overrides = (), regular: bool = False) -> Scenario:
     """Read a scenario file, or a shipped scenario by its name if there is no such file.
 
-    ``overrides`` are ``key.path=value`` texts, as for ``--set``. ``regular``: refuse pipes, which a user may name but
-    other files must not.
+    ``overrides`` are ``key.path=value`` texts, as for ``--set``, or a mapping of key paths to values. ``regular``:
+    refuse pipes, which a user may name but other files must not.
     """
     path = os.fsdecode(path)
     if not os.path.exists(path):
@@ -76,17 +76,16 @@ def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool =
 def loads(
     text: str,
     path: str | os.PathLike | None = None,
-    overrides: Iterable[str] = (),
+    overrides: Overrides = (),
     files: Mapping[str, str] | None = None,
 ) -> Scenario:
     """Decode the text of a scenario; ``path`` is its file, for messages and for the record; for ``files`` see
     `Scenario`."""
     name = None if path is None else os.fsdecode(path)
     document = _parse(text, name or NAMELESS)
-    assignments = list(overrides)
+    assignments = apply_overrides(document, overrides)
     if not assignments:
         return _decode(document, _Place(name or NAMELESS, text=text), name, text, files=files)
-    apply_overrides(document, assignments)
     notes = "".join(f"# --set {show(assignment)}\n" for assignment in assignments)
     place = _Place(f"{name or 'the scenario'} (with --set)")
     return _decode(document, place, name, f"{notes}{_write(document)}", files=files)

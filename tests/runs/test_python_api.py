@@ -83,6 +83,8 @@ def test_a_dataset_names_dimensions_and_units(result):
     assert 0 < np.count_nonzero(bound) < len(bound)
     np.testing.assert_array_equal(data["upper"], np.where(bound, result.rows["upper"], np.inf))
     assert data["upper"].attrs["long_name"].endswith("inf means none")
+    for name in ("time", "frame_time"):
+        assert data[name].attrs == {"units": "1", "long_name": "number of the equilibrium"}
 
 
 def test_without_a_record_there_is_no_table():
@@ -94,6 +96,15 @@ def test_representations_are_short(result):
     assert repr(result).startswith("<Result 'Set 4a") and "yield, limit load V 216.0549 N" in repr(result)
     assert repr(result.scenario).endswith("yield, convex, 2 blocks>")
     assert len(repr(result.assembly)) < 120
+    reaction = dembrick.reaction("arch_spread", "arch.right", (-1.0, 0.0, 0.0))
+    assert repr(reaction).startswith("<ReactionResult ") and f"{reaction.least.value:.6g} to " in repr(reaction)
+    assert len(repr(reaction)) < 150
+
+
+def test_an_open_history_is_not_pickled(tmp_path):
+    dembrick.simulate("set4a", tmp_path / "run.h5")
+    with dembrick.read_history(tmp_path / "run.h5") as found, pytest.raises(HistoryError, match="pass on its path"):
+        pickle.dumps(found)
 
 
 def test_every_control_is_at_top_level():

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -180,6 +181,18 @@ def test_set_reaches_every_kind_of_place():
     both = changed("joint.friction=0.1", "joint.friction=0.2", "control.tolerance=0.01")
     assert (both.joint.friction, both.control.tolerance) == (0.2, 0.01)
     assert base == toml.loads(BASE)
+
+
+def test_overrides_in_python_may_be_a_mapping_and_not_one_text():
+    changes = {"joint.friction": np.float64(0.5), "title": "A b", "blocks.1.position": np.array([0.01, 0.0, 0.05])}
+    texts = ["joint.friction=0.5", "title=A b", "blocks.1.position=[0.01, 0.0, 0.05]"]
+    by_mapping, by_texts = (toml.loads(BASE, overrides=given) for given in (changes, texts))
+    assert by_mapping == by_texts and by_mapping.joint.friction == 0.5
+    assert toml.loads(by_mapping.text) == by_mapping
+    with pytest.raises(ScenarioError, match=r"give a list, \['joint.friction=0.5'\], or a mapping"):
+        toml.loads(BASE, overrides="joint.friction=0.5")
+    with pytest.raises(ScenarioError, match="'friction'"):
+        toml.loads(BASE, overrides={"joint.fricton": 0.5})
 
 
 def test_set_leaves_a_note_in_the_text():

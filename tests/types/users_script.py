@@ -7,6 +7,7 @@ import dembrick
 scenario = dembrick.load("wall.toml")
 assert_type(scenario, dembrick.Scenario)
 assert_type(scenario.control, dembrick.Control)
+assert_type(dembrick.load("wall.toml", {"joint.friction": 0.5}), dembrick.Scenario)
 
 try:
     result = dembrick.simulate(scenario, refine=True)  # from a file: the type of its control is not known statically
