@@ -70,15 +70,19 @@ def check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
             f"parts[{one}] and parts[{two}] of block {first} overlap by {depths[worst]:.6g} m; "
             "their common volume would count twice: let them touch",
         )
-    more = f" ({len(over) - 1} more pairs overlap less)" if len(over) > 1 else ""
+    more = {1: "", 2: " (1 more pair overlaps less)"}.get(len(over), f" ({len(over) - 1} more pairs overlap less)")
     overlap = f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}"
+    of_file = f"{scenario.path}: " if scenario.path else ""
+    those = tuple(sorted({int(i) for i in bodies.owner[pairs[over]].flat}))
+    if all(scenario.all_blocks[i].fixed for i in blocks):
+        remedy = "make one fixed block of both, or one of them smaller"
+        raise OverlapError(f"{of_file}{overlap}; they are supports: {remedy}{_of_models(scenario)}", those)
     way = separating_translation(bodies, pairs[worst])
     if scenario.all_blocks[blocks[1]].fixed and not scenario.all_blocks[blocks[0]].fixed:
         first, second, way = second, first, -way
     other = f", or {first} as far the other way" if not any(scenario.all_blocks[i].fixed for i in blocks) else ""
     message = f"{overlap}; they touch if {second} moves by {_told(way)}{other}{_of_models(scenario)}"
-    of_file = f"{scenario.path}: " if scenario.path else ""
-    raise OverlapError(f"{of_file}{message}", tuple(sorted({int(i) for i in bodies.owner[pairs[over]].flat})))
+    raise OverlapError(f"{of_file}{message}", those)
 
 
 def _told(way: np.ndarray) -> str:
@@ -362,9 +366,9 @@ def check_stiffness(scenario: Scenario, shapes: tuple[Shape, ...], joints, joint
         remedy = "; ".join(unit_slips(scenario, shapes)) or f"raise {' and '.join(keys)}"
         refuse(scenario, f"{numbers}; at most {SOFT_LIMIT:g} is accepted: {remedy}")
     count = int((np.maximum(closing, sliding) > SOFT_WARNING).sum())
-    more = f" ({count - 1} more joints are above it too)" if count > 1 else ""
+    others = {1: "", 2: " (1 more joint is above it too)"}.get(count, f" ({count - 1} more joints are above it too)")
     effect = f"above {SOFT_WARNING:g} the deformed geometry affects the result"
-    return (f"{numbers}; {effect}{more}: raise {' and '.join(keys)}",)
+    return (f"{numbers}; {effect}{others}: raise {' and '.join(keys)}",)
 
 
 OF_BLOCKS = ("position", "rotation", "mass", "inertia", "velocity", "angular_velocity", "dead_force", "dead_torque")
