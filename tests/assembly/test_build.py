@@ -187,9 +187,9 @@ def test_dead_forces_without_joints():
 def test_overlap_names_the_blocks_and_the_depth():
     refused(LOWER, moved(UPPER, position=(0.0, 0.0, 0.04)), "lower", "upper", "overlap by 0.01 m")
     third = Block("third", "tuff", LAB, (0.05, 0.0, 0.145))
-    refused(
-        LOWER, moved(UPPER, position=(0.0, 0.0, 0.03)), third, "overlap by 0.02 m (1 more pair overlaps less); they"
-    )
+    refused(LOWER, moved(UPPER, position=(0.0, 0.0, 0.03)), third, "overlap by 0.02 m; they")
+    lower = moved(third, position=(0.0, 0.0, 0.125))
+    refused(LOWER, moved(UPPER, position=(0.0, 0.0, 0.03)), lower, "by 0.02 m (1 more pair overlaps less); they")
     message = refused(LOWER, UPPER, moved(third, position=(0.0, 0.0, 0.13)), moved(third, name="fourth"))
     assert "2 more pairs" in message and "third" in message and "fourth" in message
     twin = moved(LOWER, name="twin")
