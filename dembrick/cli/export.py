@@ -78,14 +78,25 @@ def told(written: Sequence[str]) -> str:
 
 
 def _looked_at(file) -> dict:
-    """Look of a drawing without options: arches alone are drawn from the front, with their line of thrust and their
-    hinges."""
+    """Look of a drawing without options: arches alone, unless they fall sideways, are drawn from the front, with their
+    line of thrust and their hinges."""
     import tomllib
 
     given = tomllib.loads(file.scenario_text)
     channels = given.get("output", {}).get("channels", ["joints"])
     arched = "arches" in given and not {"walls", "domes", "models"} & given.keys() and "joints" in channels
-    return {"view": "front", "thrust": True} if arched else {}
+    return {"view": "front", "thrust": True} if arched and not _falls_sideways(file) else {}
+
+
+def _falls_sideways(file) -> bool:
+    """Whether blocks move mostly towards or away from one who looks from the front, at the frame that is drawn."""
+    from dembrick.views.motion.frames import frame_number
+
+    if not file.has_frames:
+        return False
+    moved = file.frame("displacement", frame_number(file, in_rows=True))
+    x, y, z = (moved**2).sum(axis=0)
+    return bool(y > x + z)
 
 
 def _picture(file, path: str, console, layers) -> list[str]:

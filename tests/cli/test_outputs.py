@@ -87,6 +87,16 @@ def test_render_writes_what_it_is_asked_for(told):
     assert code == 2 and f"z.xyz: a picture, movie or page must have the ending {endings}" in err
 
 
+@pytest.mark.parametrize(
+    ("direction", "look"), [("[1, 0, 0]", {"view": "front", "thrust": True}), ("[0, 1, 0]", {}), ("[0, -1, 0]", {})]
+)
+def test_an_arch_is_drawn_from_the_front_unless_it_falls_that_way(direction, look, told, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("dembrick.views.render.picture", lambda file, path, **look: drawn.append(look) or path)
+    assert told("run", "arch", "--set", f"control.direction={direction}", "--to", "a.png", "--quiet")[0] == 0
+    assert drawn == [look]
+
+
 def test_render_says_how_several_files_are_named(capsys):
     with pytest.raises(SystemExit):
         main(["render", "run.h5", "--to", "c.png", "c.html"])
