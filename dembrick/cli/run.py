@@ -63,7 +63,7 @@ def run(options, console) -> int:
     given = [options.scenario, *inputs_of(scenario)]
     export.check_free(options.to, scenarios.text_of(scenario), given, options.force)
     for record in records_of(scenario):
-        console.detail(f"record: {record}")
+        console.detail(f"shaken by {record}")
     shown = {"report": console.remark, "progress": console.meter.run}
     asked = {"refine": options.refine, "bound": options.bound}
     return answer(
