@@ -12,6 +12,7 @@ from dembrick._jit import ready
 from dembrick.kernels.statics.newton import Trial, remember, try_motion
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.statics import elastic_factor, joint_families, ties
+from dembrick.simulation.statics.rest.balance import Balance
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State, for_kernels
 from dembrick.simulation.statics.stiffness import to_joint
@@ -25,7 +26,6 @@ SINGULAR = 1e3  # times the present out-of-balance: a Newton step that ends abov
 HELD, LEAP = 1e-10, 1e-5  # of the elastic stiffness, added to the tangent; the same if that is singular
 MOST_LEAPS, NEARER = 12, 0.8  # steps with a singular tangent; by which each must reduce the out-of-balance
 DIFFERENCE = 1e-6  # of the elastic displacement of a joint: difference by which its tangent is taken
-LITTLE = 1e-3  # of the strongest bond: reference force for the out-of-balance if there are no dead loads
 KEPT = 0.2  # of the out-of-balance: the most that a full step may leave for the next to use its factors again
 PIVOT = 0.1  # of the greatest entry of its column in a front: a pivot above it is not exchanged
 
@@ -85,6 +85,7 @@ class Trials:
         self.rows = place[:, None] + np.arange(6)
         self.trial = _new_trial(state, place)
         self.phases = {"joint_forces": 0.0, "equations": 0.0}
+        self.balance = Balance(state, self.trial)
         self._try_motion = ready(try_motion, self.trial, for_kernels(state), 0.0, False)
 
     def remember(self) -> None:
@@ -110,6 +111,10 @@ class Trials:
         ties.pull(self.state)
         self._try(0.0, with_tangent=False)
 
+    def out_of_balance(self) -> float:
+        """Out-of-balance force, or moment over reach, of the worst block over its own forces."""
+        return self.balance.ratio(self.trial.residual[self.rows])
+
     def _move(self, motion: np.ndarray) -> None:
         blocks, rows = self.state.blocks, motion[self.rows]
         blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
@@ -122,21 +127,20 @@ class Trials:
 class Equilibria(Trials):
     """Finds equilibria of ``state`` under V times the unit ``load`` (n, 6) at a given driven displacement.
 
-    ``balanced``: tolerance of the out-of-balance over the joint forces. ``iterations``: of Newton's method so far;
+    ``balanced``: tolerance of `out_of_balance`, at first the loosest. ``iterations``: of Newton's method so far;
     ``pause`` is called before each. ``most_short``: number of consecutive short steps after which the search gives up.
+    ``stalled``: times the loosest tolerance, up to which it then counts as found, with wider bounds.
     """
 
-    most_short = 3
+    most_short, stalled = 3, 10.0
 
     def __init__(self, state: State, load: np.ndarray, factor: Factors, balanced: float):
         pattern = factor.pattern
         super().__init__(state, pattern.place)
-        self.factor, self.balanced = factor, balanced
+        self.factor, self.balanced, self.loosest = factor, balanced, balanced
         self.load = pattern.to_rows(load[self.free])
         self.answers = np.zeros((2, pattern.rows))  # solutions with the tangent: for the out-of-balance, the unit load
         self.tangent, self._none = Factors(pattern, factor.fronts.room), np.zeros(pattern.rows)
-        self.heaviest = float(np.linalg.norm(state.blocks.dead_force[self.free], axis=1).max())
-        self.heaviest = max(self.heaviest, LITTLE * float(joint_families.greatest_strength(state).max()))
         self.smooth = joint_families.has_areas(state)  # the forces of contact points are piecewise linear
         self.iterations = 0
         self.pause: Callable[[], None] = lambda: None
@@ -159,19 +163,12 @@ class Equilibria(Trials):
         self._try(V, with_tangent=True)
         self.phases["joint_forces"] += time.perf_counter() - began
 
-    def out_of_balance(self) -> float:
-        """Greatest out-of-balance force, or moment over reach, relative to the greatest joint force or dead load."""
-        largest, residual = self.greatest_force(), self.trial.residual[self.rows]
-        worst = max(
-            float(np.sqrt((residual[:, :3] ** 2).sum(axis=1)).max()),
-            float(np.sqrt((residual[:, 3:] ** 2).sum(axis=1)).max()) / float(self.trial.reach.max()),
-        )
-        return worst / largest if largest > 0.0 else 1.0
-
-    def greatest_force(self) -> float:
-        """The greatest joint force, or dead load of a block (N)."""
-        resultant = self.state.joints.resultant
-        return max(self.heaviest, float(np.sqrt((resultant[:, :3] ** 2).sum(axis=1)).max()))
+    def is_balanced(self) -> bool:
+        """Whether the out-of-balance is within its tolerance; if this cannot be loosened, but for rounding."""
+        if self.out_of_balance() <= self.balanced:
+            return True
+        residual = self.trial.residual[self.rows]
+        return self.balanced >= self.loosest and self.balance.beyond_rounding(residual) <= self.balanced
 
     def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """V of the equilibrium near ``motion`` at its driven displacement, None if none is found; and the number of
@@ -179,7 +176,7 @@ class Equilibria(Trials):
         before, short, leapt = self.iterations, 0, False
         start = size = self.attempt(motion, V)
         while size <= LOST * start and short < self.most_short and self.iterations - before < MOST_ITERATIONS:
-            if self.out_of_balance() <= self.balanced:
+            if self.is_balanced():
                 return V, self.iterations - before
             step = self._newton_step(V)
             if step is None:
@@ -202,7 +199,8 @@ class Equilibria(Trials):
             short = short + 1 if part < SHORT else 0
             if near:
                 motion, V, size = self._by_chords(motion, V)
-        return None, self.iterations - before
+        stalled = self.balanced >= self.loosest and self.out_of_balance() <= self.stalled * self.loosest
+        return V if stalled else None, self.iterations - before
 
     def _by_chords(self, motion: np.ndarray, V: float) -> tuple[np.ndarray, float, float]:
         """Motion, V and out-of-balance after more steps with the last factors (modified Newton, or chord, method), as

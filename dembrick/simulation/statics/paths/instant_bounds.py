@@ -38,23 +38,26 @@ class InstantBounds:
         return V - hidden, max(V, upper) + hidden
 
     def held_up(self, V: float) -> float:
-        """Ratio of the out-of-balance left by a drag to the greatest joint force, or to the load if that is less."""
-        load = max(abs(V), NOTHING * self._dead) * self._weight
-        return self._search.out_of_balance() * max(1.0, self._search.greatest_force() / load)
+        """Ratio of the out-of-balance left by a drag to the forces of its block, or to the load if that is less."""
+        search, load = self._search, max(abs(V), NOTHING * self._dead) * self._weight
+        greatest = float(search.balance.sizes(search.trial.residual[search.rows]).max())
+        return max(search.out_of_balance(), greatest / load)
 
     def hidden(self, V: float, moved: float, closest: float) -> float | None:
         """Error of V (N) from the out-of-balance, by the motion of the last step. If it is large, the tolerance of the
         search is tightened, down to ``closest``. None if the balance is not met, as a drag carried part of the load.
 
         The error is bounded by the work of the out-of-balance forces on the motion of their blocks. If no closer
-        balance is possible, as in high towers, one more Newton step gives an estimate.
+        balance is possible, as in high towers, one more Newton step gives an estimate. A block that has hardly moved
+        yet may be the next to move: what any block lacks of its own forces, V may lack too.
         """
         search, hidden = self._search, 0.0
         blocks, free = search.state.blocks, search.free
-        if search.out_of_balance() > search.balanced:
+        if not search.is_balanced():
             return None
         if moved <= 0.0:
             return 0.0
+        alone = search.out_of_balance() * abs(V)
         for force, way in ((blocks.force, blocks.velocity), (blocks.torque, blocks.spin)):
             work = np.linalg.norm(force[free], axis=1) @ np.linalg.norm(way[free], axis=1)
             hidden += float(work) / moved
@@ -62,4 +65,4 @@ class InstantBounds:
             search.balanced = max(closest, 0.1 * search.balanced)
             if closest > LEAST_BALANCED:
                 hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
-        return hidden
+        return max(hidden, alone)

@@ -46,7 +46,7 @@ ELASTIC_STEPS = 16  # to the estimated limit load
 EASY, HARD = 6, 12  # iterations up to which a step may grow, from which it shrinks
 GROWTH, SHRINKING = 2.0, 0.5  # of an easy step; of one that finds no equilibrium
 SHORTEST = 1e-6  # of the inelastic displacement so far: shorter steps are hopeless
-BALANCED, USUAL = 1e-2, 1e-3  # of the tolerance, or of the usual one: out-of-balance over joint forces at equilibrium
+BALANCED, USUAL = 1e-2, 1e-3  # of the tolerance, or of the usual one: out-of-balance of a block over its forces
 CONSTANT = 1e-6  # of the elastic slope of V: below it a mechanism moves
 YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
 TURNING = 0.02  # of the longest step so far: if only shorter ones find equilibrium, the blocks are released
@@ -260,7 +260,7 @@ class PathFollower:
         way.motion = now
         if way.pushes:
             (given, _, lower, _, _), pushed = way.seen[-1], self.relaxation.pushed
-            hidden = HIDDEN * self.certificate.tolerance * abs(V)
+            hidden = max(HIDDEN * self.certificate.tolerance, self.instant.held_up(V)) * abs(V)
             if not self.certificate.strict:
                 way.seen[-1] = given, V, min(lower, pushed.least), max(V, pushed.greatest) + hidden, False
             self.relaxation.show_what_moves(self.search.rows)
@@ -371,7 +371,7 @@ class PathFollower:
         self.way.crushing += joint_families.crushing_work(state, trial)
         self.search.remember()
         self.search.attempt(drift.motion, drift.V)
-        if self.search.out_of_balance() <= self.search.balanced:
+        if self.search.is_balanced():
             self.way.drift = None
             return drift.V, True
         if iterations <= EASY:

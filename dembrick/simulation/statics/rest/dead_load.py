@@ -181,7 +181,7 @@ def rest(
         increments, error, more = relaxation.by_increments(session, memory, bool(stands))
         steps += more
         if not stands and increments > 1:
-            stands, ratio = True, relaxation.unbalanced()
+            stands, ratio = True, relaxation.out_of_balance()
     if stands is False:
         mechanism, moving = mechanism_of(state), moving_blocks(state)
         show_falling(state)

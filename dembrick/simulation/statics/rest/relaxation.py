@@ -7,7 +7,6 @@ in increments (`simulation.load_increments`), each by Newton's method if possibl
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from functools import partial
@@ -51,8 +50,6 @@ class Relaxation:
         self._start = [(array, array.copy()) for array in changing(state)]
         self._trials = Trials(state, 6 * np.arange(len(state.blocks.free)))
         self._trials.remember()
-        levers = ((arm**2).sum(axis=1).max() for arm in (state.joints.arm_a, state.joints.arm_b))
-        self._arms = np.array([1.0, 1.0 / max(*levers)])  # weights of squared forces and moments, 1 and 1/m2
         self._round = self._step = 0
         self._newton: FreeEquilibria | None = None  # for increments: finds most of them at once
         self._reserves = joint_families.reserves(state)  # of bonds, before the present loads
@@ -86,7 +83,7 @@ class Relaxation:
             found, _ = self._newton.find(self._newton.motion(), 0.0)
             if found is not None:
                 self._step += 1
-                return min(self.unbalanced(), UNBALANCED)
+                return min(self.out_of_balance(), UNBALANCED)
             put_back(begun)
         ratio, pace = 1.0, FEW
         with interrupts.deferred():
@@ -116,7 +113,7 @@ class Relaxation:
         velocity = np.concatenate([blocks.velocity[free], blocks.spin[free]], axis=1)
         for _ in range(steps):
             trials.stay()
-            ratio = self.unbalanced()
+            ratio = self.out_of_balance()
             if self._step > 0 and ratio <= UNBALANCED:
                 break
             load = trials.trial.residual[trials.rows]
@@ -129,17 +126,10 @@ class Relaxation:
         blocks.velocity[free], blocks.spin[free] = velocity[:, :3], velocity[:, 3:]
         return ratio
 
-    def unbalanced(self) -> float:
-        """Greatest out-of-balance force, or moment over the longest lever arm of a joint, relative to the greatest
-        joint force or dead load of a block, as guides and ties may carry a block whose joints are unloaded."""
-        trials, blocks = self._trials, self._state.blocks
-        squares = (trials.trial.residual[trials.rows].reshape(-1, 2, 3) ** 2).sum(axis=2).max(axis=0)
-        forces = self._state.joints.resultant[:, :3], blocks.dead_force[blocks.free]
-        largest = max(float((force**2).sum(axis=1).max()) for force in forces)
-        worst = float(np.maximum(*(squares * self._arms)))
-        if largest == 0.0:
-            return float(worst > 0.0)
-        return math.sqrt(worst / largest)
+    def out_of_balance(self) -> float:
+        """Out-of-balance of the worst block over its own forces, beyond rounding."""
+        trials = self._trials
+        return trials.balance.beyond_rounding(trials.trial.residual[trials.rows])
 
     def by_increments(self, session: Session, memory: SimpleNamespace, stands: bool) -> tuple[int, float, int]:
         """Repeat the relaxation from the start with the loads applied in increments, each with the history of the

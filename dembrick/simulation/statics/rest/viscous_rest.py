@@ -23,8 +23,8 @@ from dembrick.simulation.statics.state import State
 BALANCED, RESTS = 1e-12, 1e-9  # of the joint forces: out-of-balance that is aimed at, and that counts as equilibrium
 NEAR = 1e-5  # of them: out-of-balance below which an equilibrium without drag is tried
 SOLVED = 1e-4  # of the out-of-balance after a step: tolerance of the next one
-FINEST = 1e-13  # of the joint forces: least tolerance; nor is it less than so many times the force that rounding of
-ROUNDED, COARSEST = 4.0 * float(np.finfo(float).eps), 0.01  # the motion causes, up to this share of the out-of-balance
+FINEST = 1e-13  # of the joint forces: least tolerance; nor is it less than what rounding causes,
+COARSEST = 0.01  # up to this share of the out-of-balance
 FASTER, FASTEST, SLOWER = 4.0, 16.0, 4.0  # drag is divided after a step, after an easy one; multiplied after a failure
 EASY = 3  # iterations of an easy step
 MOST_STEPS, MOST_DRAG = 150, 1e3  # of the motion; over the elastic stiffness
@@ -35,10 +35,11 @@ STEADY = 0.25  # of the out-of-balance: its greatest loss on each; shrinking str
 class FreeEquilibria(Equilibria):
     """Equilibria under the dead loads alone: no actuator prescribes any displacement."""
 
-    most_short = 10  # there is no other method to fall back on
+    most_short, stalled = 10, 1.0  # there is no other method to fall back on, nor are there bounds
 
     def __init__(self, state: State, factor: Factors):
         super().__init__(state, np.zeros((len(state.blocks.displacement), 6)), factor, BALANCED)
+        self.loosest = RESTS
 
     def _at_held_displacement(self) -> tuple[np.ndarray, float]:
         return self.answers[0], 0.0
@@ -55,9 +56,8 @@ class ViscousMotion:
         self.state = state
         self.search = FreeEquilibria(state, factor)
         self.search.pause = pause
-        self.unbalanced, self.drag = 1.0, 1.0
+        self.drag = self.unbalanced = self.moving = 1.0  # moving: the out-of-balance over the forces of the scene
         self.path: list[tuple[float, float]] = []  # displacement (in block sizes) and out-of-balance (energy norm)
-        self.stiffest = float(joint_families.stiffness(state)[:, 2, 2].max())  # N/m
         arms = (state.joints.arm_a, state.joints.arm_b)
         self.size = max(float(np.sqrt((arm**2).sum(axis=1)).max()) for arm in arms)
 
@@ -90,7 +90,7 @@ class ViscousMotion:
 
     def _move(self) -> bool | None:
         """`run` while no bond breaks."""
-        self.drag, self.unbalanced = 1.0, 1.0
+        self.drag = self.unbalanced = self.moving = 1.0
         self._keep()
         start = now = self.search.motion()
         rate = np.zeros_like(now)  # of the last step, over the drag
@@ -107,8 +107,8 @@ class ViscousMotion:
             closing = joint_families.closes_gaps(self.state, self.search.trial.base)
             self._keep()
             force = self.search.attempt(now, 0.0)
-            self.unbalanced = self.search.out_of_balance()
-            if self.unbalanced <= NEAR and self._rests(now):
+            self.unbalanced, self.moving = self.search.out_of_balance(), self._of_scene()
+            if self.moving <= NEAR and self._rests(now):
                 return True
             away = np.abs(now - start)[self.search.rows[:, :3]]
             self.path.append((float(away.max()) / self.size, force))
@@ -117,6 +117,14 @@ class ViscousMotion:
                 return False
             self.drag /= FASTEST if self.tried <= EASY else FASTER
         return True if self.unbalanced <= RESTS else None
+
+    def _of_scene(self) -> float:
+        """The greatest out-of-balance over the greatest force of the scene."""
+        balance = self.search.balance
+        balance.shared = True
+        found = self.search.out_of_balance()
+        balance.shared = False
+        return found
 
     def _is_steady(self) -> bool:
         """Whether the out-of-balance force has stopped falling: it fell little over two stretches, on each of which the
@@ -138,10 +146,12 @@ class ViscousMotion:
         """
         search, drag = self.search, self.search.trial.drag
         drag[:] = self.drag, max(self.drag, HELD)
-        rounding = float(np.abs(start + ahead).max()) * self.stiffest / search.greatest_force()
-        search.balanced = max(SOLVED * self.unbalanced, FINEST, min(ROUNDED * rounding, COARSEST * self.unbalanced))
         guess = min((start, start + ahead), key=lambda motion: search.attempt(motion, 0.0))
+        search.balance.shared = True
+        rounding = min(search.balance.rounding(), COARSEST * self.moving)
+        search.balanced = max(SOLVED * self.moving, FINEST, rounding)
         found, self.tried = search.find(guess.copy(), 0.0)
+        search.balance.shared = False
         drag[:] = 0.0, HELD
         return None if found is None else search.motion()
 

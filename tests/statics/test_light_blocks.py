@@ -1,0 +1,75 @@
+"""Limits of light blocks in scenes of far greater forces: every block is in balance by its own forces."""
+
+import pytest
+
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.model import Actuator
+from dembrick.scenario.ties import Tie, TieEnd
+from helpers.stone_scenes import law, of_stone
+
+B, SLENDER = 0.1, 2.4  # m, width of the light block; its height over that
+HEIGHT, WEIGHT = SLENDER * B, 2000.0 * 9.81 * SLENDER * B**3
+DRUMS = tuple(Block(f"drum{i}", "stone", (4.0, 4.0, 2.0), (0.0, 0.0, 1.0 + 2.0 * i)) for i in range(4))
+HEAVY = (Block("base", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True), *DRUMS)  # 2.5 MN
+AT = {"beside": (10.0, 0.0, 0.0), "on top": (0.0, 0.0, 8.0)}
+PUSH = PushoverControl((1.0, 0.0, 0.0))
+
+
+def pin(place="beside"):
+    x, y, z = AT[place]
+    own = (Block("floor", "stone", (B, B, 0.2), (x, y, -0.1), fixed=True),) if place == "beside" else ()
+    return *HEAVY, *own, Block("pin", "stone", (B, B, HEIGHT), (x, y, z + 0.5 * HEIGHT))
+
+
+def holds(point, V, tolerance=1e-3):
+    """V lies in the bracket, which is within the tolerance."""
+    assert point.V_lower <= V <= point.V_upper
+    assert point.half_width <= tolerance * point.V
+
+
+def limit_of(control, blocks, formulation, **more):
+    joint = law(formulation, 0.65, 1e11)
+    return simulate(of_stone(joint, control, blocks, **more), record=False).yield_point
+
+
+@pytest.mark.parametrize("tolerance, formulation", [(1e-3, "concave"), (1e-5, "concave"), (1e-3, "convex")])
+@pytest.mark.parametrize("place", AT)
+def test_a_light_block_overturns_beside_and_on_a_heavy_tower(tolerance, place, formulation):
+    point = limit_of(PushoverControl((1.0, 0.0, 0.0), tolerance=tolerance), pin(place), formulation)
+    holds(point, 1.0 / SLENDER, tolerance)
+    assert point.mechanism == "rocking"
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_light_block_overturns_on_a_table_with_a_heavy_tower(formulation):
+    point = limit_of(TiltControl((0.0, 1.0, 0.0)), pin(), formulation)
+    holds(point, 1.0 / SLENDER)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_jack_overturns_a_light_block_beside_a_heavy_tower(formulation):
+    jack = Actuator("jack", "pin", (AT["beside"][0], 0.0, HEIGHT), (1.0, 0.0, 0.0))
+    holds(limit_of(YieldControl(), pin(), formulation, actuators=(jack,)), WEIGHT * 0.5 * B / HEIGHT)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_yielding_tie_holds_a_light_block_beside_a_heavy_tower(formulation):
+    """The tie pulls with its strength on the axis of the block, as a weight at its foot would."""
+    x, _, _ = AT["beside"]
+    pull = 0.15 * WEIGHT
+    ends = TieEnd("floor", (x, 0.0, -0.1)), TieEnd("pin", (x, 0.0, 0.5 * HEIGHT))
+    held = limit_of(PUSH, pin(), formulation, ties=(Tie(ends, 1e6, strength=pull, prestress=pull),))
+    holds(held, 1.15 / SLENDER)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_heavy_block_overturns_with_the_light_one_under_it(formulation):
+    """About the foot of the light block: its forces are those of the heavy one."""
+    wide, thick, mass, own = 0.4, 0.05, 32.0, 0.4 * 0.4 * 0.05
+    base = Block("base", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    under = Block("plate", "stone", (wide, wide, thick), (0.0, 0.0, 0.5 * thick))
+    above = Block("above", "stone", (4.0, 4.0, 2.0), (0.0, 0.0, thick + 1.0))
+    V = (mass + own) * 0.5 * wide / (mass * (thick + 1.0) + own * 0.5 * thick)
+    holds(limit_of(PUSH, (base, under, above), formulation), V)
