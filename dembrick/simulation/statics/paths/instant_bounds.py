@@ -53,11 +53,11 @@ class InstantBounds:
         """
         search, hidden = self._search, 0.0
         blocks, free = search.state.blocks, search.free
-        if not search.is_balanced():
+        left = search.out_of_balance()
+        if left > search.balanced and not search.is_balanced():
             return None
         if moved <= 0.0:
             return 0.0
-        alone = search.out_of_balance() * abs(V)
         for force, way in ((blocks.force, blocks.velocity), (blocks.torque, blocks.spin)):
             work = np.linalg.norm(force[free], axis=1) @ np.linalg.norm(way[free], axis=1)
             hidden += float(work) / moved
@@ -65,4 +65,4 @@ class InstantBounds:
             search.balanced = max(closest, 0.1 * search.balanced)
             if closest > LEAST_BALANCED:
                 hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
-        return max(hidden, alone)
+        return max(hidden, left * abs(V))

@@ -37,27 +37,26 @@ class Balance:
             stiffness = np.concatenate([stiffness, state.ties.stiffness])
         self._stiffness = ROUNDED * stiffness
         ends = np.stack(elastic_factor.ends(state, joints.block_a, joints.block_b))[:, : len(stiffness)]
-        seen = np.stack([trial.seen_a, trial.seen_b])[:, : len(stiffness), :3, 3:]
-        self._ends, self._levers = ends, np.sqrt(0.5 * (seen**2).sum(axis=(2, 3)))
+        seen = [matrices[: len(stiffness), :3, 3:].reshape(-1, 9) for matrices in (trial.seen_a, trial.seen_b)]
+        self._ends, self._levers = ends, np.sqrt(0.5 * np.stack([(arm * arm).sum(axis=1) for arm in seen]))
         number = np.zeros(len(state.blocks.displacement), np.int64)
         number[state.blocks.free] = 1 + np.arange(len(state.blocks.free))
         ends = number[ends.ravel()]
         self._order = np.argsort(ends, kind="stable")
         self._held, self._first = np.unique(ends[self._order], return_index=True)
-        lever, *of_joints = self._greatest(self._levers, reach, bonds)
-        reach, self._bonds = np.maximum(of_joints[0], NARROW * lever), of_joints[1]
+        self._one = self._order % max(1, len(stiffness))
+        lever, self._bonds = self._greatest(self._levers), self._greatest(bonds)
+        reach = np.maximum(self._greatest(reach), NARROW * lever)
         self._reach = np.where(reach > 0.0, reach, 1.0)  # m: a block without joints and ties only has dead loads
         self._further = np.maximum(1.0, lever / self._reach)
 
-    def _greatest(self, *values: np.ndarray) -> np.ndarray:
-        """Greatest of each of the ``values``, (e,) of joints and ties or (2, e) of their ends, for every free block (k,
-        f)."""
-        found = np.zeros((len(values), len(self._state.blocks.free) + 1))
-        whole = [value if value.ndim == 2 else np.stack([value, value]) for value in values]
-        ordered = np.stack(whole).reshape(len(values), -1)[:, self._order]
+    def _greatest(self, values: np.ndarray) -> np.ndarray:
+        """Greatest (f,) for every free block of ``values``, (e,) of joints and ties or (2, e) of their ends."""
+        found = np.zeros(len(self._state.blocks.free) + 1)
+        ordered = values[self._one] if values.ndim == 1 else values.ravel()[self._order]
         if len(self._held):
-            found[:, self._held] = np.maximum.reduceat(ordered, self._first, axis=1)
-        return found[:, 1:]
+            found[self._held] = np.maximum.reduceat(ordered, self._first)
+        return found[1:]
 
     def ratio(self, residual: np.ndarray) -> float:
         """The out-of-balance of the worst block over its forces, from forces and moments ``residual`` (f, 6) on the
@@ -74,7 +73,7 @@ class Balance:
 
     def sizes(self, residual: np.ndarray) -> np.ndarray:
         """Sizes (2, f) in N of the forces and moments ``residual`` (f, 6) on the free blocks."""
-        force, moment = np.sqrt((residual.reshape(-1, 2, 3) ** 2).sum(axis=2)).T
+        force, moment = np.sqrt((residual * residual).reshape(-1, 2, 3).sum(axis=2)).T
         return np.stack([force, moment / self._reach])
 
     def _worst(self, sizes: np.ndarray) -> float:
@@ -89,7 +88,7 @@ class Balance:
         blocks, ties = self._state.blocks, self._state.ties
         dead = (blocks.dead_force if ties is None else ties.dead[:, :3])[blocks.free]
         own = np.sqrt((dead * dead).sum(axis=1))
-        (carried,) = self._greatest(self._forces())
+        carried = self._greatest(self._forces())
         own = np.maximum(np.where(own > 0.0, own, self._bonds), carried)
         return np.full_like(own, own.max()) if self.shared else own
 
@@ -103,6 +102,6 @@ class Balance:
         """Sizes (2, f) of forces and moments that rounding may cause."""
         blocks = self._state.blocks
         size = np.sqrt((np.stack([blocks.displacement, blocks.rotation]) ** 2).sum(axis=2))[:, self._ends]
-        (noise,) = self._greatest(self._stiffness * (size[0] + self._levers * size[1]).sum(axis=0))
+        noise = self._greatest(self._stiffness * (size[0] + self._levers * size[1]).sum(axis=0))
         noise += ROUNDED * self._forces().max(initial=0.0)
         return np.stack([noise, noise * self._further])
