@@ -1,5 +1,6 @@
 """Limits of light blocks in scenes of far greater forces: every block is in balance by its own forces."""
 
+import numpy as np
 import pytest
 
 from dembrick.runs.simulate import simulate
@@ -73,3 +74,21 @@ def test_a_heavy_block_overturns_with_the_light_one_under_it(formulation):
     above = Block("above", "stone", (4.0, 4.0, 2.0), (0.0, 0.0, thick + 1.0))
     V = (mass + own) * 0.5 * wide / (mass * (thick + 1.0) + own * 0.5 * thick)
     holds(limit_of(PUSH, (base, under, above), formulation), V)
+
+
+def rocks_at():
+    """Greatest load factor of the convex block in the deformed geometry: it presses on a strip of width l at its toe,
+    by a triangle, so it has turned by 2 W / (k b l^2)."""
+    strip = np.linspace(0.01 * B, B, 100_000)
+    turned = 2.0 * WEIGHT / (1e11 * B * strip**2)
+    factor = (0.5 * B - strip / 3.0 - 0.5 * HEIGHT * turned) / (0.5 * HEIGHT + 0.5 * B * turned)
+    return float(factor.max())
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("place", AT)
+def test_a_light_block_overturns_in_the_deformed_geometry_too(place, formulation):
+    point = limit_of(PushoverControl((1.0, 0.0, 0.0), large_displacements=True), pin(place), formulation)
+    expected = rocks_at() if formulation == "convex" else 1.0 / SLENDER
+    assert point.V_lower <= expected * (1.0 + 1e-4) and expected * (1.0 - 1e-4) <= point.V_upper
+    assert point.half_width <= 1e-3 * point.V and point.mechanism == "rocking"

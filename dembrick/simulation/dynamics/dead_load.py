@@ -36,6 +36,7 @@ LOCAL_DAMPING = 0.8
 STEP = 0.7  # of the time step: local damping makes forces against the motion 1.8 times as large; for those of springs,
 FIRM_STEP = 1.0 / (1.0 + LOCAL_DAMPING)  # and for those of dashpots too
 BALANCED = 1e-9  # out-of-balance force over joint forces at which the blocks rest
+LEAST = 1e-6  # of the greatest force of all: what a block without forces of its own is compared with
 ROUNDING = 4.0  # of the force error by rounded positions: least tolerance
 APART = 0.02  # of a joint's size: if joints cannot slip, a joint that has moved further has come apart
 SLID = 1.0  # of its size: the same if joints may slip
@@ -282,23 +283,41 @@ def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarra
             return tied
 
 
-def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tuple[float, float]:
+def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray, each: bool = False) -> tuple[float, float]:
     """Greatest out-of-balance force or moment on a ``standing`` free block (n,) over the greatest force of a joint or
     other action on such a block, and the tolerance on that ratio, which very stiff joints limit by the rounding of
-    positions. A moment counts as the force that causes it at the block's reach."""
+    positions. A moment counts as the force that causes it at the block's reach. With ``each``, that of each block is
+    compared with the forces on that block, as a light one may stand beside heavy ones."""
     gravity, _ = driving.forces(np.zeros(1), 1.0)
     force, torque = out_of_balance(state, gravity[0])
-    free = state.bodies.free[standing[state.bodies.free]]
-    acting = state.links.wrench[:, :3], state.bodies.applied[free, :3]  # contacts and ties among them
-    largest = math.sqrt(max(float((forces**2).sum(axis=1).max(initial=0.0)) for forces in acting))
-    turning = np.linalg.norm(torque[free], axis=1) / state.bodies.reach[free]
-    worst = float(np.maximum(np.linalg.norm(force[free], axis=1), turning).max(initial=0.0))
-    if not worst > 0.0:
+    bodies, links = state.bodies, state.links
+    free = bodies.free[standing[bodies.free]]
+    if not len(free):
         return 0.0, BALANCED
-    return float(worst / max(worst, largest)), max(BALANCED, of_rounding(state) / max(worst, largest))
+    own = np.linalg.norm(bodies.applied[:, :3], axis=1)  # contacts and ties among them
+    carried = np.linalg.norm(links.wrench[:, :3], axis=1)
+    for block in (links.host, links.other):
+        np.maximum.at(own, block, carried)
+    own = np.maximum(own, bodies.mass * np.linalg.norm(gravity[0]))[free] if each else own[free]
+    largest = max(float(own.max()), 0.0 if each else float(carried.max(initial=0.0)))
+    own = np.maximum(own, LEAST * largest) if each else np.full_like(own, largest)
+    turning = np.linalg.norm(torque[free], axis=1) / bodies.reach[free]
+    left = np.maximum(np.linalg.norm(force[free], axis=1), turning)
+    if not left.any():
+        return 0.0, BALANCED
+    own = np.maximum(own, left)
+    ratio = left / np.where(own > 0.0, own, 1.0)
+    rounding = of_rounding(state)
+    enough = np.maximum(BALANCED, (rounding[free] if each else rounding.max()) / np.where(own > 0.0, own, math.inf))
+    worst = int(np.argmax(ratio / enough))
+    return float(ratio[worst]), float(enough[worst])
 
 
-def of_rounding(state: MovingState) -> float:
-    """Error (N) of joint forces by rounding of positions."""
+def of_rounding(state: MovingState) -> np.ndarray:
+    """Error (n,) N of the joint forces on each block by rounding of positions; that of the stiffest joint for a block
+    without joints, which may have contacts."""
     farthest = float(np.abs(state.bodies.position).max())
-    return ROUNDING * np.finfo(float).eps * farthest * joint_families.greatest_normal_stiffness(state)
+    stiffness, own = joint_families.normal_stiffness(state), np.zeros(len(state.bodies.mass))
+    for block in (state.links.host, state.links.other):
+        np.maximum.at(own, block, stiffness)
+    return ROUNDING * np.finfo(float).eps * farthest * np.where(own > 0.0, own, stiffness.max(initial=0.0))

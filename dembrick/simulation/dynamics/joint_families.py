@@ -71,9 +71,12 @@ def stiffness(state) -> np.ndarray:
     return found
 
 
-def greatest_normal_stiffness(state) -> float:
-    """Greatest normal stiffness of any closed joint (N/m)."""
-    return max((float(module.normal_stiffness(joints).max()) for module, joints in present(state)), default=0.0)
+def normal_stiffness(state) -> np.ndarray:
+    """Normal stiffness of every closed joint (j,) N/m."""
+    found = np.zeros(len(state.links.host))
+    for module, joints in present(state):
+        found[joints.joint] = module.normal_stiffness(joints)
+    return found
 
 
 def arrays(state) -> list[np.ndarray]:

@@ -147,7 +147,7 @@ class DrivenPath(EquilibriumPath):
         """Error of V (N) from the out-of-balance that is left at an equilibrium."""
         state, assembly = self.moving.state, self.moving.assembly
         forces = np.abs(state.links.wrench[:, :3]).max(initial=0.0), np.abs(assembly.dead_force).max()
-        off = NOISE * BALANCED * max(forces) + of_rounding(state)
+        off = NOISE * BALANCED * max(forces) + of_rounding(state).max()
         return float(off / np.abs(assembly.actuators.weight).max())
 
     def _whole(self) -> np.ndarray:
