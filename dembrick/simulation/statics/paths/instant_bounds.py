@@ -49,7 +49,7 @@ class InstantBounds:
 
         The error is bounded by the work of the out-of-balance forces on the motion of their blocks. If no closer
         balance is possible, as in high towers, one more Newton step gives an estimate. A block that has hardly moved
-        yet may be the next to move: what any block lacks of its own forces, V may lack too.
+        yet may be the next to move: what any block lacks of its own forces, V may lack too, but for rounding.
         """
         search, hidden = self._search, 0.0
         blocks, free = search.state.blocks, search.free
@@ -65,4 +65,6 @@ class InstantBounds:
             search.balanced = max(closest, 0.1 * search.balanced)
             if closest > LEAST_BALANCED:
                 hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
-        return max(hidden, left * abs(V))
+        if left * abs(V) <= hidden:
+            return hidden
+        return max(hidden, search.balance.beyond_rounding(search.trial.residual[search.rows]) * abs(V))
