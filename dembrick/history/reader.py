@@ -289,7 +289,7 @@ class History(InitialGeometry):
 
     @cached_property
     def unbalanced(self) -> np.ndarray:
-        """(T,) unbalanced-force ratio"""
+        """(T,) greatest out-of-balance force of a block, over the greatest joint force of the scene"""
         return self.series("unbalanced")
 
     def joint(self, name: str) -> np.ndarray:

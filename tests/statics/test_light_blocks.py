@@ -5,7 +5,8 @@ import pytest
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
-from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.controls import DynamicControl, PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.joint_laws import JointOverride
 from dembrick.scenario.model import Actuator
 from dembrick.scenario.ties import Tie, TieEnd
 from helpers.stone_scenes import law, of_stone
@@ -92,3 +93,19 @@ def test_a_light_block_overturns_in_the_deformed_geometry_too(place, formulation
     expected = rocks_at() if formulation == "convex" else 1.0 / SLENDER
     assert point.V_lower <= expected * (1.0 + 1e-4) and expected * (1.0 - 1e-4) <= point.V_upper
     assert point.half_width <= 1e-3 * point.V and point.mechanism == "rocking"
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_light_block_on_a_soft_bed_starts_at_rest_beside_a_heavy_tower(formulation):
+    """In real time, under gravity that is not vertical, its joint has the forces in equilibrium from the start on; the
+    moment of its weight grows as it leans."""
+    k = 1e9
+    soft = JointOverride(("floor", "pin"), law(formulation, 0.65, k))
+    leaning = of_stone(
+        law(formulation, 0.65, 1e12), DynamicControl(1e-3), pin(), gravity=(0.5, 0.0, -9.81), joints=(soft,)
+    )
+    N, V, _, _, _, M, _ = np.abs(simulate(leaning).rows["joint"][:, -1]).T
+    sideways, tilts = WEIGHT * 0.5 / 9.81, k * B**4 / (4.0 if formulation == "concave" else 12.0)  # N; N m
+    np.testing.assert_allclose(N, WEIGHT, rtol=1e-5)
+    np.testing.assert_allclose(V, sideways, rtol=1e-5)
+    np.testing.assert_allclose(M, 0.5 * HEIGHT * sideways / (1.0 - 0.5 * HEIGHT * WEIGHT / tilts), rtol=1e-5)

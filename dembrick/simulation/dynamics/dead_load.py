@@ -7,7 +7,6 @@ fraction of its size plus its elastic displacement; a block that no chain of sou
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
 
@@ -35,8 +34,9 @@ from dembrick.simulation.session import Session
 LOCAL_DAMPING = 0.8
 STEP = 0.7  # of the time step: local damping makes forces against the motion 1.8 times as large; for those of springs,
 FIRM_STEP = 1.0 / (1.0 + LOCAL_DAMPING)  # and for those of dashpots too
-BALANCED = 1e-9  # out-of-balance force over joint forces at which the blocks rest
-LEAST = 1e-6  # of the greatest force of all: what a block without forces of its own is compared with
+BALANCED = 1e-9  # of the greatest force on any block: out-of-balance force at which each block rests
+OWN = 1e-7  # of the greatest force on that block: the same for light blocks
+LEAST = 1e-6  # of the greatest force on any block: what a block without forces of its own is compared with
 ROUNDING = 4.0  # of the force error by rounded positions: least tolerance
 APART = 0.02  # of a joint's size: if joints cannot slip, a joint that has moved further has come apart
 SLID = 1.0  # of its size: the same if joints may slip
@@ -171,9 +171,12 @@ class _Attempt:
 
     def _tied(self) -> np.ndarray:
         """Which blocks (n,) are connected to a fixed block by joints that have not come apart."""
+        moved = self.motion.polygons.moved()
+        if (moved <= self.slack).all():
+            return self.supported
         compliance = _compliance(self.motion.state)
         force = np.sqrt((self.motion.state.links.wrench[:, :3] ** 2).sum(axis=1))
-        sound = self.motion.polygons.moved() <= self.slack + ELASTIC * force * compliance
+        sound = moved <= self.slack + ELASTIC * force * compliance
         return _supported(self.motion.state, sound)
 
 
@@ -283,34 +286,32 @@ def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarra
             return tied
 
 
-def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray, each: bool = False) -> tuple[float, float]:
-    """Greatest out-of-balance force or moment on a ``standing`` free block (n,) over the greatest force of a joint or
-    other action on such a block, and the tolerance on that ratio, which very stiff joints limit by the rounding of
-    positions. A moment counts as the force that causes it at the block's reach. With ``each``, that of each block is
-    compared with the forces on that block, as a light one may stand beside heavy ones."""
+def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tuple[float, float]:
+    """Out-of-balance of the worst ``standing`` free block (n,) over the greatest force on that block, and the tolerance
+    on it: `BALANCED` of the greatest force on any of them, at most `OWN` of the block's, since a light block may stand
+    beside heavy ones; or what rounding of positions causes in its joints, if that is more.
+
+    A moment counts as the force that causes it at the block's reach. The forces on a block are those of its joints, its
+    weight and the resultant of other actions.
+    """
     gravity, _ = driving.forces(np.zeros(1), 1.0)
     force, torque = out_of_balance(state, gravity[0])
     bodies, links = state.bodies, state.links
     free = bodies.free[standing[bodies.free]]
-    if not len(free):
-        return 0.0, BALANCED
-    own = np.linalg.norm(bodies.applied[:, :3], axis=1)  # contacts and ties among them
-    carried = np.linalg.norm(links.wrench[:, :3], axis=1)
-    for block in (links.host, links.other):
-        np.maximum.at(own, block, carried)
-    own = np.maximum(own, bodies.mass * np.linalg.norm(gravity[0]))[free] if each else own[free]
-    largest = max(float(own.max()), 0.0 if each else float(carried.max(initial=0.0)))
-    own = np.maximum(own, LEAST * largest) if each else np.full_like(own, largest)
-    turning = np.linalg.norm(torque[free], axis=1) / bodies.reach[free]
-    left = np.maximum(np.linalg.norm(force[free], axis=1), turning)
+    left = np.maximum(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1) / bodies.reach)[free]
     if not left.any():
         return 0.0, BALANCED
-    own = np.maximum(own, left)
-    ratio = left / np.where(own > 0.0, own, 1.0)
-    rounding = of_rounding(state)
-    enough = np.maximum(BALANCED, (rounding[free] if each else rounding.max()) / np.where(own > 0.0, own, math.inf))
-    worst = int(np.argmax(ratio / enough))
-    return float(ratio[worst]), float(enough[worst])
+    carried = np.linalg.norm(links.wrench[:, :3], axis=1)
+    actions = np.linalg.norm(bodies.applied[:, :3], axis=1)  # contacts and ties among them
+    own = np.maximum(actions, bodies.mass * np.linalg.norm(gravity[0]))
+    for block in (links.host, links.other):
+        np.maximum.at(own, block.astype(np.intp), carried)
+    own = np.maximum(own[free], left)
+    greatest = own.max()
+    own = np.maximum(own, LEAST * greatest)
+    enough = np.maximum(np.minimum(BALANCED * greatest / own, OWN), of_rounding(state)[free] / own)
+    worst = int(np.argmax(left / own / enough))
+    return float(left[worst] / own[worst]), float(enough[worst])
 
 
 def of_rounding(state: MovingState) -> np.ndarray:
@@ -319,5 +320,5 @@ def of_rounding(state: MovingState) -> np.ndarray:
     farthest = float(np.abs(state.bodies.position).max())
     stiffness, own = joint_families.normal_stiffness(state), np.zeros(len(state.bodies.mass))
     for block in (state.links.host, state.links.other):
-        np.maximum.at(own, block, stiffness)
+        np.maximum.at(own, block.astype(np.intp), stiffness)
     return ROUNDING * np.finfo(float).eps * farthest * np.where(own > 0.0, own, stiffness.max(initial=0.0))

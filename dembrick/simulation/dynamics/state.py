@@ -262,10 +262,9 @@ def contact_areas(state: MovingState) -> np.ndarray:
 def out_of_balance(state: MovingState, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force (n, 3) and torque (n, 3) on every block under ``gravity`` (3,), loads and the last joint forces."""
     bodies, links = state.bodies, state.links
-    force = bodies.mass[:, None] * gravity + bodies.applied[:, :3]
-    torque = bodies.applied[:, 3:].copy()
-    np.add.at(force, links.host, links.wrench[:, :3])
-    np.add.at(force, links.other, -links.wrench[:, :3])
-    np.add.at(torque, links.host, links.wrench[:, 3:6])
-    np.add.at(torque, links.other, links.wrench[:, 6:9])
-    return force, torque
+    found, wrench, each = bodies.applied.copy(), links.wrench, np.arange(6)
+    found[:, :3] += bodies.mass[:, None] * gravity
+    reaction = np.concatenate([-wrench[:, :3], wrench[:, 6:]], axis=1)
+    for block, acting in ((links.host, wrench[:, :6]), (links.other, reaction)):  # by numbers, as rows take longer
+        np.add.at(found.reshape(-1), (6 * block.astype(np.intp)[:, None] + each).ravel(), acting.ravel())
+    return found[:, :3], found[:, 3:]

@@ -212,7 +212,7 @@ class EquilibriumPath(ABC):
             self.record_collapse_frame(down)
             if down > 1.0:
                 return None
-            ratio, enough = unbalanced(self.moving.state, still, self.free, each=True)
+            ratio, enough = unbalanced(self.moving.state, still, self.free)
             ratio = not_nan(ratio, f"the out-of-balance force at {self.said(parameter)}")
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # on a swing the out-of-balance force may pass through zero, but not twice running
