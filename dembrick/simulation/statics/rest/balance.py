@@ -13,6 +13,8 @@ from dembrick.simulation.statics import elastic_factor, joint_families
 from dembrick.simulation.statics.state import State
 
 ROUNDED = 4.0 * float(np.finfo(float).eps)  # of the force that the motion of its blocks would cause in a closed joint
+ROUGH = 1e-3  # of the forces of a block: with more that may be rounding, no equilibrium is known
+FAINT = 1e-9  # of the greatest force on any block: less is none, in that comparison
 BONDED = 1e-3  # of its strongest bond: reference force of a block without dead loads
 NARROW = 1e-3  # of the lever of a joint: its least reach
 
@@ -64,8 +66,11 @@ class Balance:
         return self._worst(self.sizes(residual))
 
     def beyond_rounding(self, residual: np.ndarray) -> float:
-        """`ratio` without the part that may be rounding."""
-        return self._worst(np.maximum(self.sizes(residual) - self._noise(), 0.0))
+        """`ratio` without the part that may be rounding, at most `ROUGH`: no equilibrium is known of a block that has
+        moved so far that rounding may exceed its own forces."""
+        own = self._own()
+        most = ROUGH * np.maximum(own, FAINT * own.max())
+        return self._worst(np.maximum(self.sizes(residual) - np.minimum(self._noise(), most), 0.0))
 
     def rounding(self) -> float:
         """`ratio` of the forces and moments that rounding may cause."""
