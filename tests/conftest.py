@@ -20,14 +20,15 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 # Python's bytecode of the package is written once, not by every subprocess.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# One worker per core: threads of the linear algebra would compete for both cores. The workers and their subprocesses
-# read this variable when they import numpy, which happens later.
+# Three workers on two cores: if two of them wait until a third has compiled a kernel, no core should be idle for long.
+# Threads of the linear algebra would compete with them. The workers and their subprocesses read this variable when they
+# import numpy, which happens later.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Both cores are busy with tests, so no command compiles ahead in a second process (see docs/howto/speed.md).
 os.environ["DEMBRICK_COMPILE_AHEAD"] = "0"
 
-# The files that compile or run longest go first, searches and motions in turn: two workers compile different kernels.
+# The files that compile or run longest go first, searches and motions in turn: workers compile different kernels.
 FIRST = (
     "statics/test_batch.py",
     "dynamics/test_closed_form_motions.py",
