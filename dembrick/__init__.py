@@ -37,10 +37,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow lazy imp
     from dembrick.runs.limit import limit as limit
     from dembrick.runs.limit import reaction as reaction
     from dembrick.runs.limit_cases import StandingResult as StandingResult
-    from dembrick.runs.outcomes.load_path_result import DeformedRestResult as DeformedRestResult
-    from dembrick.runs.outcomes.load_path_result import DrivenPathResult as DrivenPathResult
     from dembrick.runs.outcomes.load_path_result import LoadPathResult as LoadPathResult
-    from dembrick.runs.outcomes.load_path_result import SettlementResult as SettlementResult
     from dembrick.runs.outcomes.motion_result import MotionResult as MotionResult
     from dembrick.runs.outcomes.result import Result as Result
     from dembrick.runs.outcomes.statics_result import StaticsResult as StaticsResult
@@ -117,7 +114,7 @@ _NAMES = {  # by module
     "dembrick.runs.lab": "replay_lab",
     "dembrick.runs.limit": "LimitResult ReactionResult limit reaction",
     "dembrick.runs.limit_cases": "StandingResult",
-    "dembrick.runs.outcomes.load_path_result": "DeformedRestResult DrivenPathResult LoadPathResult SettlementResult",
+    "dembrick.runs.outcomes.load_path_result": "LoadPathResult",
     "dembrick.runs.outcomes.motion_result": "MotionResult",
     "dembrick.runs.reading": "load",
     "dembrick.runs.outcomes.result": "Result",

@@ -195,9 +195,8 @@ def cases_page() -> str:
 
 PYTHON = {  # heading of the Python reference: names at the top level of the package
     "Runs": "simulate restart restart_at steps sweep find_causes limit reaction simulate_domain replay_lab",
-    "Results and histories": "Result LoadPathResult DrivenPathResult StaticsResult DeformedRestResult "
-    "SettlementResult MotionResult LimitResult StandingResult ReactionResult YieldPoint Theory Step Outcome Causes "
-    "History read_history export",
+    "Results and histories": "Result LoadPathResult StaticsResult MotionResult LimitResult StandingResult "
+    "ReactionResult YieldPoint Theory Step Outcome Causes History read_history export",
     "Errors": "DembrickError ScenarioError OverlapError HistoryError OutputError WriteError DivergedError "
     "NotConvergedError UndecidedError BracketError EnergyAuditError MissingDependency Interrupted ClusterError",
     "Studies": "Study",

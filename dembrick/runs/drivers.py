@@ -15,12 +15,7 @@ from dembrick.assembly.build import Assembly
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
-from dembrick.runs.outcomes.load_path_result import (
-    DeformedRestResult,
-    DrivenPathResult,
-    LoadPathResult,
-    SettlementResult,
-)
+from dembrick.runs.outcomes.load_path_result import LoadPathResult
 from dembrick.runs.outcomes.motion_result import MotionResult
 from dembrick.runs.outcomes.result import Result
 from dembrick.runs.outcomes.statics_result import StaticsResult
@@ -168,12 +163,12 @@ def _search_result(bound: bool = False, **fields) -> Result:
     return Result(**fields, theory=expected, fallen=fallen, path=path, others=others)
 
 
-def _settlement_result(bound: bool = False, **fields) -> SettlementResult:
+def _settlement_result(bound: bool = False, **fields) -> MotionResult:
     """Result of a settlement; ``bound``: with the range of reactions at the start by limit analysis."""
     from dembrick.runs import limit  # imports its solver, only if asked for
 
     allowed = limit.range_along(fields["scenario"], fields["assembly"]) if bound else None
-    return SettlementResult(**fields, allowed=allowed)
+    return MotionResult(**fields, allowed=allowed)
 
 
 # --- the limit of a load on every block, equilibrium by equilibrium
@@ -341,8 +336,8 @@ DRIVERS = {
         StaticsResult,
     ),
     LOAD_PATH.name: Driver(_plan_equilibria, _find_equilibria, LoadPathResult, _refined_path),
-    DRIVEN_PATH.name: Driver(_plan_equilibria, _find_equilibria, DrivenPathResult, _refined_path),
-    DEFORMED_REST.name: Driver(_plan_equilibria, _find_equilibria, DeformedRestResult),
+    DRIVEN_PATH.name: Driver(_plan_equilibria, _find_equilibria, LoadPathResult, _refined_path),
+    DEFORMED_REST.name: Driver(_plan_equilibria, _find_equilibria, StaticsResult),
     SETTLEMENT.name: Driver(_plan_equilibria, _find_equilibria, _settlement_result, _refined_path),
     REAL_TIME.name: Driver(_plan_motion, _run_in_real_time, MotionResult),
 }

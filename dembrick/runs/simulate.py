@@ -38,12 +38,7 @@ from dembrick.simulation.session import Progress, Session
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
-    from dembrick.runs.outcomes.load_path_result import (
-        DeformedRestResult,
-        DrivenPathResult,
-        LoadPathResult,
-        SettlementResult,
-    )
+    from dembrick.runs.outcomes.load_path_result import LoadPathResult
     from dembrick.runs.outcomes.motion_result import MotionResult  # and its kernels: for runs in real time only
     from dembrick.scenario.controls import (
         BaseMotionControl,
@@ -94,12 +89,8 @@ NO_EXTRAS = Extras()
 
 @overload
 def simulate(
-    scenario: Scenario[YieldControl], history: Path | None = None, **options: Unpack[Options]
+    scenario: Scenario[YieldControl | DisplacementControl], history: Path | None = None, **options: Unpack[Options]
 ) -> Result | LoadPathResult: ...
-@overload
-def simulate(
-    scenario: Scenario[DisplacementControl], history: Path | None = None, **options: Unpack[Options]
-) -> Result | DrivenPathResult: ...
 @overload
 def simulate(
     scenario: Scenario[TiltControl | PushoverControl], history: Path | None = None, **options: Unpack[Options]
@@ -107,14 +98,12 @@ def simulate(
 @overload
 def simulate(
     scenario: Scenario[StaticsControl], history: Path | None = None, **options: Unpack[Options]
-) -> StaticsResult | DeformedRestResult: ...
+) -> StaticsResult: ...
 @overload
 def simulate(
-    scenario: Scenario[SettlementControl], history: Path | None = None, **options: Unpack[Options]
-) -> SettlementResult | MotionResult: ...
-@overload
-def simulate(
-    scenario: Scenario[DynamicControl | BaseMotionControl], history: Path | None = None, **options: Unpack[Options]
+    scenario: Scenario[SettlementControl | DynamicControl | BaseMotionControl],
+    history: Path | None = None,
+    **options: Unpack[Options],
 ) -> MotionResult: ...
 @overload
 def simulate(scenario: Scenario | Path, history: Path | None = None, **options: Unpack[Options]) -> AnyResult: ...

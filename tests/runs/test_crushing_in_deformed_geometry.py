@@ -170,7 +170,7 @@ def released(control, push, share):
     text += f"point = [{off_the_middle(push, share)}, 0.0, 0.4]\nstages = [1]\n"
     text += f'[[stages]]\nkind = "statics"\nlarge_displacements = true\n[control]\n{control}'
     found = simulate(toml.loads(text), record=False)
-    return float(found.run.motion.state.bodies.rotation[1, 0, 2]), float(found.displacement[1, 0])
+    return float(found.run.motion.state.bodies.rotation[1, 0, 2]), float(found.run.motion.displacement[1, 0])
 
 
 def leans(push, share):

@@ -307,9 +307,10 @@ def test_whether_a_block_stands_where_a_settlement_has_brought_it():
     stands = simulate(staged(turns(20.0), STATICS), record=False)
     assert stands.status == "stands" and stands.statics["stands"] is True
     assert stands.reactions["floor"][2] == pytest.approx(WEIGHT, rel=1e-6)
+    assert np.abs(stands.motion.displacement).max() < 1e-9 and stands.motion.settlement is None
     falls = simulate(staged(turns(20.0), STATICS, more=load))
     assert falls.status == "falls" and falls.statics["blocks"] == ["block"] and falls.reactions is None
-    assert "block fall by sliding" in falls.plain_answer
+    assert "block falls by sliding" in falls.plain_answer and falls.motion.fallen == ["block"]
     with pytest.raises(ScenarioError, match="stage 2 of kind 'statics' fell, and no stage can start"):
         simulate(staged(turns(20.0), STATICS, ALONG_Y, more=load), record=False)
 

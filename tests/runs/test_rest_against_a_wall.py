@@ -44,7 +44,7 @@ def test_the_wall_takes_what_the_bed_does_not(gap):
     assert found.status == "stands"
     shear = -float(state.links.wrench[0, 0])
     assert shear == pytest.approx(0.5 * PUSH + couple / HEIGHT, rel=0.03)
-    sunk = float(found.displacement[1, 0]) + 0.5 * HEIGHT * lean - gap
+    sunk = float(found.motion.displacement[1, 0]) + 0.5 * HEIGHT * lean - gap
     assert sunk == pytest.approx(math.sqrt(2.0 * (PUSH - shear) * lean / (STIFFNESS * D)), rel=0.1)
 
 

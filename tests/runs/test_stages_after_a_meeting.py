@@ -41,7 +41,7 @@ def test_blocks_that_met_stand_where_they_were_let_go(formulation):
     """They return only by micrometres, as springs unload; a concave joint and a contact need a shorter time step."""
     found = after(formulation, 'kind = "statics"\nlarge_displacements = true\n')
     assert found.status == "stands"
-    assert found.displacement[1:, 0] == pytest.approx([-2.06e-6, -0.99e-6], abs=1e-7)
+    assert found.motion.displacement[1:, 0] == pytest.approx([-2.06e-6, -0.99e-6], abs=1e-7)
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_an_elastic_tie_and_friction_hold_a_block_on_a_table():
     psi = angle_of(ended.rows)
     together = np.abs(ended.rows["joint"][:, 0, 1]) + ended.rows["tension"][:, 0]
     np.testing.assert_allclose(together, WEIGHT * np.sin(psi), rtol=1e-6, atol=1e-9 * WEIGHT)
-    assert ended.run.ties[0][0] == pytest.approx(ended.rows["tension"].max(), rel=1e-2)
+    assert ended.run.ties["tension"][0] == pytest.approx(ended.rows["tension"].max(), rel=1e-2)
 
 
 def test_in_the_deformed_geometry_the_load_is_that_of_the_table_too():

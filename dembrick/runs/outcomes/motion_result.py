@@ -1,4 +1,4 @@
-"""Result of a run in real time: the counterpart of ``result`` for tilting, pushing, shaking and free motion.
+"""Result of motion, in real time or as supports settle: the counterpart of ``result``.
 For a shaken structure also: whether it stood or fell, its drift, its residual displacement.
 """
 
@@ -6,32 +6,36 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
 from dembrick.runs import left_out
 from dembrick.runs.outcomes.result import RunResult
-from dembrick.scenario.regimes import REAL_TIME, SUPPORTS
+from dembrick.scenario.regimes import REAL_TIME, SETTLEMENT, SUPPORTS
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.runs.left_out import LeftOut
-    from dembrick.simulation.dynamics.run import MotionRun
+    from dembrick.simulation.dynamics.run import EquilibriaRun, MotionRun
 
 
 @dataclasses.dataclass(repr=False)
 class MotionResult(RunResult):
-    """Result of a run in real time: the state it ended in, and the collapse if there was one.
+    """Result of a run in real time, or of a settlement through equilibria in the deformed geometry: the state it ended
+    in, and the collapse if there was one.
 
     ``displacement`` of the rows is that of the block that has moved furthest; for a push, the driven one. Forces and
     energies are those of a step before the row. All motion is relative to the supports. ``displacement_error``: error
-    estimate of the displacements (m), None if it was not asked for.
+    estimate of the displacements (m), None if it was not asked for; of a settlement ``reaction_error`` (N) is that of
+    the reaction along the motion. ``allowed``: least and greatest value (N) of that reaction before the supports move,
+    by limit analysis, if that was asked for.
     """
 
     run: MotionRun
     displacement_error: float | None = None
-    yield_point = None  # a dynamic run searches for none
+    reaction_error: float | None = None
+    allowed: dict | None = None
 
     @property
     def status(self) -> str:
@@ -74,11 +78,24 @@ class MotionResult(RunResult):
         return [self.assembly.names[i] for i in np.flatnonzero(self.run.motion.falling)]
 
     @property
-    def control_points(self) -> dict[str, list[float]]:
-        """Displacement (3) of every control point from the start (m), at the end."""
-        watched, state = self.assembly.control_points, self.run.motion.state
-        moved = state.bodies.position + state.middle - self.assembly.position
-        return dict(zip(watched.names, watched.displacement(moved, state.bodies.rotation).tolist(), strict=True))
+    def settlement(self) -> dict | None:
+        """The object ``settlement`` of the JSON output: displacement (m) and reaction along the motion (N) at the last
+        equilibrium, before the supports moved (``at_rest``), and where the reaction was least and greatest, the start
+        included; None for any other run."""
+        if self.scenario.control.regime is not SETTLEMENT:
+            return None
+        path = cast("EquilibriaRun", self.run).path + 0.0  # turns a negative zero into zero
+        least, greatest = path[np.argmin(path[:, 1])], path[np.argmax(path[:, 1])]
+        return {
+            "displacement": float(path[-1, 0]),
+            "reaction": float(path[-1, 1]),
+            "reaction_error": self.reaction_error,
+            "at_rest": float(path[0, 1]),
+            "least": {"reaction": float(least[1]), "displacement": float(least[0])},
+            "greatest": {"reaction": float(greatest[1]), "displacement": float(greatest[0])},
+            "equilibria": len(path),
+            "limit_analysis": self.allowed,
+        }
 
     @cached_property
     def left_out(self) -> list[LeftOut]:
@@ -94,24 +111,25 @@ class MotionResult(RunResult):
 
     @property
     def uncertain(self) -> np.ndarray | float:
-        """Numbers that an error estimate compares: load factor or settlement of a collapse, else the displacements (n,
-        3), m."""
+        """Numbers that an error estimate compares: load factor or settlement (m) of a collapse, else the reaction of a
+        settlement (N), else the displacements (n, 3), m."""
         if self.collapse is None:
-            return self.displacement
+            return self.displacement if self.settlement is None else self.settlement["reaction"]
         return self.collapse["settlement"] if "settlement" in self.collapse else self.collapse["load_factor"]
 
     def take_error(self, estimate: float) -> None:
-        """Keep the error estimate of what is uncertain."""
-        if self.collapse is None:
+        """Keep the error estimate of what is uncertain; that of a collapse counts its range too."""
+        if self.collapse is None and self.settlement is None:
             self.displacement_error = estimate
+        elif self.collapse is None:
+            self.reaction_error = estimate
         else:
             low, high = self.collapse.get("settlement_range", (0.0, 0.0))
             self.collapse["error_estimate"] = estimate + 0.5 * (high - low)
 
-    def as_dict(self) -> dict:
-        """The JSON object of ``dembrick run --json``."""
+    def entries(self) -> dict:
         motion, (displacement, furthest) = self.run.motion, self._furthest
-        return self._dict(
+        return dict(
             status=self.status,
             collapse=self.collapse,
             yield_point=None,
@@ -119,7 +137,7 @@ class MotionResult(RunResult):
             steps=motion.steps,
             time_step=motion.time_step,
             critical_time_step=motion.critical_time_step,
-            simulated_time=motion.time,
+            simulated_time=None if self.scenario.control.regime.counts_equilibria else motion.time,
             displacement=displacement,
             furthest=furthest,
             displacement_error=self.displacement_error,
@@ -129,6 +147,7 @@ class MotionResult(RunResult):
             fallen=self.fallen,
             control_points=self.control_points,
             **({"left_out": [one.as_dict() for one in self.left_out]} if self.left_out else {}),
+            **({} if self.settlement is None else {"settlement": self.settlement}),
             **self._shaken(),
         )
 
@@ -146,11 +165,6 @@ class MotionResult(RunResult):
             "drift": None if found is None else found._asdict(),
             "residual_displacement": None if self.run.speed else self._furthest[0],  # none is left while blocks move
         }
-
-    def _tied(self) -> list[dict]:
-        """The ties with their peak tensions (N) over the rows."""
-        peaks = self.run.peak_tension.tolist()
-        return [tie | {"peak": peak} for tie, peak in zip(super()._tied(), peaks, strict=True)]
 
 
 STOOD, FELL = "stood", "fell"

@@ -23,7 +23,6 @@ from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Cur
 from dembrick.simulation.channels import counts_equilibria
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
-from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
 from dembrick.views.key_numbers import key_numbers
 from dembrick.views.number_lines import KeyNumber, aligned
@@ -73,26 +72,46 @@ class RunResult:
     energy: EnergyAudit | None = None
     stages: list[dict] = dataclasses.field(default_factory=list)
 
-    def _dict(self, **own) -> dict:
-        """The JSON object of any run; ``own``: entries of this kind of run."""
+    def entries(self) -> dict:
+        """Entries of the JSON object that are those of this kind of run."""
+        raise NotImplementedError
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick run --json``."""
+        ties = tied(self.assembly, **self.run.ties) if len(self.assembly.ties) else []
         return {
             **heading(self.scenario),
-            **own,
+            **self.entries(),
             "reactions": self.reactions,
             "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,
-            **({"ties": self._tied()} if self._tied() else {}),
+            **({"ties": ties} if ties else {}),
             **({} if self.cycles is None else {"cycles": self.cycles}),
             **({"stages": self.stages} if self.scenario.stages else {}),
             **({} if (law := self.assembly.custom_law) is None else {"custom_law": law.as_dict()}),
         }
 
-    def _tied(self) -> list[dict]:
-        if not len(self.assembly.ties):
-            return []
-        tension, yielded = self.run.ties
-        return tied(self.assembly, tension=tension, yielded=yielded)
+    @property
+    def status(self) -> str:
+        """How the run ended, in a word."""
+        raise NotImplementedError
+
+    @property
+    def collapse(self) -> dict | None:
+        """The collapse; None without one."""
+        return None
+
+    @property
+    def yield_point(self) -> YieldPoint | None:
+        """Limit load, bracket, torsion centre; None for a run that looks for no limit load."""
+        return None
+
+    @property
+    def control_points(self) -> dict[str, list[float]]:
+        """Displacement (3) of every control point from the start (m), at the end."""
+        watched = self.assembly.control_points
+        return dict(zip(watched.names, watched.displacement(*self.run.pose).tolist(), strict=True))
 
     @property
     def counts_equilibria(self) -> bool:
@@ -137,13 +156,6 @@ class RunResult:
         if name not in self.rows:
             raise HistoryError(f"this run kept no record of {show(name)}: simulate with record = True")
         return self.rows[name]
-
-    if TYPE_CHECKING:
-
-        @property
-        def status(self) -> str: ...
-
-        def as_dict(self) -> dict: ...  # of every kind of result
 
     @property
     def results(self) -> dict:
@@ -208,23 +220,8 @@ def tied(assembly: Assembly, **values: np.ndarray) -> list[dict]:
     return [{"between": [names[a], names[b]]} | dict(zip(values, own, strict=True)) for a, b, *own in numbers]
 
 
-class SearchResult(RunResult):
-    """Result of a search in the geometry of the start."""
-
-    run: Replay | Standing
-
-    @property
-    def control_points(self) -> dict[str, list[float]]:
-        """Displacement (3) of every control point from the start (m), at the end."""
-        watched, state = self.assembly.control_points, self.run.state
-        if not watched.names:
-            return {}
-        way = watched.displacement(state.blocks.displacement, rotations(state))
-        return dict(zip(watched.names, way.tolist(), strict=True))
-
-
 @dataclasses.dataclass(repr=False)
-class Result(SearchResult):
+class Result(RunResult):
     """Result of a search or a constant-rate test: the yield point with its bracket, and theory beside it.
 
     ``theory`` is None if none holds. ``fallen``: the collapse under a load on every block; ``path``: entries beside
@@ -329,10 +326,9 @@ class Result(SearchResult):
         close = self.theory.error is not None and abs(self.theory.error) <= asked
         return close and (inside or point.bracket != "certified")
 
-    def as_dict(self) -> dict:
-        """The JSON object of ``dembrick run --json``."""
+    def entries(self) -> dict:
         run = self.run
-        return self._dict(
+        return dict(
             status=self.status,
             unlimited=self.unlimited,
             answer=self.plain_answer,

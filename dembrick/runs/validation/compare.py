@@ -15,7 +15,7 @@ import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.runs.outcomes.error_estimate import RATIOS, with_ratio
-from dembrick.runs.outcomes.load_path_result import DrivenPathResult
+from dembrick.runs.outcomes.load_path_result import LoadPathResult
 from dembrick.runs.outcomes.result import Result, fell
 from dembrick.runs.path_dependence import ends
 from dembrick.runs.simulate import AnyResult, simulate
@@ -120,7 +120,7 @@ def _force_at(case: Case) -> tuple[float, float]:
 
     def V(one: Scenario) -> float:
         result = simulate(one, None, record=False)
-        assert isinstance(result, DrivenPathResult)
+        assert isinstance(result, LoadPathResult)
         moved, load = result.run.path[:, :2].T
         if moved[-1] < at * (1.0 - 1e-9):
             raise NotConvergedError(f"the wall collapses at {moved[-1]:.3g} m, before {at:g} m")

@@ -36,11 +36,7 @@ from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import CARRIED, collapse_of, collapse_of_settlement, fallen, speed_at_the_end
 from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
 from dembrick.simulation.dynamics.recorder import Recorder
-from dembrick.simulation.dynamics.state import (
-    out_of_balance,
-    seen,
-    with_contact_forces,
-)
+from dembrick.simulation.dynamics.state import out_of_balance, seen, with_contact_forces
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_step import damping_of_restitution
 from dembrick.simulation.energy_audit import Sums
@@ -81,7 +77,6 @@ class MotionRun:
     speed: float = 0.0
     settings: dict = field(default_factory=dict)
     energy: Sums | None = None
-    yield_point = None  # a run in real time looks for no limit load
 
     @property
     def reactions(self) -> np.ndarray:
@@ -89,10 +84,16 @@ class MotionRun:
         return self.motion.reactions
 
     @property
-    def ties(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tension (t,) N of the ties at the end, and their permanent elongation (t,) m."""
+    def ties(self) -> dict[str, np.ndarray]:
+        """Tension (t,) N of the ties at the end, their permanent elongation (t,) m, and ``peak_tension``."""
         now = self.motion.state.ties.now
-        return now["tension"], now["yielded"]
+        return {"tension": now["tension"], "yielded": now["yielded"], "peak": self.peak_tension}
+
+    @property
+    def pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement (n, 3) m of every centroid from the start, and rotation (n, 3, 3) from body axes, at the end."""
+        state = self.motion.state
+        return state.bodies.position + state.middle - self.motion.assembly.position, state.bodies.rotation
 
     @property
     def compile_seconds(self) -> float:

@@ -15,7 +15,7 @@ from dembrick.kernels.statics.record import ROW, Record, write_guides, write_rea
 from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families, ties
-from dembrick.simulation.statics.state import State, for_kernels
+from dembrick.simulation.statics.state import State, for_kernels, rotations
 from dembrick.simulation.statics.tilting_table import Before, frames_on_table, rows_on_table
 
 ENERGIES = energies(real_time=False)
@@ -184,7 +184,7 @@ def reactions(state: State) -> np.ndarray:
 
 
 class Ended:
-    """Reactions and ties in the last ``state`` of a finished search or test."""
+    """Blocks, reactions and ties in the last ``state`` of a finished search or test."""
 
     state: State
 
@@ -194,6 +194,11 @@ class Ended:
         return reactions(self.state)
 
     @property
-    def ties(self) -> tuple[np.ndarray, np.ndarray]:
+    def ties(self) -> dict[str, np.ndarray]:
         """Tension (t,) N of the ties at the end, and their permanent elongation (t,) m."""
-        return self.state.ties.tension, self.state.ties.yielded
+        return {"tension": self.state.ties.tension, "yielded": self.state.ties.yielded}
+
+    @property
+    def pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement (n, 3) m of every centroid from the start, and rotation (n, 3, 3) from body axes, at the end."""
+        return self.state.blocks.displacement, rotations(self.state)

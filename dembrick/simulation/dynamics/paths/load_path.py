@@ -38,6 +38,7 @@ from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.joint_laws import about_start
 from dembrick.simulation.session import Kept, Plan, Progress, Session
+from dembrick.simulation.statics.rest.dead_load import Rest
 
 FIRST = 0.01  # load factor of the first equilibrium; of actuators that times the weight of the free blocks
 GROWTH = 1.4  # of V from one equilibrium to the next
@@ -54,16 +55,14 @@ SLOWER = 8.0  # times the time steps, once blocks have collapsed
 class LoadPathRun(EquilibriaRun):
     """A finished path of a growing load. ``joint``: number of the joint that moved most in the collapse (else since the
     start), ``resultant`` (7,): its resultant at the last equilibrium, as `joint_resultants` but with moments about O of
-    the start, and ``mechanism``: how it moved. ``stands``: False if the blocks collapse under the dead loads."""
+    the start, and ``mechanism``: how it moved. ``turns``: the equilibria at which the segments of a protocol end;
+    ``rest``: whether the blocks stand under the dead loads, of a path that follows no protocol."""
 
     joint: int = 0
     resultant: np.ndarray | None = None
     mechanism: str = "none"
-    turns: tuple[int, ...] | None = None  # the equilibria at which the segments of a protocol end
-    stands: bool = True
-    increments: int = 1  # of the loads of a new stage; this and the errors of forces as in `Rest`
-    path_error: float = 0.0
-    force_error: float = 0.0
+    turns: tuple[int, ...] | None = None
+    rest: Rest | None = None
 
 
 class LoadPath(EquilibriumPath):
@@ -167,10 +166,13 @@ class LoadPath(EquilibriumPath):
     def finished(self) -> LoadPathRun:
         if self.collapse is None:
             self.joint = moved_most(self.moving, self.past.at_rest)
-        found = run_of(super().finished(), self.joint, "none" if self.collapse is None else self.collapse["mechanism"])
+        how = None if self.collapse is None else self.collapse["mechanism"]
+        found = run_of(super().finished(), self.joint, how or "none")
         greatest = float(np.abs(carried(self.moving)).max(initial=0.0))
-        error, force = load_increments.both_errors(self.path_error, self.session.force_error, greatest)
-        return replace(found, stands=self.stands, increments=self.increments, path_error=error, force_error=force)
+        errors = load_increments.both_errors(self.path_error, self.session.force_error, greatest)
+        blocks, seconds = tuple(np.flatnonzero(found.fallen).tolist()), (found.compile_seconds, found.loop_seconds)
+        rest = Rest(self.stands, found.unbalanced, self.moving.steps, how, blocks, *seconds, self.increments, *errors)
+        return replace(found, rest=rest)
 
 
 def run_of(found: EquilibriaRun, joint: int, how: str) -> LoadPathRun:

@@ -203,7 +203,6 @@ class Standing(Ended):
     compile_seconds: float
     loop_seconds: float
     energy = None
-    yield_point = None  # no load was increased
     phases = None
 
 
