@@ -125,6 +125,7 @@ def _here(seconds: float | None) -> float | None:
 
 
 def _text(data: dict, plan: Plan, records: list[Record]) -> str:
+    from dembrick.scenario.checks import listed
     from dembrick.simulation.expected_cost import duration
 
     lines = [
@@ -140,7 +141,7 @@ def _text(data: dict, plan: Plan, records: list[Record]) -> str:
     ]
     if len(data["joints"]) > 20:
         lines.append(f"  ... and {len(data['joints']) - 20} more")
-    lines += [f"{kind + 's':13} {_some(data[key])}" for key, kind in LOADS.items() if data[key]]
+    lines += [f"{kind + 's':13} {listed(data[key], 8)}" for key, kind in LOADS.items() if data[key]]
     lines += [f"record        {record}" for record in records]
     lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
     bound = "at most " if plan.at_most else "" if plan.exact else "about "
@@ -159,9 +160,3 @@ def _text(data: dict, plan: Plan, records: list[Record]) -> str:
 def _named_so(actuators: ActuatorTable, kind: str) -> list[str]:
     """Names of the parts of the load that are of a kind."""
     return [name for name, own in zip(actuators.names, actuators.kind, strict=True) if own == kind]
-
-
-def _some(names: list[str]) -> str:
-    """Names in a line; of more than eight only the first five."""
-    more = f" and {len(names) - 5} more" if len(names) > 8 else ""
-    return ", ".join(names[:5] if more else names) + more

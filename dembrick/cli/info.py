@@ -31,6 +31,7 @@ def _report(file, options, console) -> int:
     from dembrick.scenario.joint_laws import described
     from dembrick.views.key_numbers import key_numbers
     from dembrick.views.number_lines import KeyNumber, aligned
+    from dembrick.views.summary import number
 
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
@@ -62,7 +63,7 @@ def _report(file, options, console) -> int:
     if file.has_new_contacts:
         numbers.append(KeyNumber("new contacts", f"{data['new_contacts']} in all frames"))
     numbers += key_numbers(results, file.curve.unit)
-    numbers += [KeyNumber(part, f"{seconds:.6f} s") for part, seconds in wall.items() if _is_number(seconds)]
+    numbers += [KeyNumber(part, f"{seconds:.6f} s") for part, seconds in wall.items() if number(seconds) is not None]
     numbers.append(KeyNumber("versions", ", ".join(f"{name} {version}" for name, version in file.versions.items())))
     lines = [file.title, *aligned([*numbers, *_run_again(file, options.history)])]
     if options.time is not None or options.frame is not None:
@@ -95,12 +96,13 @@ def _run_again(file, path: str) -> list[KeyNumber]:
 def _profile(file, results: dict, console) -> int:
     """Print the wall time of the parts of the run, as measured in it, and of the phases of its loop if it has any."""
     from dembrick.errors import HistoryError
+    from dembrick.views.summary import number
 
     wall = results.get("wall")
     wall = dict(wall) if isinstance(wall, dict) else {}
     phases = wall.pop("phases", {})
     seconds = [wall.get("loop"), *wall.values(), *(phases.values() if isinstance(phases, dict) else [None])]
-    if not all(_is_number(t) for t in seconds):
+    if None in map(number, seconds):
         raise HistoryError(f"{file.path}: status {file.status}; only a run that was finished has a profile")
     lines = []
     for part, took in wall.items():
@@ -112,7 +114,3 @@ def _profile(file, results: dict, console) -> int:
             ]
     console.result({"history": file.path, "wall": wall, "loop": phases or None}, "\n".join(lines))
     return 0
-
-
-def _is_number(value) -> bool:
-    return isinstance(value, int | float)

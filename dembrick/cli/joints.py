@@ -5,7 +5,6 @@ from __future__ import annotations
 from dembrick.cli.paths import FRAME, add_force, frame_of, require_ending
 
 MOST = 40  # lines of the printed table
-MOST_CUT = 5  # joints named in a line
 ROUNDING = 1e-8  # of the largest value of a column: smaller values are printed as zero
 SHORT = 1e-3  # m, least arm of the forces in the scale for rounding moments and eccentricities to zero
 TITLES = ("N [N]", "V_1 [N]", "V_2 [N]", "M_T [N m]", "e_1 [mm]", "e_2 [mm]", "slip [mm]", "open", "utilisation")
@@ -59,6 +58,7 @@ def run(options, console) -> int:
 
 def state(file, frame: int | str | None, time: float | None, whole: bool = False) -> tuple[dict, str]:
     """Forces of the joints and supports at a moment, as JSON and as text; ``whole``: the text has all joints."""
+    from dembrick.scenario.checks import listed
     from dembrick.views.motion.moments import words, words_of_row
     from dembrick.views.motion.table import REACTION, cut_joints, joint_table, moment, new_contact_table, reaction_table
 
@@ -72,8 +72,7 @@ def state(file, frame: int | str | None, time: float | None, whole: bool = False
     text = f"{', '.join(told)}\n\n{_text(rows, len(rows) if whole else MOST)}"
     cut = cut_joints(file, at.frame)
     if cut:
-        shown = ", ".join(cut[:MOST_CUT]) + (f" and {len(cut) - MOST_CUT} more" if len(cut) > MOST_CUT else "")
-        text += f"\n\ncut at an edge: {shown}; M_T and e about O of the start, in the series about what is left"
+        text += f"\n\ncut at an edge: {listed(cut)}; M_T and e about O of the start, in the series about what is left"
     if met is None:
         text += '\n\nforces of new contacts were not recorded; to record them, add "contacts" to output.channels'
     elif met:

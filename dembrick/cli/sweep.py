@@ -104,7 +104,7 @@ def _mean(cell: dict, unit: str) -> str:
 
     if cell["mean_error"] is None:
         return f"{known(cell['mean'], cell['standard_error'])} {unit}".rstrip() + f" ({NO_BAR.partition(':')[0]})"
-    return plain(with_error(cell["mean"], cell["mean_error"], unit)).rstrip()
+    return plain(with_error(cell["mean"], cell["mean_error"], unit))
 
 
 def _on_average(cell: dict, unit: str) -> str:

@@ -37,18 +37,24 @@ def run(options, console) -> int:
         return _validate(picked, options, console) if options.validation else _verify(picked, options, console)
 
 
+def _table(picked, console, module, execute) -> list:
+    """Outcomes of the cases by ``execute``, each printed as a row of the table of its ``module``."""
+    found: list = []
+    if not console.json:
+        print_output(module.text_header())
+    for one in execute(picked, lambda case: console.progress(len(found), len(picked), case.name)):
+        found.append(one)
+        if not console.json:
+            console.progress(len(found), len(picked), "")
+            print_output(module.text_row(one))
+    return found
+
+
 def _verify(picked, options, console) -> int:
     from dembrick import __version__, history
     from dembrick.runs.verification import verify
 
-    outcomes: list[verify.Outcome] = []
-    if not console.json:
-        print_output(verify.text_header())
-    for outcome in verify.verify(picked, lambda case: console.progress(len(outcomes), len(picked), case.name)):
-        outcomes.append(outcome)
-        if not console.json:
-            console.progress(len(outcomes), len(picked), "")
-            print_output(verify.text_row(outcome))
+    outcomes: list[verify.Outcome] = _table(picked, console, verify, verify.verify)
     passed = all(outcome.passed for outcome in outcomes)
     rows = [outcome.as_dict() for outcome in outcomes]
     console.result({"cases": rows, "passed": passed, "version": __version__}, verify.summary(outcomes))
@@ -64,14 +70,7 @@ def _validate(picked, options, console) -> int:
     from dembrick import __version__, history
     from dembrick.runs.validation import compare
 
-    found: list[compare.Comparison] = []
-    if not console.json:
-        print_output(compare.text_header())
-    for one in compare.compare(picked, lambda case: console.progress(len(found), len(picked), case.name)):
-        found.append(one)
-        if not console.json:
-            console.progress(len(found), len(picked), "")
-            print_output(compare.text_row(one))
+    found: list[compare.Comparison] = _table(picked, console, compare, compare.compare)
     rows = [one.as_dict() for one in found]
     console.result({"cases": rows, "version": __version__}, f"{compare.summary(found)}\n{compare.remarks(found)}")
     if options.report:

@@ -16,8 +16,9 @@ def run(options, console) -> int:
     from dembrick import history
     from dembrick.errors import HistoryError
     from dembrick.runs.lab import write_csv
+    from dembrick.scenario.checks import listed
     from dembrick.scenario.regimes import REGIMES
-    from dembrick.views.summary import limit_text, listed, mechanism, part, path_dependence_unknown, plain, yield_point
+    from dembrick.views.summary import limit_text, mechanism, part, path_dependence_unknown, plain, yield_point
 
     loading = {regime.name for regime in REGIMES if not regime.stands_or_falls}
     read = {path: history.read(path) for path in options.histories}

@@ -43,12 +43,11 @@ from dembrick.history.files import write_whole
 from dembrick.runs.limit import assembled
 from dembrick.runs.simulate import simulate
 from dembrick.runs.study.target import Target, read
-from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.checks import listed, nearest, show
 from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import Output
 from dembrick.scenario.time_functions import Turn
 from dembrick.simulation.limit_analysis.mechanism import joint_motions
-from dembrick.views.summary import listed
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

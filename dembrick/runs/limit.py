@@ -20,7 +20,7 @@ from dembrick.runs.limit_cases import StandingResult, assembled, at_start, names
 from dembrick.runs.logger import heard_by
 from dembrick.runs.outcomes.result import heading, tied
 from dembrick.runs.reading import load
-from dembrick.scenario.checks import nearest, present, show
+from dembrick.scenario.checks import listed, nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import SETTLEMENT
@@ -30,7 +30,6 @@ from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, se
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
 from dembrick.views.number_lines import KeyNumber, aligned
 from dembrick.views.structure_numbers import of_ties
-from dembrick.views.summary import listed
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly

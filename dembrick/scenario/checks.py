@@ -53,6 +53,12 @@ def present(value: T | None) -> T:
     return value
 
 
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """Names in a line, the first few if there are more than ``most``; "none" if there are none."""
+    more = len(names) - most
+    return f"{', '.join(names[:most]) or 'none'}{f' and {more} more' if more > 0 else ''}"
+
+
 def show(value: object) -> str:
     """A value as messages show it: as TOML writes it, cut at the length of a line."""
     if isinstance(value, bool):

@@ -1,7 +1,7 @@
 """The key numbers of a run, declared once for ``run``, ``info``, pages, notebooks and ``repr``.
 
-They are found in the object of ``run --json``; that of a history may be malformed. To add a number, add a
-`KeyNumberSpec` to one of the tables of `motion_numbers`.
+They are found in the object of ``run --json``; that of a history may be malformed. To add a number, add it
+to one of the tables of `motion_numbers`.
 """
 
 from __future__ import annotations
@@ -9,16 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from dembrick.scenario.checks import listed
 from dembrick.views import structure_numbers as structure
 from dembrick.views.motion_numbers import BESIDE, OF_LAWS, OF_MOTION, OF_SETTLEMENT, OF_WORK
-from dembrick.views.number_lines import KeyNumber, ValueWithRemark, evaluate, no_bar, refuses_refining
+from dembrick.views.number_lines import KeyNumber, evaluate, no_bar, refuses_refining
 from dembrick.views.summary import (
     ROUNDING,
+    ValueWithRemark,
     angle_text,
     known,
     length,
     limit_text,
-    listed,
     mechanism,
     number,
     outward,
@@ -115,10 +116,10 @@ def _limit(point: dict, unit: str, results: Mapping, path: dict, open_ended: boo
         most = "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any path"
         bounded = ", --bound an upper bound" if bound is None else ""
         advice = "" if refuses_refining(results) else f"; --refine gives the range{bounded}"
-        return ValueWithRemark(said.value, f"{said.kind}{most}{advice}")
+        return ValueWithRemark(said.value, f"{said.remark}{most}{advice}")
     if open_ended:
-        return ValueWithRemark(*said)
-    remark = said.kind.replace("indicator", "indicator, not certified")
+        return said
+    remark = said.remark.replace("indicator", "indicator, not certified")
     if not ("meet" in remark or " to " in said.value):  # these texts give the bounds already
         remark += f": bounds {' and '.join(outward(point['V_lower'], point['V_upper']))} {unit}".rstrip()
     return ValueWithRemark(said.value, remark)
@@ -144,7 +145,7 @@ def _largest(point: dict, unit: str, results: Mapping, path: dict, on_the_way: b
         return ValueWithRemark(peak, where)
     if error is None:
         return ValueWithRemark(peak, f"{where}; {no_bar(results)}")
-    return ValueWithRemark(with_error(point["V_peak"], error, unit).rstrip(), f"{where}, from refined runs")
+    return ValueWithRemark(with_error(point["V_peak"], error, unit), f"{where}, from refined runs")
 
 
 def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
@@ -154,7 +155,7 @@ def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
         columns = [part({"": cycle}, "").get(name) for name in ("peak", "V_lower", "V_upper")]
         if not all(isinstance(column, list) and [number(V) for V in column] == column for column in columns):
             continue
-        peaks = [with_error(V, max(b - V, V - a), "").rstrip() for V, a, b in zip(*columns, strict=False)]
+        peaks = [with_error(V, max(b - V, V - a), "") for V, a, b in zip(*columns, strict=False)]
         work, damping, residual = (number(cycle.get(name)) for name in ("dissipated", "damping", "residual"))
         remark = "its loop is not closed" if work is None else f"dissipated {work:.5g} J"
         remark += "" if damping is None else f", damping {100.0 * damping:.3g} %"
@@ -202,7 +203,7 @@ def _of_collapse(collapse: dict, point: dict, results: Mapping) -> list[KeyNumbe
         if onset is not None:
             lines.append(KeyNumber("onset", f"{onset:.4g} deg", "where the first block loses equilibrium"))
     if factor is not None and "V" not in point:
-        text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
+        text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "")
         source = "from refined runs" if bar is not None else "" if lines else no_bar(results)
         lines.append(KeyNumber("load factor", text, source))
     if isinstance(collapse.get("mechanism"), str) and "V" not in point:

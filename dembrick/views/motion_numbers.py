@@ -1,4 +1,4 @@
-"""Key numbers of motion, settlements, laws and computing effort of a run: tables of `KeyNumberSpec`.
+"""Key numbers of motion, settlements, laws and computing effort of a run, in tables.
 
 The results may come from an untrusted file, so values of unexpected types are skipped.
 """
@@ -9,13 +9,13 @@ import math
 from collections.abc import Mapping
 from functools import partial
 
+from dembrick.scenario.checks import listed
 from dembrick.views import structure_numbers as structure
-from dembrick.views.number_lines import KeyNumberSpec, ValueWithRemark, no_bar
+from dembrick.views.number_lines import Table, no_bar
 from dembrick.views.summary import (
+    ValueWithRemark,
     length,
     length_unit,
-    length_with_error,
-    listed,
     load_text,
     number,
     outward,
@@ -49,13 +49,12 @@ def _outcome(results: Mapping) -> ValueWithRemark | None:
 
 
 def _moving(results: Mapping) -> ValueWithRemark | None:
-    """Warning that blocks still move at the end, so the final forces are those of an instant."""
+    """Warning that blocks still move at the end, so the final forces are those of an instant; for a shaken structure
+    see `_outcome`."""
     speed = number(results.get("speed_at_the_end"))
-    return (
-        ValueWithRemark(f"at {speed:.2g} m/s at the end", "forces and reactions are those of that instant")
-        if speed
-        else None
-    )
+    if not speed or "outcome" in results:
+        return None
+    return ValueWithRemark(f"at {speed:.2g} m/s at the end", "forces and reactions are those of that instant")
 
 
 def _drift(results: Mapping) -> ValueWithRemark | None:
@@ -76,26 +75,26 @@ def _greatest(results: Mapping) -> ValueWithRemark | None:
 
 
 def _residual(results: Mapping) -> ValueWithRemark | None:
-    """Displacement that is left of a motion which has ended; None if blocks still move."""
-    return None if number(results.get("speed_at_the_end")) else _displacement(results)
+    """Displacement that is left of a shaken structure; None of others, and if blocks still move."""
+    moves = "outcome" not in results or number(results.get("speed_at_the_end"))
+    return None if moves else _displacement(results)
 
 
 def _at_the_end(results: Mapping) -> ValueWithRemark | None:
     """Displacement at the last instant; None if it is what is left of a motion (see `_residual`)."""
-    return _displacement(results) if "outcome" not in results or not _residual(results) else None
+    return None if _residual(results) else _displacement(results)
 
 
 def _displacement(results: Mapping) -> ValueWithRemark | None:
     moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
     if moved is None:
         return None
-    value = length(moved) if error is None else length_with_error(moved, error)
     bar = "from stiffer joints" if error is not None else no_bar(results)
     if part(results, "collapse").get("error_estimate") is not None:  # the collapse load has the bar of the refined runs
         bar = "no error bar"
     block = results.get("furthest")
     whose = f"the centroid of {block}" if isinstance(block, str) else "a centroid"
-    return ValueWithRemark(value, f"of {whose}; {bar}")
+    return ValueWithRemark(length(moved, error), f"of {whose}; {bar}")
 
 
 def _peak_tie(results: Mapping) -> ValueWithRemark | None:
@@ -126,7 +125,7 @@ def _settled(results: Mapping) -> ValueWithRemark | None:
     if at is None:
         return None
     unit, factor = length_unit(at)
-    text = f"{factor * at:.5g} {unit}" if bar is None else length_with_error(at, abs(bar))
+    text = f"{factor * at:.5g} {unit}" if bar is None else length(at, abs(bar))
     ends = structure.pair(collapse.get("settlement_range"))
     between = ""
     if ends is not None:
@@ -142,14 +141,6 @@ def _reaction(results: Mapping) -> ValueWithRemark | None:
     text = f"{reaction:.6g} N" if bar is None else with_error(reaction, abs(bar), "N")
     remark = "" if reached is None else f"at {length(reached)}; "
     return ValueWithRemark(text, remark + (no_bar(results) if bar is None else "refined"))
-
-
-def _extreme_reaction(which: str, results: Mapping) -> ValueWithRemark | None:
-    one = part(part(results, "settlement"), which)
-    value, where = number(one.get("reaction")), number(one.get("displacement"))
-    if value is None or where is None:
-        return None
-    return ValueWithRemark(f"{value:.6g} N", f"at {length(where)}" if where else structure.BEFORE)
 
 
 def _reaction_at_rest(results: Mapping) -> ValueWithRemark | None:
@@ -220,33 +211,33 @@ def _steps(results: Mapping) -> ValueWithRemark | None:
     return ValueWithRemark(f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop")
 
 
-BESIDE = (KeyNumberSpec("moved", _moved),)
-OF_MOTION = (
-    KeyNumberSpec("outcome", _outcome),
-    KeyNumberSpec("drift", _drift),
-    KeyNumberSpec("greatest displacement", _greatest),
-    KeyNumberSpec("displacement at the end", _at_the_end),
-    KeyNumberSpec("residual displacement", _residual, only="outcome"),
-    KeyNumberSpec("still moving", _moving, unless="outcome"),
-    KeyNumberSpec("peak tie force", _peak_tie),
-    KeyNumberSpec("fallen", _fallen),
-    KeyNumberSpec("not standing", _not_standing),
-)
-OF_LAWS = (KeyNumberSpec("left out", _left_out),)
-OF_SETTLEMENT = (
-    KeyNumberSpec("settlement at collapse", _settled),
-    KeyNumberSpec("reaction along the motion", _reaction),
-    KeyNumberSpec("least reaction", partial(_extreme_reaction, "least")),
-    KeyNumberSpec("greatest reaction", partial(_extreme_reaction, "greatest")),
-    KeyNumberSpec("reaction at rest", _reaction_at_rest),
-    KeyNumberSpec("admissible reaction", _allowed_reaction),
-)
-OF_WORK = (
-    KeyNumberSpec("equilibria", _equilibria),
-    KeyNumberSpec("out of balance", _unbalanced),
-    KeyNumberSpec("load path", _load_path),
-    KeyNumberSpec("simulated time", _simulated),
-    KeyNumberSpec("time step", _time_step),
-    KeyNumberSpec("energy balance", _energy),
-    KeyNumberSpec("steps", _steps),
-)
+BESIDE: Table = {"moved": _moved}
+OF_MOTION: Table = {
+    "outcome": _outcome,
+    "drift": _drift,
+    "greatest displacement": _greatest,
+    "displacement at the end": _at_the_end,
+    "residual displacement": _residual,
+    "still moving": _moving,
+    "peak tie force": _peak_tie,
+    "fallen": _fallen,
+    "not standing": _not_standing,
+}
+OF_LAWS: Table = {"left out": _left_out}
+OF_SETTLEMENT: Table = {
+    "settlement at collapse": _settled,
+    "reaction along the motion": _reaction,
+    "least reaction": partial(structure.extreme_reaction, "least"),
+    "greatest reaction": partial(structure.extreme_reaction, "greatest"),
+    "reaction at rest": _reaction_at_rest,
+    "admissible reaction": _allowed_reaction,
+}
+OF_WORK: Table = {
+    "equilibria": _equilibria,
+    "out of balance": _unbalanced,
+    "load path": _load_path,
+    "simulated time": _simulated,
+    "time step": _time_step,
+    "energy balance": _energy,
+    "steps": _steps,
+}

@@ -1,11 +1,11 @@
-"""Key numbers as name, value and remark: their declarations, and their output as lines of text."""
+"""Key numbers as name, value and remark: tables of them, and their output as lines of text."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
-from dembrick.views.summary import NO_BAR, plain
+from dembrick.views.summary import NO_BAR, ValueWithRemark, plain
 
 _COLUMN = 13  # least width of the column of names, characters
 
@@ -24,36 +24,13 @@ def aligned(numbers: Sequence[KeyNumber]) -> list[str]:
     return [plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}") for name, value, remark in numbers]
 
 
-class ValueWithRemark(NamedTuple):
-    """Value of a key number with unit and error bar, and a remark."""
-
-    value: str
-    remark: str = ""
+Table: TypeAlias = Mapping[str, Callable[[Mapping], ValueWithRemark | None]]  # name: function that finds it in results
 
 
-class KeyNumberSpec(NamedTuple):
-    """Declaration of a key number shown by ``run``, ``info``, pages and notebooks: its ``name``, and the function
-    ``of`` that finds it in results, or returns None.
-
-    ``only`` and ``unless``: a key that the results must have, or must not have.
-    """
-
-    name: str
-    of: Callable[[Mapping], ValueWithRemark | None]
-    only: str = ""
-    unless: str = ""
-
-
-def evaluate(declared: Sequence[KeyNumberSpec], results: Mapping) -> list[KeyNumber]:
-    """The key numbers of a table of declarations that results contain."""
-    found = []
-    for one in declared:
-        if (one.only and one.only not in results) or (one.unless and one.unless in results):
-            continue
-        told = one.of(results)
-        if told is not None:
-            found.append(KeyNumber(one.name, *told))
-    return found
+def evaluate(table: Table, results: Mapping) -> list[KeyNumber]:
+    """The key numbers of a ``table`` that results contain."""
+    found = ((name, of(results)) for name, of in table.items())
+    return [KeyNumber(name, *told) for name, told in found if told is not None]
 
 
 def refuses_refining(results: Mapping) -> bool:

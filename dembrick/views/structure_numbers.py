@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from dembrick.scenario.checks import listed
 from dembrick.scenario.controls import CONTROLS
 from dembrick.scenario.regimes import ACTUATORS
 from dembrick.views.number_lines import KeyNumber
-from dembrick.views.summary import known, length, limit_text, listed, number, part, texts, yield_point
+from dembrick.views.summary import ValueWithRemark, known, length, limit_text, number, part, texts, yield_point
 
 BEFORE = "before the supports moved"
 _SHOWN = 8  # greatest number of supports, or ties, with a line each
@@ -58,7 +59,7 @@ def of_stages(results: Mapping) -> Iterator[KeyNumber]:
         point = yield_point(stage)
         pushed = kind in CONTROLS and CONTROLS[kind].drives == ACTUATORS
         limit = limit_text(point, part(stage, "path"), "N" if pushed else "") if "V" in point else None
-        load = _borne(stage) if limit is None else f"{'V' if pushed else 'load factor'} = {limit.value}, {limit.kind}"
+        load = _borne(stage) if limit is None else f"{'V' if pushed else 'load factor'} = {limit.value}, {limit.remark}"
         yield KeyNumber(f"stage {count:.0f}", f"{kind}: {status}", load)
 
 
@@ -68,10 +69,8 @@ def _borne(stage: Mapping) -> str:
     reaction, reached = number(found.get("reaction")), number(found.get("displacement"))
     if reaction is not None and reached is not None:
         said = [f"reaction along the motion {reaction:.6g} N at {length(reached)}"]
-        for which in ("least", "greatest"):
-            value, where = (number(part(found, which).get(key)) for key in ("reaction", "displacement"))
-            if value is not None and where is not None:
-                said.append(f"{which} {value:.6g} N {f'at {length(where)}' if where else BEFORE}")
+        extremes = ((which, extreme_reaction(which, stage)) for which in ("least", "greatest"))
+        said += [f"{which} {told.value} {told.remark}" for which, told in extremes if told is not None]
         return ", ".join(said)
     wrenches = _wrenches(stage)
     if len(wrenches) < 2:
@@ -80,6 +79,15 @@ def _borne(stage: Mapping) -> str:
     told = [f"{name} {', '.join(forces[3 * i : 3 * i + 3])} N" for i, name in enumerate(wrenches)]
     more = f" and {len(told) - _OF_STAGE} more" if len(told) > _OF_STAGE else ""
     return f"reactions: {'; '.join(told[:_OF_STAGE])}{more}"
+
+
+def extreme_reaction(which: str, results: Mapping) -> ValueWithRemark | None:
+    """The "least" or "greatest" reaction along the motion of supports, and where it was."""
+    one = part(part(results, "settlement"), which)
+    value, where = number(one.get("reaction")), number(one.get("displacement"))
+    if value is None or where is None:
+        return None
+    return ValueWithRemark(f"{value:.6g} N", f"at {length(where)}" if where else BEFORE)
 
 
 def ties_of(results: Mapping) -> list[Mapping]:

@@ -7,7 +7,7 @@ numbers are left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import NamedTuple
 
@@ -17,7 +17,6 @@ _MEET = 1e-9  # of V: bounds closer than this coincide but for rounding
 _TINY = 5e-7  # of a value: not visible in seven digits
 _SHORT, _LONG = 2e-4, 2.0  # m: displacements up to the first are given in µm, from the second on in m
 _MANY = 1e4  # N: loads from here on are given in kN
-_NAMED = 5  # greatest number of blocks named in a line
 _UNEVEN = 0.05  # of a bracket: V may be off its middle by as much and still be printed as V ± half the bracket
 
 
@@ -63,9 +62,8 @@ def yield_point(results) -> dict[str, float]:
 
 def with_error(value: float, half_width: float, unit: str) -> str:
     """``215.988 ± 0.068 N``, see `barred`; the value alone if the error is only rounding."""
-    if half_width <= _MEET * abs(value):
-        return f"{value:.7g} {unit}"
-    return f"{' ± '.join(barred(value, half_width))} {unit}"
+    text = f"{value:.7g}" if half_width <= _MEET * abs(value) else " ± ".join(barred(value, half_width))
+    return f"{text} {unit}".rstrip()
 
 
 def barred(value: float, error: float) -> tuple[str, str]:
@@ -168,17 +166,17 @@ def load_text(value: float, unit: str = "N") -> str:
     return f"{factor * value:.4g} {name}"
 
 
-class Limit(NamedTuple):
-    """A limit load as text: its ``value`` with error bar and unit, and the ``kind`` of the bar."""
+class ValueWithRemark(NamedTuple):
+    """A number as text: its value with unit and error bar, and a remark, of a limit load the kind of the bar."""
 
     value: str
-    kind: str
+    remark: str = ""
 
     def __str__(self) -> str:
-        return f"{self.value} ({self.kind})"
+        return f"{self.value} ({self.remark})" if self.remark else self.value
 
 
-def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> Limit:
+def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> ValueWithRemark:
     """The limit load of a yield point as text, the same in all commands, figures and pages.
 
     ``beside``: the results beside it, ``collapse`` or ``path``. V ± half its bracket if V is its middle, else both
@@ -189,18 +187,18 @@ def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> Limit:
         least = "" if lower is None or lower >= V else f"; the limit is at least {lower:.6g} {unit}".rstrip()
         bound = part(beside, "associative").get("upper")
         most = "no upper bound" if bound is None else f"at most {bound:.6g} {unit}".rstrip() + " by limit analysis"
-        return Limit(f"{V:.6g} {unit}".rstrip(), f"at the end, {most}{least}")
+        return ValueWithRemark(f"{V:.6g} {unit}".rstrip(), f"at the end, {most}{least}")
     if path_dependence_unknown(beside or {}):
-        return Limit(f"about {known(V, None)} {unit}".rstrip(), "of this path")
+        return ValueWithRemark(f"about {known(V, None)} {unit}".rstrip(), "of this path")
     above, below = upper - V, V - lower
     if max(above, below) <= _MEET * abs(V):
-        return Limit(with_error(V, 0.0, unit).rstrip(), f"{kind}: the two bounds meet")
+        return ValueWithRemark(with_error(V, 0.0, unit), f"{kind}: the two bounds meet")
     if abs(above - below) <= _UNEVEN * (above + below):
-        return Limit(with_error(V, max(above, below), unit).rstrip(), kind)
-    return Limit(f"{' to '.join(outward(lower, upper))} {unit}".rstrip(), kind)
+        return ValueWithRemark(with_error(V, max(above, below), unit), kind)
+    return ValueWithRemark(f"{' to '.join(outward(lower, upper))} {unit}".rstrip(), kind)
 
 
-def angle_text(point: Mapping, beside: Mapping | None) -> Limit:
+def angle_text(point: Mapping, beside: Mapping | None) -> ValueWithRemark:
     """Like `limit_text` for a tilting table, in degrees: V is the tangent of its angle."""
     names = ("V", "V_lower", "V_upper")
     turned = {name: math.degrees(math.atan(point[name])) for name in names if point.get(name) is not None}
@@ -228,16 +226,10 @@ def plain(text: str) -> str:
     return text.replace("±", "+-").replace("µ", "u")
 
 
-def length(metres: float) -> str:
-    """A small length in a suitable unit."""
+def length(metres: float, error: float | None = None) -> str:
+    """A small length, with its error bar (m) as `with_error` if it has one, in a unit that suits the length."""
     unit, factor = length_unit(metres)
-    return f"{metres * factor:.4g} {unit}"
-
-
-def length_with_error(metres: float, error: float) -> str:
-    """A small length with its error bar (m) as `with_error`, both in a unit that suits the length."""
-    unit, factor = length_unit(metres)
-    return with_error(factor * metres, factor * error, unit)
+    return f"{metres * factor:.4g} {unit}" if error is None else with_error(factor * metres, factor * error, unit)
 
 
 def length_unit(metres: float) -> tuple[str, float]:
@@ -251,9 +243,3 @@ def length_unit(metres: float) -> tuple[str, float]:
 def texts(value: object) -> list[str]:
     """The texts of a list, empty for anything else."""
     return [name for name in value if isinstance(name, str)] if isinstance(value, list) else []
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names in a line, the first few if there are many; "none" if there are none."""
-    more = len(names) - _NAMED
-    return f"{', '.join(names[:_NAMED]) or 'none'}{f' and {more} more' if more > 0 else ''}"

@@ -45,7 +45,7 @@ def test_every_command_says_the_same(name, tmp_path, capsys):
         document = page.document(found)
     assert point["V_lower"] <= point["V"] <= point["V_upper"]
     for text in told:
-        assert summary.plain(said.value) in text and said.kind.split(":")[0] in text
+        assert summary.plain(said.value) in text and said.remark.split(":")[0] in text
         assert len(set(re.findall(r"\+- ([\d.e-]+)", text.partition("\nV_peak")[0]))) <= 2  # of load and tilt angle
         assert "no error bar" not in text
     assert str(drawn) in legend and said.value in document and json.dumps(str(drawn))[1:-1] in document
@@ -178,7 +178,7 @@ def test_a_search_without_an_upper_end_takes_that_of_limit_analysis():
     found = cut_at_bound(open_ended, BOUND)
     assert (found.V, found.V_lower, found.V_upper, found.V_peak) == (0.35, 0.0, 0.35, 0.35)
     said = summary.limit_text(found.as_dict(), {"associative": BOUND}, "")
-    assert said.kind == "at the end, at most 0.35 by limit analysis; the limit is at least 0"
+    assert said.remark == "at the end, at most 0.35 by limit analysis; the limit is at least 0"
 
 
 L = (

@@ -56,7 +56,7 @@ def test_a_stone_that_stays_stood_and_has_slid(tmp_path, capsys):
     assert "outcome" in shown and "stood" in shown and "residual displacement" in shown
     capsys.readouterr()
     assert cli.main(["info", str(tmp_path / "run.h5")]) == 0
-    info, numbers = capsys.readouterr().out, evaluate((*OF_MOTION, *OF_WORK), told)
+    info, numbers = capsys.readouterr().out, evaluate({**OF_MOTION, **OF_WORK}, told)
     assert len(numbers) >= 9
     for number in numbers:  # declared once, shown everywhere
         assert lines_of([number])[number.name] in words(result.text()) and plain(f"{number.value}") in info

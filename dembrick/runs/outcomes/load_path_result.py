@@ -10,6 +10,7 @@ import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.outcomes.motion_result import MotionResult
+from dembrick.runs.outcomes.result import load_in_words
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED, DRIVEN_PATH
 from dembrick.simulation.statics.yield_point import YieldPoint
 
@@ -59,11 +60,8 @@ class LoadPathResult(MotionResult):
     @property
     def plain_answer(self) -> str | None:
         """Sentence on an unlimited load; None if there is a limit."""
-        if not self.unlimited:
-            return None
-        V, actuators = self.run.bracket[0], self.scenario.control.drives == ACTUATORS
-        load = f"V = {V:.3g} N" if actuators else f"a load factor of {V:.3g}"
-        return f"unlimited: no blocks fell up to {load}"
+        load = load_in_words(self.scenario.control, self.run.bracket[0])
+        return f"unlimited: no blocks fell up to {load}" if self.unlimited else None
 
     @property
     def yield_point(self) -> YieldPoint:

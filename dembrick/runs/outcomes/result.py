@@ -19,7 +19,7 @@ from dembrick.runs.outcomes.cycles import cycles_of
 from dembrick.scenario.checks import show
 from dembrick.scenario.joint_laws import described
 from dembrick.scenario.model import Scenario
-from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
+from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Control, Curve
 from dembrick.simulation.channels import counts_equilibria
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
@@ -213,6 +213,11 @@ def heading(scenario: Scenario) -> dict:
     return {"scenario": scenario.path or "", "title": scenario.title, "formulation": scenario.joint.formulation}
 
 
+def load_in_words(control: Control, V: float) -> str:
+    """A load for a sentence."""
+    return f"V = {V:.3g} N" if control.drives == ACTUATORS else f"a load factor of {V:.3g}"
+
+
 def tied(assembly: Assembly, **values: np.ndarray) -> list[dict]:
     """The blocks of every tie and its ``values`` by name: tension (N), the elongation (m) that it keeps."""
     ties, names = assembly.ties, assembly.names
@@ -290,7 +295,7 @@ class Result(RunResult):
         control, V = self.scenario.control, self.yield_point.V_lower
         if control.tilt_axis is not None:
             return f"stands at any tilt up to {STEEPEST:g} deg (followed to a load factor of {V:.3g})"
-        load = f"V = {V:.3g} N" if control.drives == ACTUATORS else f"a load factor of {V:.3g}"
+        load = load_in_words(control, V)
         if not self.run.settings.get("gave_way", True):
             return f"unlimited: this load cannot move the blocks; no joint slid or opened up to {load}"
         return f"unlimited: the blocks jam, and no mechanism was found up to {load}"

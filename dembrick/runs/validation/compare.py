@@ -20,7 +20,7 @@ from dembrick.runs.outcomes.result import Result, fell
 from dembrick.runs.path_dependence import ends
 from dembrick.runs.simulate import AnyResult, simulate
 from dembrick.runs.validation.cases import Case
-from dembrick.runs.verification.verify import STYLE
+from dembrick.runs.verification.verify import page
 from dembrick.scenario import toml
 from dembrick.scenario.checks import present
 from dembrick.scenario.model import Scenario
@@ -253,17 +253,8 @@ def remarks(found: Sequence[Comparison]) -> str:
 
 def html(found: Sequence[Comparison], version: str) -> str:
     """The page of the report."""
-    rows = "\n".join(_html_row(one) for one in found)
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>dembrick {escape(version)}: validation</title><style>{STYLE}</style></head>
-<body><h1>Validation of dembrick {escape(version)}</h1>
-<p>{escape(summary(found))}</p>
-<table><thead><tr><th>test</th><th>source, inputs, unknown</th><th>D</th><th>u_D</th><th>S</th><th>u_num</th>
-<th>E</th><th></th></tr></thead><tbody>
-{rows}
-</tbody></table></body></html>
-"""
+    heads = ("test", "source, inputs, unknown", "D", "u_D", "S", "u_num", "E", "")
+    return page("Validation", version, escape(summary(found)), heads, map(_html_row, found))
 
 
 def _html_row(found: Comparison) -> str:

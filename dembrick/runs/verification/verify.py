@@ -193,16 +193,24 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 
 def html(outcomes: Sequence[Outcome], version: str) -> str:
     """The page of the report."""
-    rows = "\n".join(_html_row(outcome) for outcome in outcomes)
+    intro = (
+        f"{escape(summary(outcomes))}. An error bar is the bracket of the limit load, or in real time the estimate of "
+        "<code>--refine</code>. Run any case again with <code>dembrick verify CASE</code>."
+    )
+    heads = ("case", "source", "reference", "dembrick", "error", "time", "")
+    return page("Verification", version, intro, heads, map(_html_row, outcomes))
+
+
+def page(title: str, version: str, intro: str, heads: Iterable[str], rows: Iterable[str]) -> str:
+    """A page with one table: the ``heads`` of its columns, its ``rows`` and the ``intro`` as HTML."""
+    lines = "\n".join(rows)
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>dembrick {escape(version)}: verification</title><style>{STYLE}</style></head>
-<body><h1>Verification of dembrick {escape(version)}</h1>
-<p>{escape(summary(outcomes))}. An error bar is the bracket of the limit load, or in real time the estimate of
-<code>--refine</code>. Run any case again with <code>dembrick verify CASE</code>.</p>
-<table><thead><tr><th>case</th><th>source</th><th>reference</th><th>dembrick</th><th>error</th><th>time</th><th></th></tr>
-</thead><tbody>
-{rows}
+<title>dembrick {escape(version)}: {title.lower()}</title><style>{STYLE}</style></head>
+<body><h1>{title} of dembrick {escape(version)}</h1>
+<p>{intro}</p>
+<table><thead><tr>{"".join(f"<th>{head}</th>" for head in heads)}</tr></thead><tbody>
+{lines}
 </tbody></table></body></html>
 """
 

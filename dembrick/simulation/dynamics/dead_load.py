@@ -15,7 +15,7 @@ import numpy as np
 from dembrick.errors import DembrickError, NotConvergedError, UndecidedError, of_joint_forces
 from dembrick.kernels.dynamics.law_memory import SEARCHING
 from dembrick.kernels.dynamics.loop import RUNNING, Limits
-from dembrick.scenario.model import show
+from dembrick.scenario.checks import listed, show
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.chunks import advance_chunk
@@ -46,7 +46,6 @@ USUAL = 0.9  # of the critical time step: default of solver.step_factor
 CHUNK = 256  # steps between two checks for equilibrium
 REFEREE = 20_000  # steps without rest or fall, after which statics in the geometry of the start decides
 STICKING = 1e9  # friction of joints that may not slip
-NAMED = 5  # blocks that a message names
 
 
 def find_equilibrium(
@@ -260,9 +259,8 @@ def _compliance(state: MovingState) -> np.ndarray:
 
 def _fallen(motion: Motion, falls: np.ndarray) -> NotConvergedError:
     names = [show(motion.assembly.names[i]) for i in np.flatnonzero(falls)]
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return NotConvergedError(
-        f"no equilibrium under the dead loads: {', '.join(names[:NAMED])}{more} slide or overturn before the run "
+        f"no equilibrium under the dead loads: {listed(names)} slide or overturn before the run "
         "begins; check loads, friction and supports"
     )
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.scenario.checks import listed
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.limit_analysis import bounds, solver
 from dembrick.simulation.limit_analysis.equilibrium import JointForces
@@ -229,9 +230,8 @@ def _limit(assembly: Assembly, live: np.ndarray, material: Material, corners: bo
 def falls(assembly: Assembly, found: Standing) -> NotConvergedError:
     """The error of a structure that does not stand under its dead loads."""
     names = [assembly.names[i] for i in found.mechanism.blocks]
-    shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
     error = NotConvergedError(
-        f"it does not stand under its dead loads: {found.mechanism.kind} of {shown}; the joints cannot balance "
+        f"it does not stand under its dead loads: {found.mechanism.kind} of {listed(names)}; the joints cannot balance "
         f"{100.0 * found.unbalanced:.3g} % of the dead loads; check loads, friction and supports"
     )
     error.answer = {

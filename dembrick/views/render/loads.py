@@ -12,6 +12,7 @@ import numpy as np
 from dembrick.assembly.actuators import BODY_FORCE, PRESSURE
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
+from dembrick.scenario.checks import listed
 from dembrick.views import summary
 from dembrick.views.motion import loads
 from dembrick.views.motion.blocks import CarriedPoints, Poses
@@ -141,7 +142,7 @@ class DrawnSettlement:
         far = max(float(np.linalg.norm(way)) for way in self._ways.values())
         what = "is to move" if len(self._ways) == 1 else "are to move"
         told = f"by {summary.length(far)}" if far else "as they turn"
-        return [f"{'blue: ' if far else ''}{summary.listed(list(self._ways))} {what} {told}"]
+        return [f"{'blue: ' if far else ''}{listed(list(self._ways))} {what} {told}"]
 
 
 LONGEST = 0.2  # of the structure's greatest extent: length of the arrow of the greatest reaction

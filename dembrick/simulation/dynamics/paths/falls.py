@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import DivergedError
-from dembrick.scenario.model import show
+from dembrick.scenario.checks import listed, show
 from dembrick.simulation.dynamics.integrator import PressedTooDeep, in_shorter_steps
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.run import falls_by
@@ -18,7 +18,6 @@ from dembrick.simulation.dynamics.run import falls_by
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.paths.equilibria import EquilibriumPath
 
-NAMED = 5  # blocks that a message names
 AS_DRAWN = "control.large_displacements = false gives the limit in the initial geometry"
 IN_TIME = (
     "There may be no angle at which they fall: control.quasi_static = false, with a rate and a displacement, gives the "
@@ -62,7 +61,7 @@ def still_follows(path: EquilibriumPath) -> str:
     if not pressed.slope.any():
         return f"{found}; stiffen the {'ties or joints' if ties else 'joints'} on which they move"
     names = [moving.assembly.names[i] for i in np.unique(pressed.block[pressed.slope != 0.0])]
-    on = ", ".join(map(show, names[:NAMED])) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+    on = listed([*map(show, names)])
     return (
         f"{found}: the pressure on {on} depends on the height of the faces, and so on how far they have moved. "
         f"{IN_TIME if path.control.kind == 'tilt' else AS_DRAWN}{'; or stiffen the ties' if ties else ''}"

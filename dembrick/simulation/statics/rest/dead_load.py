@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import NotConvergedError, UndecidedError, of_joint_forces
+from dembrick.scenario.checks import listed
 from dembrick.simulation import load_increments
 from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.floating_point import not_nan
@@ -98,9 +99,8 @@ def dead_load_equilibrium(
 def does_not_stand(found: Rest, names) -> str:
     """Message on which blocks fall, and by which mechanism."""
     moving = [names[i] for i in found.blocks]
-    more = f" and {len(moving) - 5} more" if len(moving) > 5 else ""
     falls = "falls" if len(moving) == 1 else "fall"
-    return f"does not stand: {', '.join(moving[:5])}{more} {falls} by {found.mechanism}"
+    return f"does not stand: {listed(moving)} {falls} by {found.mechanism}"
 
 
 def undecided(found: Rest) -> str:
