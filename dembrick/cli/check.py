@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from dembrick.cli.paths import add_force
+from dembrick.cli.paths import add_force, add_set
 
 if TYPE_CHECKING:
     from dembrick.assembly.actuators import ActuatorTable
@@ -20,9 +20,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("scenario", help="the TOML file")
     parser.add_argument("--picture", "--to", metavar="FILE.png", help="draw the blocks as they are before the run")
     add_force(parser)
-    parser.add_argument(
-        "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
-    )
+    add_set(parser)
 
 
 def run(options, console) -> int:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import os
 
-from dembrick.cli.paths import add_force, require_ending
+from dembrick.cli.paths import add_force, add_set, require_ending
 from dembrick.cli.run import HISTORIES
 
 
 def add_arguments(parser) -> None:
     parser.add_argument("scenario", help="the TOML file")
-    parser.add_argument(
-        "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
-    )
+    add_set(parser)
     parser.add_argument(
         "--heuristic",
         action="store_true",

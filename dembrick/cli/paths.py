@@ -40,6 +40,13 @@ def frame_of(text: str) -> int | str:
     return text if text in ("peak", "last") else int(text)
 
 
+def add_set(parser) -> None:
+    """Add the option to change keys of a scenario."""
+    parser.add_argument(
+        "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
+    )
+
+
 def add_force(parser) -> None:
     """Add the option to replace an existing file."""
     parser.add_argument("--force", action="store_true", help="replace an existing file, whatever it holds")

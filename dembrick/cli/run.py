@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from dembrick.cli import export
-from dembrick.cli.paths import add_force, default_output, require_ending
+from dembrick.cli.paths import add_force, add_set, default_output, require_ending
 
 HISTORIES = (".h5", ".hdf5")
 
@@ -19,9 +19,7 @@ def add_arguments(parser) -> None:
         metavar="FILE.h5",
         help="history file (default: results/<scenario>.h5, with a number added if that holds another scenario)",
     )
-    parser.add_argument(
-        "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
-    )
+    add_set(parser)
     parser.add_argument("--tolerance", type=float, help="short for --set control.tolerance=...")
     parser.add_argument(
         "--refine",

@@ -16,7 +16,7 @@ from dembrick.assembly import build as assemblies
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
-from dembrick.runs.limit_cases import StandingResult, assembled, at_start, names_of, stands
+from dembrick.runs.limit_cases import StandingResult, assembled, at_start, stands
 from dembrick.runs.logger import heard_by
 from dembrick.runs.outcomes.result import heading, tied
 from dembrick.runs.reading import load
@@ -26,6 +26,7 @@ from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import SETTLEMENT
 from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.limit_analysis import analysis, solver
+from dembrick.simulation.limit_analysis.mechanism import names_of
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
 from dembrick.views.number_lines import KeyNumber, aligned

@@ -24,7 +24,6 @@ from dembrick.simulation.limit_analysis import analysis, solver
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
-    from dembrick.simulation.limit_analysis.mechanism import Mechanism
 
 
 def searched(scenario: Scenario) -> Scenario:
@@ -96,11 +95,6 @@ def assembled(
     return scenario, assembly, time.perf_counter() - began
 
 
-def names_of(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
-    """Names of the blocks that move in a mechanism."""
-    return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
-
-
 SQUEEZE = "forces that balance the dead loads exist; blocks do not develop forces that need a squeeze from pre-stress"
 
 
@@ -121,16 +115,10 @@ class StandingResult:
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick limit --json`` for ``kind = "statics"``."""
-        mechanism = self.found.mechanism
         return {
             **heading(self.scenario),
             "status": self.status,
-            "statics": {
-                "stands": self.found.stands,
-                "unbalanced": self.found.unbalanced,
-                "mechanism": None if mechanism is None else mechanism.kind,
-                "blocks": names_of(self.assembly, mechanism),
-            },
+            "statics": analysis.statics(self.assembly, self.found),
             "remarks": [SQUEEZE] if self.found.stands else [],
             "wall": self.wall,
         }

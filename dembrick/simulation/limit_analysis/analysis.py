@@ -16,7 +16,7 @@ from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.limit_analysis import bounds, solver
 from dembrick.simulation.limit_analysis.equilibrium import JointForces
 from dembrick.simulation.limit_analysis.friction_surface import first_planes
-from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
+from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of, names_of
 from dembrick.simulation.limit_analysis.programme import (
     NO_CUTS,
     Cuts,
@@ -227,23 +227,21 @@ def _limit(assembly: Assembly, live: np.ndarray, material: Material, corners: bo
     return greatest(structure, live, inner)
 
 
+def statics(assembly: Assembly, found: Standing) -> dict:
+    """The object ``statics`` of the JSON output."""
+    kind = None if found.mechanism is None else found.mechanism.kind
+    blocks = names_of(assembly, found.mechanism)
+    return {"stands": found.stands, "unbalanced": found.unbalanced, "mechanism": kind, "blocks": blocks}
+
+
 def falls(assembly: Assembly, found: Standing) -> NotConvergedError:
     """The error of a structure that does not stand under its dead loads."""
-    names = [assembly.names[i] for i in found.mechanism.blocks]
+    names = names_of(assembly, found.mechanism)
     error = NotConvergedError(
         f"it does not stand under its dead loads: {found.mechanism.kind} of {listed(names)}; the joints cannot balance "
         f"{100.0 * found.unbalanced:.3g} % of the dead loads; check loads, friction and supports"
     )
-    error.answer = {
-        "status": "falls",
-        "error": str(error),
-        "statics": {
-            "stands": False,
-            "unbalanced": found.unbalanced,
-            "mechanism": found.mechanism.kind,
-            "blocks": names,
-        },
-    }
+    error.answer = {"status": "falls", "error": str(error), "statics": statics(assembly, found)}
     return error
 
 

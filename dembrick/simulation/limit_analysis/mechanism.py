@@ -30,6 +30,11 @@ class Mechanism:
     kind: str
 
 
+def names_of(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
+    """Names of the blocks that move in a mechanism."""
+    return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
+
+
 def mechanism_of(structure: Structure, y: np.ndarray, resultants: np.ndarray, supports=None) -> Mechanism:
     """The mechanism from duals ``y`` of equilibrium and joint forces ``resultants`` (j, 6); ``supports``: prescribed
     velocities (n, 3), or with rotations (n, 6), of fixed blocks."""
