@@ -7,7 +7,7 @@ import pytest
 
 from dembrick.runs.limit import limit
 from dembrick.scenario import toml
-from helpers.scenario_text import block, header
+from helpers.scenario_text import block, header, jack
 
 PUSHOVER = '[control]\nkind = "pushover"\ndirection = [{:.17g}, {:.17g}, 0.0]\n'
 
@@ -53,3 +53,16 @@ def test_a_pinnacle_that_rocks(side, height, apart, truth):
     found = limit(on_tower("concave", 0.65, 4, 1, side, height, (1.0, 0.0), apart))
     low, high = printed(found)
     assert low <= truth <= high and low <= float(re.search(r"load factor (\S+),", found.text())[1]) <= high
+
+
+@pytest.mark.parametrize("arm", [0.01, 1e-4])
+def test_a_couple_turns_a_light_block(arm):
+    """At M_T0 = .3826 mu N a, under uniform pressure. Its moment at V = 1 is rounding next to the weight of the tower
+    times its distance, so the structure was taken for one without moments out of its plane."""
+    given = header("convex", 0.65, 1e11) + block("ground", (-20.0, 0.0, -0.1), (9.0, 9.0, 0.2), "fixed = true")
+    given += block("tower", (-20.0, 0.0, 4.0), (9.0, 9.0, 8.0))
+    given += block("floor", (0.0, 0.0, -0.1), (1.0, 1.0, 0.2), "fixed = true")
+    given += block("pin", (0.0, 0.0, 0.15), (0.2, 0.2, 0.3)) + jack("pin", (0.5 * arm, 0.0, 0.1), (0.0, 1.0, 0.0))
+    given += jack("pin", (-0.5 * arm, 0.0, 0.1), (0.0, -1.0, 0.0)).replace("jack", "other")
+    found = limit(toml.loads(given + '[control]\nkind = "yield"\n'))
+    assert found.lower <= 0.3825978582 * 0.65 * 0.012 * 2000.0 * 9.81 * 0.2 / arm <= found.upper

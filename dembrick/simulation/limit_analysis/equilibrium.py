@@ -18,7 +18,8 @@ from dembrick.simulation.limit_analysis.strength import Areas, Points
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-_SAME = 1e-9  # of the length scale: places that differ by less are the same
+_SAME = 1e-9  # of the length scale: places that differ by less are the same; likewise directions and moments
+_ROUNDING = 1e-14  # of the greatest force of a load: a smaller force on a block counts as zero
 
 
 @dataclass(frozen=True)
@@ -127,20 +128,25 @@ def plane_of_symmetry(
     directions ``along`` (3,) as well; None if there is none.
 
     Only planes through all centroids of the free blocks that contain all forces are tried, as of a wall or an arch
-    under a load along it. Other symmetries are not used.
+    under a load along it. Other symmetries are not used. The force and the moment of each load on each block are
+    measured by themselves, as a load of 1 N is rounding next to the weight of other blocks.
     """
     free = ~assembly.fixed
     place = assembly.position[free] - assembly.position[free].mean(axis=0)
     size = max(float(np.abs(place).max(initial=0.0)), float(np.abs(assembly.joints.arm_b).max(initial=0.0)))
-    forces = np.concatenate([wrench[free, :3] for wrench in loads])
-    greatest = float(np.linalg.norm(forces, axis=1).max(initial=0.0))
-    if not (greatest > 0.0 and size > 0.0):
+    forces, moments = (np.concatenate([wrench[free, part] for wrench in loads]) for part in (np.s_[:3], np.s_[3:]))
+    own = np.linalg.norm(forces, axis=1).reshape(len(loads), -1)
+    least = np.broadcast_to(_ROUNDING * own.max(axis=1, initial=0.0, keepdims=True), own.shape).ravel()
+    own = own.ravel()
+    pushed = own > least
+    if not (pushed.any() and size > 0.0):
         return None
     normals = assembly.joints.axes[:, 2]
     ties = assembly.ties
     ends = ties.ends[:, 0].start(assembly.position) - assembly.position[free].mean(axis=0)
     lines = np.concatenate([ties.direction, ends / size])
-    directions = np.concatenate([place / size, forces / greatest, normals, lines, np.reshape(along, (-1, 3))])
+    along = np.reshape(along, (-1, 3))
+    directions = np.concatenate([place / size, forces[pushed] / own[pushed, None], normals, lines, along])
     _, _, axes = np.linalg.svd(directions.T @ directions)
     plane = axes[2]
     plane = plane * np.sign(plane[np.argmax(np.abs(plane))])
@@ -148,11 +154,10 @@ def plane_of_symmetry(
         return None
     if len(assembly.guided) and float(np.abs(plane).max()) < 1.0 - _SAME:
         return None  # guides hold along world axes, which are then not those of the plane
-    for wrench in loads:
-        moment = wrench[free, 3:]
-        across = moment - np.outer(moment @ plane, plane)
-        if float(np.abs(across).max(initial=0.0)) > _SAME * greatest * size:
-            return None
+    across = moments - np.outer(moments @ plane, plane)
+    rounded = _SAME * (size * own + np.linalg.norm(moments, axis=1)) + size * least
+    if (np.linalg.norm(across, axis=1) > rounded).any():
+        return None
     middle = assembly.position[free].mean(axis=0)
     for merged in (_merged_points(assembly, points, plane, middle), _merged_corners(assembly, areas, plane, middle)):
         if float(np.abs(merged.aside).max(initial=0.0)) > _SAME * size:
