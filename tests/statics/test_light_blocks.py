@@ -5,7 +5,7 @@ import pytest
 
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
-from dembrick.scenario.controls import DynamicControl, PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.controls import DynamicControl, PushoverControl, StaticsControl, TiltControl, YieldControl
 from dembrick.scenario.joint_laws import JointOverride
 from dembrick.scenario.model import Actuator
 from dembrick.scenario.ties import Tie, TieEnd
@@ -116,3 +116,13 @@ def test_a_light_block_on_a_soft_bed_starts_at_rest_beside_a_heavy_tower(formula
     np.testing.assert_allclose(N, WEIGHT, rtol=1e-5)
     np.testing.assert_allclose(V, sideways, rtol=1e-5)
     np.testing.assert_allclose(M, 0.5 * HEIGHT * sideways / (1.0 - 0.5 * HEIGHT * WEIGHT / tilts), rtol=1e-5)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("over, stands", [(0.98, True), (1.02, False)])
+def test_a_light_block_falls_over_an_edge_beside_a_heavy_tower(over, stands, formulation):
+    """It was said to rest once its joint was open: rounding was then that of the tower's joints."""
+    floor = Block("floor", "stone", (0.02, 0.02, 0.2), (50.0, 0.0, -0.1), fixed=True)
+    light = Block("light", "stone", (0.02, 0.02, 0.02), (50.0 + 0.01 * over, 0.0, 0.01))
+    scene = of_stone(law(formulation, 0.65, 1e12), StaticsControl(large_displacements=True), (*HEAVY, floor, light))
+    assert simulate(scene, record=False).run.rest.stands is stands

@@ -7,6 +7,7 @@ fraction of its size plus its elastic displacement; a block that no chain of sou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
 
@@ -58,11 +59,11 @@ def find_equilibrium(
     """Bring the blocks to rest under the dead loads at time zero; displacements are measured from there.
 
     Blocks that no chain of joints connects to a support stay where they are. Returns the out-of-balance force left on
-    the others, over the joint forces. With ``sticking`` no joint slips meanwhile, so that a block that slides from the
-    start begins with its weight on the joint. Blocks that overturn even so are fixed where they were drawn while the
-    others come to rest, and begin to fall when time starts: ``motion.falling``. Without ``sticking`` such blocks raise
-    NotConvergedError, which names them; blocks that neither rest nor fall, UndecidedError. Bonds do not break
-    meanwhile, whatever their forces.
+    one of the others, over the forces on it. With ``sticking`` no joint slips meanwhile, so that a block that slides
+    from the start begins with its weight on the joint. Blocks that overturn even so are fixed where they were drawn
+    while the others come to rest, and begin to fall when time starts: ``motion.falling``. Without ``sticking`` such
+    blocks raise NotConvergedError, which names them; blocks that neither rest nor fall, UndecidedError. Bonds do not
+    break meanwhile, whatever their forces.
 
     ``pause`` is called between two chunks of steps, ``motion.dead_load_steps`` in all so far; ``resume`` restores
     state and steps of such a point. A state that a settlement left is at rest already, unless its loads have changed.
@@ -313,10 +314,12 @@ def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tu
 
 
 def of_rounding(state: MovingState) -> np.ndarray:
-    """Error (n,) N of the joint forces on each block by rounding of positions; that of the stiffest joint for a block
-    without joints, which may have contacts."""
-    farthest = float(np.abs(state.bodies.position).max())
-    stiffness, own = joint_families.normal_stiffness(state), np.zeros(len(state.bodies.mass))
+    """Error (n,) N of the forces on each block by rounding of positions: those of its stiffest joint, or of contacts
+    on all of its section if it has no closed joint."""
+    bodies, stiffness = state.bodies, joint_families.normal_stiffness(state)
+    farthest, own = float(np.abs(bodies.position).max()), np.zeros(len(bodies.mass))
     for block in (state.links.host, state.links.other):
         np.maximum.at(own, block.astype(np.intp), stiffness)
-    return ROUNDING * np.finfo(float).eps * farthest * np.where(own > 0.0, own, stiffness.max(initial=0.0))
+    touching = math.pi * bodies.reach**2 * joint_families.greatest_modulus(state)
+    touching = np.minimum(touching, stiffness.max(initial=0.0))
+    return ROUNDING * np.finfo(float).eps * farthest * np.where(own > 0.0, own, touching)

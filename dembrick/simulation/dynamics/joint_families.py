@@ -79,6 +79,11 @@ def normal_stiffness(state) -> np.ndarray:
     return found
 
 
+def greatest_modulus(state) -> float:
+    """Greatest normal stiffness per area of any joint (Pa/m)."""
+    return max((float(joints.k_n.max()) for _, joints in present(state)), default=0.0)
+
+
 def arrays(state) -> list[np.ndarray]:
     return [array for module, joints in present(state) for array in module.arrays(joints)]
 
