@@ -141,6 +141,20 @@ def test_a_test_that_turns_ends_with_what_it_carries_then():
         assert low <= sense * 0.5 * STONE_N <= high
 
 
+@pytest.mark.parametrize("keys", ["", "rows = 10000\n", 'channels = ["joints"]\n'])
+def test_a_peak_between_two_rows_lies_in_its_bar(keys):
+    """The block rocks at (N + f_t A) b / 2 h until its two corners in tension break: on its way back after those at the
+    other edge, and then at N b / 2 h."""
+    text = header("concave", 0.65, 1e10, keys="cohesion = 2000.0\ntensile_strength = 1000.0\n")
+    text += block("floor", (0.0, 0.0, -0.1), (0.1, 0.1, 0.2), "fixed = true")
+    text += block("stone", (0.0, 0.0, 0.12), (0.1, 0.1, 0.24)) + jack("stone", (0.0, 0.0, 0.24))
+    text += '[control]\nkind = "displacement"\nrate = 1e-5\nprotocol = [0.0, 2e-5, -2e-5, 2e-5, -2e-5]\n[output]\n'
+    (cycle,) = dembrick.simulate(toml.loads(text + keys)).cycles
+    N, bars = 0.0024 * 2000.0 * 9.81, zip(cycle["V_lower"], cycle["V_upper"], strict=True)
+    for (low, high), peak in zip(bars, (-(N + 10.0) * 0.05 / 0.24, N * 0.05 / 0.24), strict=True):
+        assert low <= peak <= high and high - low < 0.3 * abs(peak)
+
+
 @pytest.mark.parametrize("formulation", ["convex", "concave", "corrected", "corrected-shear", "distributed"])
 def test_peaks_are_the_limit_load_both_ways(formulation):
     scenario = to_and_fro((U, -U, U), formulation=formulation)

@@ -22,6 +22,7 @@ RETURN_SHARE = 0.51  # of the way to the last turning point but one: from there 
 MISSED = 1e-2  # of the dissipated energy: straight lines between rows may miss so much of a loop
 CLOSED = 1e-5  # of the way out: a loop that misses its start by less is closed
 ROUNDING = 1e-12  # of the ranges of force and displacement: smaller works and displacements are zero
+FASTER = 3.0  # times as fast, at most, is a test at a constant rate in the next row, as after a turn
 DRIFTS, PLATEAU = 10, 1e-2  # over a DRIFTS-th of a half cycle beside its peak, the force of a plateau changes by less
 
 
@@ -48,7 +49,9 @@ def cycles_of(
     noise = np.asarray(rows["unbalanced"], float) * _greatest_force(rows, V)
     energies: Mapping = rows.get("energy") or {}  # type: ignore[assignment]
     lost = np.sum([np.asarray(energies[name], float) for name in LOSSES], axis=0) if energies else None
-    dilates = any(law.dilation for law in (scenario.joint, *(entry.law for entry in scenario.joints)))
+    laws = scenario.joint, *(entry.law for entry in scenario.joints)
+    dilates, may_break = any(law.dilation for law in laws), any(law.weakens for law in laws)
+    breaks = np.diff(energies["fracture"]) > 0.0 if energies else np.full(len(V) - 1, may_break)
     found = []
     for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
         if last == len(u) - 1 and abs(u[last] - u[middle]) <= RETURN_SHARE * abs(u[first] - u[middle]):
@@ -61,6 +64,9 @@ def cycles_of(
         same = taken is not None and not dilates and (area is None or abs(area - taken) <= MISSED * abs(taken))
         work, dissipated = taken if same else area, area if taken is None else taken
         halves = [_peak(V, u, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
+        if not in_equilibrium:
+            ends = (first, middle), (middle, last)
+            halves = [(at, bar + _missed(V, u, breaks, at, *end)) for (at, bar), end in zip(halves, ends, strict=True)]
         sizes = 0.25 * float(np.ptp(force) * np.ptp(path))
         work, dissipated = (_but_for_rounding(value, sizes) for value in (work, dissipated))
         found.append(
@@ -106,6 +112,16 @@ def _peak(
         return first + at, bar + min(beside, default=0.0)
     sides = (half[max(at - 3, 0) : at + 1], half[at : at + 4])
     return first + at, bar + min((float(np.ptp(np.diff(side))) for side in sides if len(side) > 2), default=0.0)
+
+
+def _missed(V: np.ndarray, u: np.ndarray, breaks: np.ndarray, at: int, first: int, last: int) -> float:
+    """How far (N) the force of a half cycle may rise above that of its row ``at`` between rows (n - 1,) between which a
+    bond ``breaks``: straight on from the two rows before."""
+    way = np.sign(V[last] - V[first]) or 1.0
+    i = first + 1 + np.flatnonzero(breaks[first + 1 : last])
+    before, behind = np.abs(u[i] - u[i - 1]), np.abs(u[i + 1] - u[i])
+    steps = np.clip(behind, before, FASTER * before) / np.where(before > 0.0, before, 1.0)
+    return float((way * (V[i] - V[at]) + steps * np.maximum(0.0, way * (V[i] - V[i - 1]))).max(initial=0.0))
 
 
 def _closing(u: np.ndarray, middle: int) -> tuple[int, float] | None:
