@@ -176,7 +176,7 @@ def _load_path(results: Mapping) -> ValueWithRemark | None:
     known = (
         "same forces as in one step"
         if error is None
-        else f"forces are known to {rounded_up(error, 1)} of the greatest joint force"
+        else f"forces are known to {rounded_up(error, 1)} of the greatest on a block"
     )
     return ValueWithRemark(f"{increments:.0f} increment{'s' if increments > 1 else ''}", known)
 

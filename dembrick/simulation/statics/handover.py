@@ -76,9 +76,9 @@ def put_back(arrays: list[tuple[np.ndarray, np.ndarray]]) -> None:
 
 
 def carried(state: State) -> np.ndarray:
-    """Forces of the joints (3 j,) and tensions of the ties (N)."""
+    """Forces (j + t, 3) of the joints, and of the ties as (T, 0, 0), in N."""
     tension = np.zeros(0) if state.ties is None else state.ties.tension
-    return np.append(state.joints.resultant[:, :3], tension)
+    return np.concatenate([state.joints.resultant[:, :3], tension[:, None] * np.eye(3)[0]])
 
 
 def depends_on_size(state: State) -> bool:

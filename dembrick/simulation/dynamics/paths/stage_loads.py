@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.session import Kept
 
 
-LITTLE = 2.5e-4  # of the greatest joint force: smaller new loads need no increments, such as those from small rotations
+LITTLE = 2.5e-4  # of the greatest force on a block: smaller new loads on it need no increments, as from small rotations
 NOTHING = 1e-6  # of the forces of new loads: smaller joint forces are rounding of the drawn positions
 Wrenches = tuple[np.ndarray, np.ndarray]  # forces and torques (f, 3) on the free blocks
 
@@ -42,10 +42,10 @@ Wrenches = tuple[np.ndarray, np.ndarray]  # forces and torques (f, 3) on the fre
 class PendingLoads:
     """Changes of a new stage that are still to come: ``shares`` of the forces that joints and ties lose by their laws,
     and of its new loads (both at first zero). ``on_others``: whether joints bear other loads already at the last
-    equilibrium; ``lost`` and ``part``: the lost forces and the new loads over the greatest joint force there;
-    ``breaks``: whether bonds are too weak for what they bear there. ``loads``: force and torque (f, 3) of the new loads
-    on every free block, else the out-of-balance that they cause there; ``wait``: whether they are still to come at the
-    end."""
+    equilibrium; ``lost`` and ``part``: the lost forces and the new loads on a block over the greatest force of a
+    joint or tie on it there; ``breaks``: whether bonds are too weak for what they bear there. ``loads``: force and
+    torque (f, 3) of the new loads on every free block, else the out-of-balance that they cause there; ``wait``: whether
+    they are still to come at the end."""
 
     def __init__(self, moving: Motion, driving: Driving, loads: Wrenches | None = None, wait: bool = False):
         self.shares, bodies, state = (0.0, 0.0), moving.state.bodies, moving.state
@@ -60,15 +60,16 @@ class PendingLoads:
         with held_bonds(moving):
             with stuck(moving), _unyielding(state.ties):
                 whole = unbalanced()
-            borne = np.abs(state.links.wrench[:, :3]).max(initial=0.0)
+            borne = load_increments.greatest_on_blocks(ends(moving), carried(moving), len(bodies.mass))[bodies.free]
             lost = tuple(now - before for now, before in zip(unbalanced(), whole, strict=True))
         joint_forces(moving, driving)
         self.breaks = bool((joint_families.bonded(state) < bonds).any())
         (at, self._lost), (same, self._force) = _cancelling(bodies, *lost), _cancelling(bodies, *(loads or whole))
         self._at = at.and_then(same)
-        greatest, weaker = (float(np.abs(force).max(initial=0.0)) for force in (self._force, self._lost))
-        self.on_others = bool(borne > NOTHING * greatest)
-        self.part, self.lost = (most / borne if borne > 0.0 else math.inf for most in (greatest, weaker))
+        self.on_others = bool(borne.max(initial=0.0) > NOTHING * np.abs(self._force).max(initial=0.0))
+        sizes = (np.abs(force).reshape(3, len(borne), 3).max(axis=(0, 2)) for force in (self._force, self._lost))
+        shares = (np.where(size > 0.0, size / np.where(borne > 0.0, borne, 1e-300), 0.0) for size in sizes)
+        self.part, self.lost = (float(share.max(initial=0.0)) for share in shares)
         self.lost = self.lost if self.lost > NOTHING else 0.0
         self.last = 1.0 if wait else 0.0
 
@@ -154,6 +155,8 @@ def rest_by_increments(
     if to_come.part + to_come.lost <= LITTLE and not to_come.breaks:
         to_come.shares = 0.0, to_come.last
         ratio = rest()
+        if ratio is not None:
+            update_history_at_rest(moving, still())
         path.path_error = 2.0 * (to_come.part + to_come.lost) if gave_way() else 0.0
         return ratio
     falls_before = False
@@ -175,8 +178,11 @@ def rest_by_increments(
             update_history_at_rest(moving, still())
         return early
 
+    def scale(forces: np.ndarray) -> np.ndarray:
+        return load_increments.on_less_loaded(ends(moving), forces, np.asarray(moving.assembly.fixed))
+
     path.increments, path.path_error = load_increments.by_increments(
-        go, lambda: carried(moving), gave_way, gave_way, one_step=False
+        go, lambda: carried(moving), scale, gave_way, gave_way, one_step=False
     )
     if ratio is None and path.loads_wait:
         return None
@@ -197,5 +203,12 @@ def slip_path(moving: Motion) -> float:
 
 
 def carried(moving: Motion) -> np.ndarray:
-    """Forces of the joints (3 j,) and tensions of the ties (N)."""
-    return np.append(moving.state.links.wrench[:, :3], moving.state.ties.now["tension"])
+    """Forces (j + t, 3) of the joints, and of the ties as (T, 0, 0), in N."""
+    tension = moving.state.ties.now["tension"]
+    return np.concatenate([moving.state.links.wrench[:, :3], tension[:, None] * np.eye(3)[0]])
+
+
+def ends(moving: Motion) -> np.ndarray:
+    """The blocks (2, j + t) between which these forces act."""
+    links = moving.state.links
+    return np.concatenate([np.stack([links.host, links.other]), moving.state.ties.block.T], axis=1).astype(np.int64)

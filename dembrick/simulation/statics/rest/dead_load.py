@@ -58,7 +58,7 @@ class Rest:
     """Result of a search for equilibrium under the dead loads: whether the blocks stand (None: undecided), the
     out-of-balance over the joint forces and the number of steps; the mechanism and the numbers of falling blocks;
     seconds of compiling and of relaxing; the number of load ``increments``, and the error of forces that this and the
-    previous stages leave, over the greatest joint force (``path_error``) and in N (``force_error``); ``weakened``: with
+    previous stages leave, over the greatest on a block (``path_error``) and in N (``force_error``); ``weakened``: with
     the present joint laws no equilibrium was found under the loads of the stage before.
     """
 

@@ -18,7 +18,7 @@ from dembrick.errors import HistoryError
 from dembrick.simulation import interrupts, load_increments
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
-from dembrick.simulation.statics import joint_families, ties
+from dembrick.simulation.statics import elastic_factor, joint_families, ties
 from dembrick.simulation.statics.handover import carried, changing, come_to_rest, put_back
 from dembrick.simulation.statics.newton import Trials
 from dembrick.simulation.statics.rest.viscous_rest import FreeEquilibria, ViscousMotion
@@ -151,7 +151,14 @@ class Relaxation:
                 put_back(reached)
             return early if more else None
 
-        found = load_increments.by_increments(go, lambda: carried(self._state), gave_way, broke, one_step=stands)
+        state, fixed = self._state, np.ones(len(self._state.blocks.displacement), bool)
+        fixed[state.blocks.free] = False
+        ends = np.stack(elastic_factor.ends(state, state.joints.block_a, state.joints.block_b))
+
+        def scale(forces: np.ndarray) -> np.ndarray:
+            return load_increments.on_less_loaded(ends[:, : len(forces)], forces, fixed)
+
+        found = load_increments.by_increments(go, lambda: carried(state), scale, gave_way, broke, one_step=stands)
         return *found, sum(steps)
 
     def _in_increments(self, count: int, session: Session, gave_way: Callable[[], bool]) -> tuple[int, bool]:
