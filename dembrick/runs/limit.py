@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 SLIDES, PRESSES = 1e-3, 1e-6  # of the greatest motion, and of the greatest N: joints that slide, and that press
-ROUNDING = 1e-8  # of the carried weight: what the cone solver leaves of a zero
+ROUNDING = 1e-8  # of the joint forces on a support: what the cone solver leaves of a zero
 ACROSS = 0.05  # cosine of a direction that points neither to the blocks nor away from them
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
@@ -341,8 +341,7 @@ def reaction(
     except NotConvergedError as error:
         error.answer = _failure(given, error)
         raise
-    carried = float(np.linalg.norm(assembly.dead_force[~assembly.fixed], axis=1).sum())
-    least, greatest = (_without_rounding(end, carried) for end in found)
+    least, greatest = map(_without_rounding, found)
     wall = {"build": built, "total": time.perf_counter() - began}
     centres = assembly.position - assembly.position[fixed].mean(axis=0)
     mean = np.average(centres[~assembly.fixed], axis=0, weights=assembly.mass[~assembly.fixed])
@@ -357,6 +356,10 @@ def range_along(scenario: Scenario, assembly: Assembly) -> dict:
     moving = np.unique([i for name in path.supports for i in scenario.members(name)])
     way = np.array(path.displacement)
     ends = reaction_range(assembly, moving, -way / np.linalg.norm(way))  # the action on the structure is opposite
+    for end in ends:
+        if math.isfinite(end.value):
+            low, high = sorted((end.reached, end.bound))
+            analysis.refuse_gap(low, high, end.carried, "a reaction")
     return {name: _finite(end.value) for name, end in zip(("least", "greatest"), ends, strict=True)}
 
 
@@ -435,9 +438,9 @@ def _rounded(value: float, digits: int, way: str) -> str:
     return f"{float(Context(prec=digits, rounding=way).create_decimal_from_float(value)):.{digits}g}"
 
 
-def _without_rounding(end: Extreme, carried: float) -> Extreme:
-    """``end`` with values set to zero if they are rounding errors relative to the ``carried`` weight (N)."""
-    reached, bound = (0.0 if abs(value) <= ROUNDING * carried else value for value in (end.reached, end.bound))
+def _without_rounding(end: Extreme) -> Extreme:
+    """``end`` with values set to zero if they are rounding errors relative to the forces that its support carries."""
+    reached, bound = (0.0 if abs(value) <= ROUNDING * end.carried else value for value in (end.reached, end.bound))
     return replace(end, reached=reached, bound=bound)
 
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from dembrick.runs.limit import limit
+from dembrick.runs.limit import limit, reaction
 from dembrick.scenario import toml
 from helpers.scenario_text import block, header, jack
 
@@ -66,3 +66,17 @@ def test_a_couple_turns_a_light_block(arm):
     given += jack("pin", (-0.5 * arm, 0.0, 0.1), (0.0, -1.0, 0.0)).replace("jack", "other")
     found = limit(toml.loads(given + '[control]\nkind = "yield"\n'))
     assert found.lower <= 0.3825978582 * 0.65 * 0.012 * 2000.0 * 9.81 * 0.2 / arm <= found.upper
+
+
+def test_the_thrust_of_a_light_lintel_is_not_zero():
+    """Its posts bear mu times half its weight, which was told as zero beside a tower of 13 MN."""
+    given = header("concave", 0.6, 1e10) + block("ground", (-50.0, 0.0, -0.1), (9.0, 9.0, 0.2), "fixed = true")
+    given += block("tower", (-50.0, 0.0, 4.0), (9.0, 9.0, 8.0))
+    for name, x in (("left", 0.0), ("right", 0.09)):
+        given += block(name, (x, 0.0, -0.01), (0.03, 0.03, 0.02), "fixed = true")
+        given += block(f"on_{name}", (x, 0.0, 0.015), (0.015, 0.015, 0.03))
+    given += block("lintel", (0.045, 0.0, 0.034), (0.105, 0.015, 0.008)) + '[control]\nkind = "statics"\n'
+    found = reaction(toml.loads(given), "right", (1.0, 0.0, 0.0))
+    thrust = 0.6 * 0.5 * 0.105 * 0.015 * 0.008 * 2000.0 * 9.81
+    assert found.least.bound <= -thrust <= found.least.reached < 0.0 < found.greatest.reached <= thrust
+    assert thrust <= found.greatest.bound < 1.1 * thrust

@@ -26,12 +26,14 @@ if TYPE_CHECKING:
 class Extreme:
     """One end of the range of a reaction (N): it lies between ``reached``, the value of forces in equilibrium, and
     ``bound``; both are infinite if nothing limits it. ``resultants`` (j, 6) there; ``mechanism`` of the blocks when the
-    support begins to move along the direction (least) or against it (greatest)."""
+    support begins to move along the direction (least) or against it (greatest); ``carried``: sum of the joint forces on
+    the support (N)."""
 
     reached: float
     bound: float
     resultants: np.ndarray | None
     mechanism: Mechanism | None
+    carried: float = 0.0
 
     @property
     def value(self) -> float:
@@ -50,6 +52,7 @@ def reaction_range(assembly: Assembly, support: np.ndarray, direction: np.ndarra
         raise falls(assembly, inner)
     row, level = _reaction(structure, support, direction)
     loads, unit = Loads(structure.dead, None), structure.frame.unit
+    touching = np.isin(assembly.joints.block_a, support) | np.isin(assembly.joints.block_b, support)
     ends = []
     for sign in (1.0, -1.0):
         found = optimum(structure, loads, sign * row, inner.x)
@@ -62,7 +65,8 @@ def reaction_range(assembly: Assembly, support: np.ndarray, direction: np.ndarra
         given = np.zeros((len(assembly.fixed), 3))
         given[support] = -sign * np.asarray(direction, float)
         moved = mechanism_of(structure, found.y, resultants, given)
-        ends.append(Extreme(reached, bound, resultants, moved))
+        carried = float(np.linalg.norm(resultants[touching, :3], axis=1).sum())
+        ends.append(Extreme(reached, bound, resultants, moved, carried))
     return ends[0], ends[1]
 
 
