@@ -27,7 +27,7 @@ from dembrick.simulation.session import Session
 from dembrick.simulation.statics.paths.other_paths import grazing_joints, greatest_on_any_path, statically_determinate
 from dembrick.simulation.statics.rest import dead_load
 from dembrick.simulation.statics.state import State
-from dembrick.simulation.statics.yield_point import YieldPoint, last_moves, slides
+from dembrick.simulation.statics.yield_point import YieldPoint, closed, last_moves, slides
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -104,7 +104,8 @@ def _affordable(run: Replay, assembly: Assembly) -> bool:
 
 def cut_at_bound(point: YieldPoint, bound: dict | None) -> YieldPoint:
     """``point`` with its bracket cut at the associative ``bound``, if that is known and lower. V stays if it is below
-    the bound; else it is the middle of the new bracket, or the bound itself if the search has no lower bound.
+    the bound; else it is the middle of the new bracket, or the bound itself if the search has no lower bound. An open
+    bracket that is narrow enough once it is cut is closed, with V in its middle.
 
     BracketError if the limit exceeds the bound by more than the error of the search, as one of them is then wrong.
     """
@@ -118,12 +119,14 @@ def cut_at_bound(point: YieldPoint, bound: dict | None) -> YieldPoint:
         )
     lower, upper = min(point.V_lower, most), None if point.V_upper is None else min(point.V_upper, most)
     V = point.V if point.V <= most else 0.5 * (lower + most) if lower > 0.0 else most
-    return replace(point, V=V, V_lower=lower, V_upper=upper, V_peak=min(point.V_peak, most))
+    return closed(replace(point, V=V, V_lower=lower, V_upper=upper, V_peak=min(point.V_peak, most)))
 
 
 def reach_of(point: YieldPoint) -> float:
-    """The load up to which others count as equal to that of ``point``: the end of its bracket, plus rounding."""
-    return max(present(point.V), point.V_upper or -math.inf) + REACHED * abs(present(point.V))
+    """The load up to which others count as equal to that of ``point``: the end of its bracket, or V if that is open,
+    plus rounding."""
+    upper = None if point.bracket == "open" else point.V_upper
+    return max(present(point.V), upper or -math.inf) + REACHED * abs(present(point.V))
 
 
 def _mechanism_allows_no_more(run: Replay) -> bool:

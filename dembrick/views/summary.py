@@ -7,7 +7,7 @@ numbers are left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import NamedTuple
 
@@ -185,8 +185,10 @@ def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> ValueWithRe
     V, lower, upper, kind = point["V"], point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
     if lower is None or upper is None or kind == "open":
         least = "" if lower is None or lower >= V else f"; the limit is at least {lower:.6g} {unit}".rstrip()
-        bound = part(beside, "associative").get("upper")
+        bound = number(part(beside, "associative").get("upper"))
         most = "no upper bound" if bound is None else f"at most {bound:.6g} {unit}".rstrip() + " by limit analysis"
+        if lower is not None and lower >= V and "limit_at" in point:  # blocks snap: the greatest load carried
+            return ValueWithRemark(f"at least {V:.6g} {unit}".rstrip(), most)
         return ValueWithRemark(f"{V:.6g} {unit}".rstrip(), f"at the end, {most}{least}")
     if path_dependence_unknown(beside or {}):
         return ValueWithRemark(f"about {known(V, None)} {unit}".rstrip(), "of this path")
@@ -200,9 +202,16 @@ def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> ValueWithRe
 
 def angle_text(point: Mapping, beside: Mapping | None) -> ValueWithRemark:
     """Like `limit_text` for a tilting table, in degrees: V is the tangent of its angle."""
-    names = ("V", "V_lower", "V_upper")
-    turned = {name: math.degrees(math.atan(point[name])) for name in names if point.get(name) is not None}
-    return limit_text({**point, **turned}, beside, "deg")
+    return limit_text(*converted(point, beside, lambda V: math.degrees(math.atan(V))), "deg")
+
+
+def converted(point: Mapping, beside: Mapping | None, to: Callable[[float], float]) -> tuple[dict, dict]:
+    """A yield point and the results ``beside`` it with all that `limit_text` reads of V converted ``to`` another
+    unit."""
+    loads = {name: to(point[name]) for name in ("V", "V_lower", "V_upper") if point.get(name) is not None}
+    bound = number(part(beside, "associative").get("upper"))
+    bounded = {} if bound is None else {"associative": {"upper": to(bound)}}
+    return {**point, **loads}, {**(beside or {}), **bounded}
 
 
 def peak_text(point: Mapping, beside: Mapping | None, unit: str, at_rate: bool) -> tuple[str, str]:

@@ -210,3 +210,7 @@ def test_a_bracket_ends_at_the_proven_bound():
     assert (cut.V_lower, cut.V_upper, cut.V_peak) == (0.9, 0.96, 0.96) and cut.V == pytest.approx(0.93)
     assert cut_at_bound(wide, {"upper": 1.05}).V == 1.0 and cut_at_bound(wide, {"upper": 1.05}).V_upper == 1.05
     assert cut_at_bound(wide, {"upper": 1.2}) == wide and cut_at_bound(wide, None) == wide
+    snaps = replace(point, V=0.9, V_lower=0.9, V_upper=3.0, V_peak=0.9, bracket="open")
+    cut = cut_at_bound(snaps, {"upper": 0.96})
+    assert cut.bracket == "indicator" and cut.V == pytest.approx(0.93) and cut.half_width == pytest.approx(0.03)
+    assert cut_at_bound(snaps, {"upper": 2.0}).bracket == "open", "still too wide for a limit"

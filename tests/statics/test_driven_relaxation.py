@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,12 +21,13 @@ from dembrick.scenario.controls import PushoverControl, YieldControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block, Load
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics import limit_load, yield_point
 from dembrick.simulation.statics.elastic_factor import elastic_factor, rounded_inertia
 from dembrick.simulation.statics.paths import driven_relaxation, path_following
-from dembrick.simulation.statics.paths.bounds import bounds_after_jumps, pushed_bounds
+from dembrick.simulation.statics.paths.bounds import bounds_after_jumps, carried, pushed_bounds
 from dembrick.simulation.statics.state import initial_state
 from dembrick.views.structure_numbers import of_path
+from dembrick.views.summary import limit_text
 from helpers.key_lines import lines_of
 from helpers.pushed_assemblies import stack, wall
 from helpers.quasi_static import leaf, scene
@@ -149,6 +151,13 @@ def test_a_path_that_is_given_up_is_pushed_on(monkeypatch):
     assert pushed.steps < let_go.steps
     assert pushed.settings["wanders"] and not let_go.settings["wanders"]
     assert let_go.yield_point.V_after < pushed.yield_point.V_lower < 1.5278
+    # bounds that are too far apart: the greatest load of an equilibrium is the lower one
+    monkeypatch.setattr(yield_point, "OPEN", 0.0)
+    run, _ = energies_of(given)
+    point = run.yield_point
+    assert point.bracket == "open" and pushed.yield_point.V_lower <= point.V_lower == point.V <= point.V_peak
+    told = limit_text(point.as_dict(), {"associative": {"upper": 1.5278}}, "")
+    assert told == (f"at least {point.V:.6g}", "at most 1.5278 by limit analysis")
 
 
 def test_without_an_end_it_says_so(impatient, monkeypatch):
@@ -167,6 +176,14 @@ def test_bounds_of_pushes():
     assert pushed_bounds(rising, True) == (7.25 - 0.5, 8.75, True)
     assert pushed_bounds([*seen, (8.0, 8.125, 7.75, 8.125, False)], True) == (6.75, 8.125 + 3.0 * 0.375, True)
     assert pushed_bounds([*seen, (8.0, 9.0, 8.75, 9.0, False)], False) == (7.25 - 0.875, NEVER, False)
+
+
+def test_pushes_carry_nothing_for_certain():
+    """What an equilibrium carried, less what may be left in its blocks; not what the two pushes after them did."""
+    seen = [(0.0, 0.0, 0.0, NEVER, False), (1.0, 7.0, 6.5, 8.0, False), (2.0, 6.75, 6.75, 8.0, True)]
+    pushes = [(3.0, 7.5, 7.0, 9.0, False), (4.0, 8.0, 7.5, 9.0, False)]
+    assert carried(SimpleNamespace(seen=seen + pushes, pushes=2)) == 6.75
+    assert carried(SimpleNamespace(seen=pushes, pushes=2)) == 0.0
 
 
 def test_bounds_of_blocks_that_were_let_go():

@@ -6,6 +6,7 @@ import pytest
 from dembrick.views import plot, summary
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.page import content
+from dembrick.views.plot import subject
 
 
 @pytest.mark.parametrize("upper", [4e4, None])
@@ -29,6 +30,18 @@ def test_an_open_bracket_is_a_line_at_what_the_limit_has_at_least(run, monkeypat
     chart = content.collect(run)["curve"]
     assert chart["band"] is None
     assert [level["y"] for level in chart["levels"] if "no upper bound" in level["name"]] == pytest.approx([0.9 * most])
+
+
+def test_a_bound_of_limit_analysis_is_in_the_unit_of_the_load():
+    """In kN, and in degrees of a table."""
+    point = {"V": 6e4, "V_lower": 5e4, "V_upper": 1e6, "bracket": "open"}
+    results = {"yield_point": point, "path": {"associative": {"upper": 61000.0}}}
+    said = subject.Diagram("load V", "N", "displacement").limit(results)[2]
+    assert said == "60 kN (at the end, at most 61 kN by limit analysis; the limit is at least 50 kN)"
+    point = {"V": 1.0, "V_lower": 0.0, "bracket": "open"}
+    tilted = {"yield_point": point, "collapse": {"associative": {"upper": 3**0.5}}}
+    said = subject.Diagram("table angle", "deg", "displacement", tilts=True).limit(tilted)[2]
+    assert said == "45 deg (at the end, at most 60 deg by limit analysis; the limit is at least 0 deg)"
 
 
 def test_a_closed_bracket_stays_a_band(run, monkeypatch):

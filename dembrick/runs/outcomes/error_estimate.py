@@ -179,10 +179,13 @@ def inertia_remark(result) -> str | None:
 
 
 def inertia_share(result) -> float | None:
-    """Greatest share of V that inertia may carry; None if no load is driven at a rate."""
+    """Greatest share of V that inertia may carry; None if no load is driven at a rate, or if V is only the last load of
+    a cyclic test."""
     control: Any = result.scenario.control
     if isinstance(result, Result) and control.regime is CONSTANT_RATE:
-        V, peak = result.yield_point.V, result.yield_point.V_peak
+        if control.cyclic and result.yield_point.bracket == "open":
+            return None
+        V, peak = result.yield_point.V, abs(result.yield_point.V_peak)
         stiffness = result.run.settings["actuator_stiffness"]
         most = control.rate * math.sqrt(stiffness * effective_mass(result.assembly))
         return min(most, peak - V) / V if V else None

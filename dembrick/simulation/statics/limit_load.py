@@ -35,6 +35,7 @@ from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.elastic_factor import equations, touches_itself
 from dembrick.simulation.statics.load_system import After, LoadSystem, Replay, Setup, rough_strength
 from dembrick.simulation.statics.lone_joint import MOST_EQUILIBRIA, LoneSearch, is_lone
+from dembrick.simulation.statics.paths.bounds import carried
 from dembrick.simulation.statics.paths.limit_state import NEAR, carrying
 from dembrick.simulation.statics.paths.path_following import PathFollower
 from dembrick.simulation.statics.paths.path_state import Path, PathState
@@ -42,6 +43,7 @@ from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.yield_point import (
     YieldPoint,
+    at_greatest,
     at_peak,
     carried_by,
     mechanism_of,
@@ -179,17 +181,20 @@ def _lost_its_way(state: State, point: YieldPoint) -> bool:
 
 def _limit_of(path: Path, follower: PathFollower, setup: Setup) -> tuple[YieldPoint, State]:
     """The yield point of a path and the state at its limit; the state at the end of the path if nothing limits the
-    load or only a range of it is known."""
+    load or only the range in which it rises and falls is known."""
     certificate, names, within = setup.certificate, setup.assembly.names, 2.0 * setup.certificate.tolerance
+    wide = path.wanders and read_off(setup.state, certificate, names).bracket == "open"
 
     def read(state: State) -> YieldPoint:
         point = read_off(state, certificate, names)
+        if wide:
+            return at_greatest(point, carried(follower.way))
         return point if certificate.strict else at_peak(point, path.peak, within * abs(present(point.V)))
 
     end = read(setup.state)
     if path.unlimited:
         return without_limit(end), setup.state
-    if end.bracket == "open" or (path.wanders and end.V_after is None):
+    if not wide and (end.bracket == "open" or (path.wanders and end.V_after is None)):
         return replace(end, limit_at=float(path.equilibria)), setup.state
     found = read(follower.limit.state)
     limit = carrying(follower.limit.state, present(found.V))

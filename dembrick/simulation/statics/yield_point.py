@@ -29,7 +29,8 @@ class YieldPoint:
     ``V`` is the middle of the bracket; if the load falls after a peak, the middle of that of the peak, and ``V_after``
     is the residual load of the mechanism (else None). ``bracket`` is "certified" if the normal forces do not depend on
     the load, else "indicator"; "open" if the bounds are too far apart for a limit load (or ``V_upper`` is None: there
-    is no upper one), and V is then only the load of the actuators at the end. ``unlimited``: no mechanism up to
+    is no upper one), and V is then only the load of the actuators at the end, or the greatest one carried in
+    equilibrium if that is ``V_lower``. ``unlimited``: no mechanism up to
     ``V_lower``, and V is None. ``actuator_load``: load of the actuators at the end of the replay; ``displacement``:
     the driven one at the limit, or at the end of a test that went past it (m); ``V_peak``: the V of the largest
     absolute value, with its sign, at ``displacement_at_peak``: in equilibrium and within the bracket, or at a constant
@@ -158,6 +159,21 @@ def at_peak(point: YieldPoint, peak: tuple[float, float], within: float) -> Yiel
         return replace(point, V=V, V_upper=peak[0], V_peak=peak[0])
     V = 0.5 * (peak[0] + peak[1])
     return replace(point, V=V, V_lower=peak[0], V_upper=peak[1], V_peak=V, V_after=point.V)
+
+
+def at_greatest(point: YieldPoint, carried: float) -> YieldPoint:
+    """``point`` of a path whose load rises and falls without end, in bounds too far apart: the limit is at least the
+    greatest load ``carried`` in equilibrium (N), which is V if the bracket stays open."""
+    lower = max(point.V_lower, carried)
+    return closed(replace(point, V=lower, V_lower=lower))
+
+
+def closed(point: YieldPoint) -> YieldPoint:
+    """``point`` with V in the middle of its bracket if that is open and no longer too wide."""
+    lower, upper = point.V_lower, point.V_upper
+    if point.bracket != "open" or upper is None or not upper - lower <= OPEN * abs(lower):
+        return point
+    return replace(point, V=0.5 * (lower + upper), bracket="indicator")
 
 
 def without_limit(point: YieldPoint) -> YieldPoint:

@@ -199,8 +199,7 @@ class Diagram(NamedTuple):
             said = summary.angle_text(point, beside)
         else:
             unit, factor = summary.load_unit(abs(point["V"]), self.unit.strip("-"))
-            scaled = {key: factor * point[key] for key in ("V", "V_lower", "V_upper") if key in point}
-            said = summary.limit_text(point | scaled, beside, unit)
+            said = summary.limit_text(*summary.converted(point, beside, lambda V: factor * V), unit)
         lower, upper = float(self.loads(point["V_lower"])), point.get("V_upper")
         if upper is None or point.get("bracket", "open") == "open":
             return lower, None, str(said)

@@ -100,6 +100,12 @@ def peak_bounds(seen: list[Seen], compliance: float) -> tuple[float, float]:
     return sure, max(sure, V) + max(0.0, min(above, default=0.0))
 
 
+def carried(way: PathState) -> float:
+    """Greatest load (N) that an equilibrium of a path certainly carried; those near the ends of pushes, where blocks
+    may still move, do not count."""
+    return max((min(s[1:3]) for s in way.seen[: len(way.seen) - way.pushes]), default=0.0)
+
+
 def _when(seen: list[Seen], given: float) -> int:
     """Number of the last equilibrium whose inelastic displacement is at most ``given``."""
     return next((i for i in range(len(seen) - 1, -1, -1) if seen[i][0] <= given), 0)
