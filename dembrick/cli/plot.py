@@ -130,7 +130,7 @@ def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
     from dembrick.errors import ScenarioError
     from dembrick.views import misfit, plot
 
-    found, lines, names = [], [], (*misfit.NUMBERS, "compared")
+    found, lines, springs, names = [], [], [], (*misfit.NUMBERS, "compared")
     for history, label in zip(histories, labels, strict=True):
         for curve in measured:
             ours = plot.record_of(history)
@@ -145,6 +145,12 @@ def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
             )
             whose = f" of {label} against {curve.name}" if len(histories) * len(measured) > 1 else ""
             lines.append(f"misfit{whose}: {misfit.text(one)}{misfit.extent(one, ours, curve)}")
+            springs.append(misfit.turns_early(ours, curve) and not history.counts_equilibria)
+    if any(springs):
+        console.remark(
+            "at a constant rate the spring of the jack takes a part of its travel; if displacements were measured on "
+            "the block, run the test with control.large_displacements = true, which prescribes them"
+        )
     answer = {"misfit": {name: found[0][name] for name in names}} if found else {}
     return answer | ({"misfits": found} if len(found) > 1 else {}), lines
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.actuators import BODY_FORCE
 from dembrick.errors import needed
 from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NO_BOUND, ROWS
 
@@ -44,13 +45,13 @@ def _told_apart(names: list[str]) -> list[str]:
 
 
 def columns_of(history: History) -> list[tuple[str, list[str]]]:
-    """The tabular series of a history, with column headings that have units in brackets."""
+    """The tabular series of a history, with column headings that have units in brackets. Body forces, one on every
+    block, come last."""
     names, there = names_of(history), set(history.series_names("history"))
-    return [
-        (channel.name, channel.titles(names, history.unit(channel.path)))
-        for channel in CHANNELS
-        if channel.columns and channel.grows_by == ROWS and channel.name in there
-    ]
+    found = [one for one in CHANNELS if one.columns and one.grows_by == ROWS and one.name in there]
+    if any(one["kind"] == BODY_FORCE for one in history.actuators):
+        found.sort(key=lambda channel: channel.shape == ("actuator",))
+    return [(channel.name, channel.titles(names, history.unit(channel.path))) for channel in found]
 
 
 def to_pandas(history: History) -> pandas.DataFrame:

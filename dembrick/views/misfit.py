@@ -19,7 +19,7 @@ THIRD = 1.0 / 3.0  # of the peak: where the secant of the initial stiffness is t
 # Share of the range by which a measured displacement may decrease (scatter of the gauge, not a cycle), and by which a
 # measured turning point may lie beyond the simulated one.
 REVERSAL_TOLERANCE = 0.05
-
+NEARLY = 0.99  # of the greatest measured displacement: a run that turns before that turns early
 
 NUMBERS = ("rms", "peak", "stiffness", "energy")
 
@@ -64,9 +64,19 @@ def extent(misfit: Misfit, simulated: Curve, measured: Curve) -> str:
     """Remark in brackets on how far a measured curve was compared; empty if all of it was."""
     last, most = misfit.compared[1], float(simulated.displacement.max())
     if last >= measured.displacement.max():
-        return " (up to the first turning point)" if goes_on(simulated, measured) else ""
+        if goes_on(simulated, measured):
+            return " (up to the first turning point)"
+        ends = [1e3 * float(np.abs(curve.displacement).max()) for curve in (simulated, measured)]
+        early = turns_early(simulated, measured)
+        return f" (the run turns at {ends[0]:.4g} mm, the curve at {ends[1]:.4g} mm)" if early else ""
     end = f"the run {'turns' if turns(simulated.displacement) else 'ends'} at {1e3 * most:.4g}"
     return f" (compared up to {1e3 * last:.4g} mm: {end}{', its last force is kept beyond' if last > most else ''})"
+
+
+def turns_early(simulated: Curve, measured: Curve) -> bool:
+    """Whether both curves turn, the simulated one at smaller displacements."""
+    ours, theirs = (np.asarray(curve.displacement, float) for curve in (simulated, measured))
+    return min(turns(ours), turns(theirs)) > 0 and np.abs(ours).max() < NEARLY * np.abs(theirs).max()
 
 
 def between(simulated: Curve, measured: Curve, name: str = "the measured curve") -> Misfit:

@@ -87,6 +87,10 @@ def test_a_run_that_turns_before_the_measured_curve_keeps_its_last_force():
     said = misfit.extent(misfit.between(ours, lab), ours, lab)
     assert said == " (compared up to 5.2 mm: the run turns at 5, its last force is kept beyond)"
     assert misfit.extent(misfit.between(ours, ours), ours, ours) == ""
+    near = lab._replace(displacement=1e-3 * np.array([0.0, 5.0, 5.2, -5.2, 5.2]))  # within the slack of a turning point
+    said = misfit.extent(misfit.between(ours, near), ours, near)
+    assert said == " (the run turns at 5 mm, the curve at 5.2 mm)" and misfit.turns_early(ours, near)
+    assert not misfit.turns_early(near, ours)
 
 
 def test_the_initial_stiffness_is_of_what_both_curves_have():
