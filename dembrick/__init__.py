@@ -33,14 +33,14 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow lazy imp
     from dembrick.runs.domain import simulate_domain as simulate_domain
     from dembrick.runs.lab import replay_lab as replay_lab
     from dembrick.runs.limit import LimitResult as LimitResult
-    from dembrick.runs.limit import ReactionResult as ReactionResult
     from dembrick.runs.limit import limit as limit
-    from dembrick.runs.limit import reaction as reaction
     from dembrick.runs.limit_cases import StandingResult as StandingResult
     from dembrick.runs.outcomes.load_path_result import LoadPathResult as LoadPathResult
     from dembrick.runs.outcomes.motion_result import MotionResult as MotionResult
     from dembrick.runs.outcomes.result import Result as Result
     from dembrick.runs.outcomes.statics_result import StaticsResult as StaticsResult
+    from dembrick.runs.reactions import ReactionResult as ReactionResult
+    from dembrick.runs.reactions import reaction as reaction
     from dembrick.runs.reading import load as load
     from dembrick.runs.simulate import restart as restart
     from dembrick.runs.simulate import restart_at as restart_at
@@ -112,10 +112,11 @@ _NAMES = {  # by module
     "dembrick.runs.causes": "Causes find_causes",
     "dembrick.runs.domain": "simulate_domain",
     "dembrick.runs.lab": "replay_lab",
-    "dembrick.runs.limit": "LimitResult ReactionResult limit reaction",
+    "dembrick.runs.limit": "LimitResult limit",
     "dembrick.runs.limit_cases": "StandingResult",
     "dembrick.runs.outcomes.load_path_result": "LoadPathResult",
     "dembrick.runs.outcomes.motion_result": "MotionResult",
+    "dembrick.runs.reactions": "ReactionResult reaction",
     "dembrick.runs.reading": "load",
     "dembrick.runs.outcomes.result": "Result",
     "dembrick.runs.simulate": "restart restart_at simulate",

@@ -21,7 +21,10 @@ def add_arguments(parser) -> None:
     add_force(parser)
     reaction = parser.add_argument_group("reaction of a support that may move, under the dead loads")
     reaction.add_argument(
-        "--reaction", metavar="SUPPORT", help="fixed block or group whose least and greatest force are computed"
+        "--reaction",
+        metavar="SUPPORT",
+        help="fixed block or group whose least and greatest force are computed; or A/B, for the force of a block or "
+        "group A on another, B, in the joints between them",
     )
     reaction.add_argument(
         "--direction",
@@ -34,7 +37,7 @@ def run(options, console) -> int:
     """Analyse the scenario; exit code 1 if it does not stand under its dead loads or the solver fails."""
     from dembrick import history
     from dembrick.errors import DembrickError, ScenarioError
-    from dembrick.runs import limit, limit_cases
+    from dembrick.runs import limit, limit_cases, reactions
     from dembrick.runs.reading import load
     from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST
     from dembrick.scenario.files import inputs_of
@@ -53,9 +56,9 @@ def run(options, console) -> int:
     if statics and (options.picture or options.out or options.heuristic):
         raise ScenarioError('--picture, --out and --heuristic belong to a load, and kind "statics" has none')
     try:
-        found: limit.ReactionResult | limit.LimitResult | limit_cases.StandingResult
+        found: reactions.ReactionResult | limit.LimitResult | limit_cases.StandingResult
         if options.reaction is not None:
-            found = limit.reaction(scenario, options.reaction, _vector(options.direction), report=console.remark)
+            found = reactions.reaction(scenario, options.reaction, _vector(options.direction), report=console.remark)
         else:
             found = limit.limit(scenario, heuristic=options.heuristic, report=console.remark)
     except DembrickError as error:

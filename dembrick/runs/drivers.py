@@ -166,9 +166,9 @@ def _search_result(bound: bool = False, **fields) -> Result:
 
 def _settlement_result(bound: bool = False, **fields) -> MotionResult:
     """Result of a settlement; ``bound``: with the range of reactions at the start by limit analysis."""
-    from dembrick.runs import limit  # imports its solver, only if asked for
+    from dembrick.runs import reactions  # imports its solver, only if asked for
 
-    allowed = limit.range_along(fields["scenario"], fields["assembly"]) if bound else None
+    allowed = reactions.range_along(fields["scenario"], fields["assembly"]) if bound else None
     return MotionResult(**fields, allowed=allowed)
 
 

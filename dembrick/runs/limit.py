@@ -1,12 +1,12 @@
-"""Limit analysis of a scenario: limit(scenario) -> LimitResult, reaction(scenario, ...) -> ReactionResult."""
+"""Limit analysis of a scenario: limit(scenario) -> LimitResult."""
 
 from __future__ import annotations
 
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import TYPE_CHECKING
 
@@ -16,11 +16,10 @@ from dembrick.assembly import build as assemblies
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
-from dembrick.runs.limit_cases import StandingResult, assembled, at_start, stands
-from dembrick.runs.logger import heard_by
+from dembrick.runs.limit_cases import StandingResult, assembled, failure, finite, stands
 from dembrick.runs.outcomes.result import heading, tied
 from dembrick.runs.reading import load
-from dembrick.scenario.checks import listed, nearest, present, show
+from dembrick.scenario.checks import listed, present
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import SETTLEMENT
@@ -28,7 +27,6 @@ from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.mechanism import names_of
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
-from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
 from dembrick.views.number_lines import KeyNumber, aligned
 from dembrick.views.structure_numbers import of_ties
 
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 SLIDES, PRESSES = 1e-3, 1e-6  # of the greatest motion, and of the greatest N: joints that slide, and that press
-ROUNDING = 1e-8  # of the joint forces on a support: what the cone solver leaves of a zero
-ACROSS = 0.05  # cosine of a direction that points neither to the blocks nor away from them
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
 
@@ -102,9 +98,9 @@ class LimitResult:
             **heading(self.scenario),
             "status": self.status,
             "unlimited": self.limit.unlimited,
-            "load_factor": _finite(self.load_factor),
-            "lower": _finite(self.lower),
-            "upper": _finite(self.upper),
+            "load_factor": finite(self.load_factor),
+            "lower": finite(self.lower),
+            "upper": finite(self.upper),
             "angle": self.angle,
             "flow": "associative",
             "mechanism": self.mechanism,
@@ -171,93 +167,6 @@ class LimitResult:
         return write(self, path, force)
 
 
-@dataclass
-class ReactionResult:
-    """Reaction that ``support`` exerts on the other blocks along ``direction``: its ``least`` and ``greatest`` value
-    (N) over all equilibria of a ``scenario`` and its ``assembly``; ``wall``: seconds.
-
-    ``towards``: cosine between ``direction`` and the vector from the support to the centre of the free blocks.
-    """
-
-    scenario: Scenario
-    assembly: assemblies.Assembly
-    support: str
-    direction: tuple[float, ...]
-    least: Extreme
-    greatest: Extreme
-    wall: dict
-    towards: float = 0.0
-
-    def __repr__(self) -> str:
-        ends = f"{self.least.value:.6g} to {self.greatest.value:.6g} N"
-        return f"<ReactionResult {self.scenario.title!r}: {self.support}, {ends}>"
-
-    def as_dict(self) -> dict:
-        """The JSON object of ``dembrick limit --reaction --json``."""
-
-        def end(extreme: Extreme) -> dict:
-            return {
-                "value": _finite(extreme.value),
-                "reached": _finite(extreme.reached),
-                "bound": _finite(extreme.bound),
-                "unlimited": math.isinf(extreme.value),
-                "mechanism": None if extreme.mechanism is None else extreme.mechanism.kind,
-                "blocks": names_of(self.assembly, extreme.mechanism),
-            }
-
-        return {
-            **heading(self.scenario),
-            "status": "reaction",
-            "support": self.support,
-            "direction": list(self.direction),
-            "least": end(self.least),
-            "greatest": end(self.greatest),
-            "push": self.push,
-            "flow": "associative",
-            "wall": self.wall,
-        }
-
-    @property
-    def push(self) -> dict | None:
-        """Push of the support on the other blocks: its ``least`` and ``greatest`` size (N, None if unlimited), its
-        direction (``along``, (3,)), and its ``side``: "inward", towards them, "outward", away from them, or None if it
-        is across; None if it may push either way, or not at all."""
-        low, high = self.least.value, self.greatest.value
-        if low < 0.0 < high or low == high == 0.0:
-            return None
-        sign = -1.0 if low < 0.0 else 1.0
-        least, greatest = sorted((abs(low), abs(high)))
-        facing = sign * self.towards
-        side = None if abs(facing) < ACROSS else "inward" if facing > 0.0 else "outward"
-        along = [sign * part + 0.0 for part in self.direction]
-        return {"least": _finite(least), "greatest": _finite(greatest), "along": along, "side": side}
-
-    def _push_text(self) -> str:
-        """Sentence on what the signs of the two values mean."""
-        push = self.push
-        if self.least.value == self.greatest.value == 0.0:
-            return "the support pushes the other blocks neither along this direction nor against it"
-        if push is None:
-            return "the support may push the other blocks along this direction (positive) or against it (negative)"
-        side = {"inward": ", inward (towards them)", "outward": ", outward (away from them)", None: ""}[push["side"]]
-        most = "without limit" if push["greatest"] is None else f"at most {push['greatest']:.6g} N"
-        least = "without limit" if push["least"] is None else f"at least {push['least']:.6g} N"
-        return f"the support pushes the other blocks along {named(push['along'])}{side}: {least}, {most}"
-
-    def text(self) -> str:
-        """Text of the command line."""
-        lines = [self.scenario.title, f"reaction      of {self.support} along {self.direction} on the other blocks"]
-        for label, end in (("least", self.least), ("greatest", self.greatest)):
-            if math.isinf(end.value):
-                lines.append(f"{label:13} unlimited: the blocks are locked between their supports")
-                continue
-            lines.append(
-                f"{label:13} {end.value:.9g} N (balanced {end.reached:.9g}, bound {end.bound:.9g}), by "
-                f"{present(end.mechanism).kind} of {listed(names_of(self.assembly, present(end.mechanism)))}"
-            )
-        return "\n".join([*lines, f"push          {self._push_text()}"])
-
-
 def limit(
     scenario: Scenario | str | os.PathLike,
     *,
@@ -295,7 +204,7 @@ def limit(
         )
     except DembrickError as error:
         if isinstance(error, NotConvergedError):
-            error.answer = _failure(given, error)
+            error.answer = failure(given, error)
         raise
     remarks = []
     if analysis.bounded_by_corners(assembly.joints).any():
@@ -304,71 +213,6 @@ def limit(
         )
     wall = {"build": built, "solve": found.seconds, "total": time.perf_counter() - began}
     return LimitResult(given, assembly, found, beside, wall, opinion, remarks)
-
-
-def reaction(
-    scenario: Scenario | str | os.PathLike,
-    support: str,
-    direction,
-    *,
-    report: Callable[[str], None] | None = None,
-) -> ReactionResult:
-    """Least and greatest reaction of a ``support``, a fixed block or a group, along ``direction`` under the dead loads.
-
-    For a scenario with stages that change the geometry: before the first of these. Errors as for
-    :func:`limit`.
-    """
-    began = time.perf_counter()
-    way = np.array(direction, float)
-    if way.shape != (3,) or not np.isfinite(way).all() or not way.any():
-        raise ScenarioError(f"direction = {direction!r} must be three numbers, not all of them 0")
-    start, remark = at_start(scenario if isinstance(scenario, Scenario) else load(scenario))
-    given, assembly, built = assembled(start, began, report)
-    if remark and (heard := heard_by(report)):
-        heard(remark)
-    number = {name: i for i, name in enumerate(assembly.names)}
-    members = given.groups.get(support) or ((number[support],) if support in number else None)
-    if members is None:
-        raise ScenarioError(f"there is no block or group {show(support)}; {nearest(support, [*number, *given.groups])}")
-    fixed = np.array([i for i in members if assembly.fixed[i]], np.int64)
-    if not len(fixed):
-        raise ScenarioError(f"{show(support)} is not fixed, so it has no reaction: name a support")
-    if not (np.isin(assembly.joints.block_a, fixed) | np.isin(assembly.joints.block_b, fixed)).any():
-        raise ScenarioError(f"no free block touches {show(support)}, so it has no reaction")
-    way = way / np.linalg.norm(way)
-    try:
-        found = reaction_range(assembly, fixed, way)
-    except NotConvergedError as error:
-        error.answer = _failure(given, error)
-        raise
-    least, greatest = map(_without_rounding, found)
-    wall = {"build": built, "total": time.perf_counter() - began}
-    centres = assembly.position - assembly.position[fixed].mean(axis=0)
-    mean = np.average(centres[~assembly.fixed], axis=0, weights=assembly.mass[~assembly.fixed])
-    towards = float(way @ mean) / max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
-    return ReactionResult(given, assembly, support, tuple(way.tolist()), least, greatest, wall, towards)
-
-
-def range_along(scenario: Scenario, assembly: Assembly) -> dict:
-    """``settlement.limit_analysis``: least and greatest reaction along the motion (N; None if unlimited) that
-    equilibrium allows before the supports move. Raises as :func:`reaction` does."""
-    (path,) = scenario.control.support_paths
-    moving = np.unique([i for name in path.supports for i in scenario.members(name)])
-    way = np.array(path.displacement)
-    ends = reaction_range(assembly, moving, -way / np.linalg.norm(way))  # the action on the structure is opposite
-    for end in ends:
-        if math.isfinite(end.value):
-            low, high = sorted((end.reached, end.bound))
-            analysis.refuse_gap(low, high, end.carried, "a reaction")
-    return {name: _finite(end.value) for name, end in zip(("least", "greatest"), ends, strict=True)}
-
-
-def named(direction: Sequence[float]) -> str:
-    """Text for a direction: its axis, such as -x, or its three components."""
-    for axis, name in enumerate("xyz"):
-        if abs(direction[axis]) == 1.0:
-            return f"{'-' if direction[axis] < 0.0 else '+'}{name}"
-    return f"({', '.join(f'{part:.4g}' for part in direction)})"
 
 
 def associative_bound(assembly: Assembly, control: Control) -> dict | None:
@@ -417,10 +261,6 @@ def _moves(assembly: Assembly, found: analysis.Limit) -> np.ndarray:
     )
 
 
-def _failure(scenario: Scenario, error: DembrickError) -> dict:
-    return heading(scenario) | {"status": "failed", "error": str(error)} | (error.answer or {})
-
-
 def _unlimited(control: Control) -> str:
     if control.tilt_axis is not None:
         return "stands at any tilt up to 90 deg: no mechanism exists at any angle"
@@ -436,13 +276,3 @@ def _digits(found: analysis.Limit) -> int:
 def _rounded(value: float, digits: int, way: str) -> str:
     """A bound with so many significant digits, rounded away from the other bound."""
     return f"{float(Context(prec=digits, rounding=way).create_decimal_from_float(value)):.{digits}g}"
-
-
-def _without_rounding(end: Extreme) -> Extreme:
-    """``end`` with values set to zero if they are rounding errors relative to the forces that its support carries."""
-    reached, bound = (0.0 if abs(value) <= ROUNDING * end.carried else value for value in (end.reached, end.bound))
-    return replace(end, reached=reached, bound=bound)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -4,6 +4,7 @@ rigid blocks stand under their dead loads, stands(scenario) -> StandingResult.
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from dembrick.assembly import build as assemblies
-from dembrick.errors import ScenarioError
+from dembrick.errors import DembrickError, ScenarioError
 from dembrick.runs.logger import heard_by
 from dembrick.runs.outcomes.result import heading
 from dembrick.runs.reading import load
@@ -93,6 +94,16 @@ def assembled(
         for warning in assembly.warnings:
             report(warning)
     return scenario, assembly, time.perf_counter() - began
+
+
+def failure(scenario: Scenario, error: DembrickError) -> dict:
+    """The JSON object of limit analysis that gave no answer."""
+    return heading(scenario) | {"status": "failed", "error": str(error)} | (error.answer or {})
+
+
+def finite(value: float) -> float | None:
+    """``value``, None if it is infinite."""
+    return value if math.isfinite(value) else None
 
 
 SQUEEZE = "forces that balance the dead loads exist; blocks do not develop forces that need a squeeze from pre-stress"

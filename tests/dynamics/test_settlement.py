@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dembrick.runs.limit import reaction as reaction_bounds
+from dembrick.runs.reactions import reaction as reaction_bounds
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import SettlementControl

@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from dembrick.runs.limit import limit, reaction
+from dembrick.runs.limit import limit
+from dembrick.runs.reactions import reaction
 from dembrick.scenario import toml
 from helpers.scenario_text import block, header, jack
 

@@ -5,7 +5,8 @@ import math
 import pytest
 
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.runs.limit import ReactionResult, limit, reaction
+from dembrick.runs.limit import limit
+from dembrick.runs.reactions import ReactionResult, reaction
 from dembrick.runs.reading import load
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
@@ -121,6 +122,50 @@ def test_a_rigid_beam_on_three_supports():
     right = reaction(beam_on_three(), "right", (0.0, 0.0, 1.0))
     assert right.least.value == pytest.approx(0.0, abs=1e-4)
     assert right.greatest.value == pytest.approx(3000.0 * 1.1 / (0.9 + 1.1), rel=1e-7)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_the_force_of_a_joint_between_free_blocks(formulation):
+    """At any joint of an arch the thrust of its springings, and at the springing beside the abutment its reaction."""
+    scenario = scenes.arch(law(formulation, 0.7), (1.0, 0.0, 0.0))
+    found = reaction(scenario, "arch.13 / arch.12", (-1.0, 0.0, 0.0))
+    ends = found.least.value, found.greatest.value
+    assert ends == pytest.approx((2130.36785, 3526.24740), rel=1e-7)
+    assert (found.support, found.on, found.push["side"]) == ("arch.13", "arch.12", "inward")
+    assert found.push["least"] == ends[0] and found.as_dict()["on"] == "arch.12"
+    assert f"push          arch.13 pushes arch.12 along -x, inward (towards it): at least {ends[0]:.6g}" in found.text()
+    beside = [reaction(scenario, name, (0.0, 0.0, 1.0)) for name in ("arch.right", "arch.right/arch.20")]
+    assert beside[0].least.value == pytest.approx(beside[1].least.value, rel=1e-7)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_the_force_of_one_joint_beside_others(formulation):
+    """A bonded beam on two bonded stones, each on a support: of the stone that carries it, the joint above has the
+    range of the beam on its supports, and the one below the weight of the stone besides."""
+    bonded = law(formulation, 0.6, cohesion=1e3, tensile_strength=1e3)
+    blocks = [Block("beam", "stone", (2.2, 0.5, 0.2), (0.0, 0.0, 0.3))]
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        blocks.append(Block(f"{name} stone", "stone", (0.2, 0.5, 0.2), (x, 0.0, 0.1)))
+        blocks.append(Block(name, "stone", (0.2, 0.5, 0.2), (x, 0.0, -0.1), fixed=True))
+    given = of_stone(bonded, DynamicControl(1.0), blocks)
+    above, below = (reaction(given, name, (0.0, 0.0, 1.0)) for name in ("right stone/beam", "right/right stone"))
+    stone = 2000.0 * 9.81 * 0.2 * 0.5 * 0.2
+    for upper, lower in ((above.least, below.least), (above.greatest, below.greatest)):
+        assert lower.value - upper.value == pytest.approx(stone, rel=1e-6)
+    assert above.least.value + above.greatest.value == pytest.approx(11.0 * stone, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name, fault",
+    [
+        ("beam", "'beam' is not fixed, so it has no reaction: name a support, or two blocks or groups as A/B for"),
+        ("left/right", "there is no joint between 'left' and 'right'"),
+        ("left/beams", "no block or group 'left/beams'"),
+    ],
+)
+def test_what_has_no_force_is_refused(name, fault):
+    with pytest.raises(ScenarioError, match=fault):
+        reaction(beam_on_three(), name, (0.0, 0.0, 1.0))
 
 
 def test_a_wide_range_of_an_end_is_no_answer(monkeypatch):

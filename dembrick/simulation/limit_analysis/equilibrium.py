@@ -300,14 +300,22 @@ class Layout:
         parts.append(frame.wrenches(ends, place, -ties.direction, None, column))
         return Entries.joined(*parts)
 
-    def bond(self, frame: Frame | None = None) -> np.ndarray:
-        """Wrenches (rows,) of the tension f_t A at O from which the corner forces of area joints are measured."""
+    def of_joints(self, joints: np.ndarray) -> np.ndarray:
+        """Whether each unknown (n,) is a force in one of the ``joints``, given as (j,) bool."""
+        at_corner, areas = joints[self.areas.joint[self.corner_owner]], joints[self.areas.joint]
+        points, ties = np.repeat(joints[self.joint], self.width), np.zeros(self.n - self.tie_start, bool)
+        return np.concatenate([points, at_corner, np.repeat(areas, self.n_shear), ties])
+
+    def bond(self, frame: Frame | None = None, within: np.ndarray | None = None) -> np.ndarray:
+        """Wrenches (rows,) of the tension f_t A at O from which the corner forces of area joints are measured, of all
+        joints or of those ``within`` (j,) bool."""
         frame = frame or self.frame
         areas, joints, vector = self.areas, self._assembly.joints, np.zeros(frame.rows)
         if not areas.tension.any():
             return vector
         ends = joints.block_a[areas.joint], joints.block_b[areas.joint]
-        force = (areas.tension / self.frame.unit)[:, None] * joints.axes[areas.joint, 2]
+        tension = areas.tension / self.frame.unit * (1.0 if within is None else within[areas.joint])
+        force = tension[:, None] * joints.axes[areas.joint, 2]
         found = frame.wrenches(ends, joints.origin[areas.joint], force, None, np.zeros(len(areas), np.int64))
         np.add.at(vector, found.row, found.value)
         return vector

@@ -1,4 +1,4 @@
-"""The least and the greatest reaction of a support, to which a small motion of the support leads.
+"""The least and the greatest reaction of a support, to which a small motion of the support leads; or force of joints.
 
 A statically indeterminate structure can carry its dead loads in many ways. If a support yields along a
 direction, the reaction along it falls at once to the least value that equilibrium allows within the strengths; if it is
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 class Extreme:
     """One end of the range of a reaction (N): it lies between ``reached``, the value of forces in equilibrium, and
     ``bound``; both are infinite if nothing limits it. ``resultants`` (j, 6) there; ``mechanism`` of the blocks when the
-    support begins to move along the direction (least) or against it (greatest); ``carried``: sum of the joint forces on
-    the support (N)."""
+    support begins to move along the direction (least) or against it (greatest), None for the force of a joint;
+    ``carried``: sum of the joint forces on the support, or in the joint (N)."""
 
     reached: float
     bound: float
@@ -43,16 +43,21 @@ class Extreme:
         return 0.0 if self.reached * self.bound <= 0.0 else 0.5 * (self.reached + self.bound)
 
 
-def reaction_range(assembly: Assembly, support: np.ndarray, direction: np.ndarray) -> tuple[Extreme, Extreme]:
+def reaction_range(
+    assembly: Assembly, support: np.ndarray, direction: np.ndarray, joints: np.ndarray | None = None
+) -> tuple[Extreme, Extreme]:
     """Least and greatest force along ``direction`` (3,) unit that the fixed blocks ``support`` (k,) exert on the others
-    under the dead loads. NotConvergedError if the structure does not stand."""
+    under the dead loads; with ``joints`` (j,) bool, that any blocks exert through these joints alone.
+    NotConvergedError if the structure does not stand."""
     structure = prepared(assembly, along=direction)
     inner = standing(structure)
     if not inner.stands:
         raise falls(assembly, inner)
-    row, level = _reaction(structure, support, direction)
+    row, level = _reaction(structure, support, direction, joints=joints)
     loads, unit = Loads(structure.dead, None), structure.frame.unit
-    touching = np.isin(assembly.joints.block_a, support) | np.isin(assembly.joints.block_b, support)
+    touching = joints
+    if joints is None:
+        touching = np.isin(assembly.joints.block_a, support) | np.isin(assembly.joints.block_b, support)
     ends = []
     for sign in (1.0, -1.0):
         found = optimum(structure, loads, sign * row, inner.x)
@@ -64,7 +69,7 @@ def reaction_range(assembly: Assembly, support: np.ndarray, direction: np.ndarra
         _, resultants = structure.carried(found.x)
         given = np.zeros((len(assembly.fixed), 3))
         given[support] = -sign * np.asarray(direction, float)
-        moved = mechanism_of(structure, found.y, resultants, given)
+        moved = mechanism_of(structure, found.y, resultants, given) if joints is None else None
         carried = float(np.linalg.norm(resultants[touching, :3], axis=1).sum())
         ends.append(Extreme(reached, bound, resultants, moved, carried))
     return ends[0], ends[1]
@@ -86,10 +91,14 @@ def first_motion(structure: Structure, stands: Standing, support: int, motion: n
 
 
 def _reaction(
-    structure: Structure, support: np.ndarray, direction: np.ndarray, axis: np.ndarray | None = None
+    structure: Structure,
+    support: np.ndarray,
+    direction: np.ndarray,
+    axis: np.ndarray | None = None,
+    joints: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float]:
     """The reaction along ``direction`` (3,), and about an ``axis`` (3,) through the centroid of the first block, in
-    ``frame.unit`` as row . x + level: row (n,), level."""
+    ``frame.unit`` as row . x + level: row (n,), level; with ``joints`` (j,) bool, the force through these alone."""
     number = np.full(len(structure.assembly.fixed), -1)
     number[support] = 0
     none = np.zeros((0, 3))
@@ -108,5 +117,7 @@ def _reaction(
         )
         entries = structure.layout.equilibrium(frame)
         np.add.at(row, entries.column, -size * entries.value)
-        level += size * float(structure.layout.bond(frame)[0])
+        level += size * float(structure.layout.bond(frame, joints)[0])
+    if joints is not None:
+        row[~structure.layout.of_joints(joints)] = 0.0
     return row, level
