@@ -26,14 +26,11 @@ FOLDER = Path(__file__).resolve().parent.parent / "docs" / "gallery"
 SIZE = (640, 480)
 TWICE = 20.0  # s: shorter runs are repeated after everything is compiled
 LONG = {"studies/drum_column_domain"}  # eight minutes: run only if named
-JOINT = {"view": "iso-front"}  # of tests of a joint: the jack pushes from the front
 LOOKS: dict[str, dict] = {  # display options that suit the structure
     "wall_door": {"view": "front"},
     "ferris_tinloi_1": {"view": "front"},
     "ferris_tinloi_2": {"view": "front"},
     "ferris_tinloi_3": {"view": "front"},
-    "wall_corner": {"view": "iso-front"},
-    "house": {"view": "iso-front"},
     "arch": {"view": "front", "thrust": True, "color": "utilisation"},
     "arch_filled": {"view": "front", "thrust": True, "color": "utilisation"},
     "arch_tied": {"view": "front", "thrust": True, "color": "utilisation"},
@@ -67,8 +64,7 @@ def scenario_entry(name: str, path: Path, folder: Path) -> dict:
     result, seconds = timed(path, folder / "run.h5")
     results = result.results
     with history.read(folder / "run.h5") as found:
-        look = LOOKS.get(name, JOINT if name.startswith(("set", "table1_", "shear")) else {})
-        render.picture(found, FOLDER / f"{name}.png", size=SIZE, **look)
+        render.picture(found, FOLDER / f"{name}.png", size=SIZE, **LOOKS.get(name, {}))
         kind, blocks, unit = dembrick.load(path).control.kind, found.n_block, found.curve.unit
     (folder / "run.h5").unlink()
     return {

@@ -42,9 +42,9 @@ def add_look(parser) -> None:
     look.add_argument(
         "--camera",
         "--view",
-        choices=["iso", "iso-front", "front", "back", "side", "top"],
+        choices=["iso", "iso-back", "front", "back", "side", "top"],
         default="iso",
-        help="view direction (default: iso, from +x, +y and above)",
+        help="view direction (default: iso, from +x, -y and above)",
     )
     look.add_argument(
         "--magnify",

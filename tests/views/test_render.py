@@ -96,7 +96,7 @@ def test_errors(run, tmp_path, monkeypatch):
         render.picture(run, tmp_path / "a.bmp")
     with pytest.raises(OutputError, match="does not exist"):
         render.picture(run, tmp_path / "nowhere" / "no" / "a.png")
-    with pytest.raises(ScenarioError, match="iso, front, back, iso-front, side, top"):
+    with pytest.raises(ScenarioError, match="iso, front, back, iso-back, side, top"):
         render.picture(run, tmp_path / "a.png", view="below")
     with pytest.raises(ScenarioError, match="frames 0 to 3"):
         render.picture(run, tmp_path / "a.png", frame=4)
@@ -185,7 +185,8 @@ def test_units_follow_the_size(run, drawing):
         ("front", (1, 0, 0), (0, 0, 1)),  # from negative y
         ("side", (0, 1, 0), (0, 0, 1)),  # from positive x
         ("top", (1, 0, 0), (0, 1, 0)),
-        ("iso", (-1.5, 1, 0), None),  # from positive x, y and z
+        ("iso", (1.5, 1, 0), None),  # from positive x, negative y and above
+        ("iso-back", (-1.5, 1, 0), None),
     ],
 )
 def test_the_camera_stands_where_its_name_says(run, view, right, up, drawing):
@@ -194,7 +195,7 @@ def test_the_camera_stands_where_its_name_says(run, view, right, up, drawing):
         x, y = x[1:] - x[0], y[1:] - y[0]
         np.testing.assert_allclose(x / np.linalg.norm(x), np.array(right) / np.linalg.norm(right), atol=1e-12)
         if up is None:
-            assert y[2] > 0.0 > max(y[:2])
+            assert y[2] > 0.0 > y[0] and y[1] * right[0] > 0.0  # x comes nearer, y goes away or comes nearer too
         else:
             np.testing.assert_allclose(y / np.linalg.norm(y), up, atol=1e-12)
 

@@ -4,7 +4,7 @@
 
 const CIVIDIS = [[0, 34, 78], [44, 65, 114], [87, 93, 109], [125, 124, 120], [165, 156, 116], [210, 192, 96], [254, 232, 56]];
 const STONE = [0.78, 0.78, 0.76], ACTUATOR = [0.84, 0.37, 0], DEAD = [0.36, 0.25, 0.63], CENTRE = [0, 0.45, 0.7], TIE = [0.85, 0, 0.54];
-const VIEWS = {iso: [1, 1.5, 1.4], front: [0, -1, 0], back: [0, 1, 0], side: [1, 0, 0], top: [0, 0, 1]};
+const VIEWS = {iso: [1, -1.5, 1.4], front: [0, -1, 0], back: [0, 1, 0], side: [1, 0, 0], top: [0, 0, 1]};
 const NEAR_POLE = 1.5533; // rad: the view never tips over
 
 const VERTEX = `
@@ -142,7 +142,8 @@ function makeViewer(canvas, scene) {
   const moved = new Float32Array(scene.vertices.length), amount = new Float32Array(scene.vertices.length / 3);
   const rest = new Float32Array(9 * parts.edges.length), motion = new Float64Array(6);
   const shownTurn = new Float64Array(9), trueTurn = new Float64Array(9), turns = new Float64Array(9 * scene.blocks);
-  let program, buffer, places, angle = Math.atan2(1.5, 1), height = Math.asin(1.4 / Math.hypot(1, 1.5, 1.4)), near = 1;
+  const [, , above] = unit(VIEWS.iso);
+  let program, buffer, places, angle = Math.atan2(VIEWS.iso[1], VIEWS.iso[0]), height = Math.asin(above), near = 1;
   let frame = 0, magnification = 1, waiting = false, paint = null;
 
   function prepare() {

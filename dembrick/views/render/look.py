@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 VIEWS = {  # direction from the focus to the camera, and the upward direction of the picture
-    "iso": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),
+    "iso": ((1.0, -1.5, 1.4), (0.0, 0.0, 1.0)),
     "front": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
     "back": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-    "iso-front": ((1.0, -1.5, 1.4), (0.0, 0.0, 1.0)),
+    "iso-back": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),
     "side": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     "top": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
 }
@@ -42,7 +42,7 @@ class LookOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Display options of a history: camera ``view`` (iso, iso-front, front, back, side, top); ``magnification`` of the
+    """Display options of a history: camera ``view`` (iso, iso-back, front, back, side, top); ``magnification`` of the
     motion (None: chosen to make it visible, and stated in the picture); ``color`` of the blocks (displacement; energy,
     which is kinetic; utilisation or slip, the greatest of their joints; or none). ``forces``: draw the forces of joints
     and new contacts. ``names``: those of blocks, joints, all or none, and only of moving ones if any block moves.
