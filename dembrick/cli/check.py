@@ -150,7 +150,7 @@ def _text(data: dict, plan: Plan, records: list[Record]) -> str:
     if data["expected_seconds_snapping"] is not None:
         took += f" (up to {duration(data['expected_seconds_snapping'])} if blocks slide and snap)"
     memory = max(1, round(plan.memory / 1e6))
-    doubt = f" (within a factor of {plan.within:g})" if plan.within > 2.0 else ""
+    doubt = f" (usually within a factor of {plan.within:g})" if plan.within > 2.0 else ""
     lines.append(f"expected      {bound}{plan.steps} steps{doubt}{took}, {memory} MB besides the program's own")
     return "\n".join(lines)
 

@@ -27,14 +27,17 @@ def run(options, console) -> int:
         raise HistoryError(f"{listed([*read])}: this run searched no limit load; 'dembrick info' summarises a history")
     if without := [path for path in read if path not in files]:
         console.remark(f"left out because no limit load was searched: {listed(without)}")
+    faults = {path: fault for path, file in files.items() if (fault := _without_point(file))}
+    if len(faults) == len(files):
+        path, fault = next(iter(faults.items()))
+        raise HistoryError(f"{path}: {fault}")
+    for path, fault in faults.items():
+        console.remark(f"{path} is left out: {fault}")
+        del files[path]
     said = []
     rows = []
     for path, file in files.items():
-        point = (file.results or {}).get("yield_point")
-        if not point:
-            raise HistoryError(f"{path}: this history has no yield point (status {file.status}); run it to its end")
-        if isinstance(error := file.results.get("error"), str):
-            raise HistoryError(f"{path}: this run found no yield point: {error}")
+        point = file.results["yield_point"]
         told = yield_point(file.results)
         point |= {key: told[key] for key in ("V_lower", "V_upper", "bracket") if key in told}
         theory, beside = (file.results or {}).get("theory") or {}, part(file.results, "path")
@@ -68,6 +71,15 @@ def run(options, console) -> int:
             plot.save(plot.domains([*files.values()]), options.plot)
     console.result({"rows": rows}, _text(rows, said))
     return 0
+
+
+def _without_point(file) -> str:
+    """Why a history of a search or test has no yield point; empty if it has one."""
+    results = file.results or {}
+    if not results.get("yield_point"):
+        return f"this history has no yield point (status {file.status}); run it to its end"
+    error = results.get("error")
+    return f"this run found no yield point: {error}" if isinstance(error, str) else ""
 
 
 def _text(rows: list[dict], said: list[tuple[str, str]]) -> str:

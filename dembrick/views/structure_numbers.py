@@ -31,8 +31,8 @@ def of_path(beside: Mapping, unit: str) -> Iterator[KeyNumber]:
         yield KeyNumber("wanders", _range(*ends, unit), "blocks keep snapping, so no narrower limit exists")
     if (ends := pair(beside.get("path_range"))) is not None:
         count = pair(beside.get("paths"))
-        by = "" if count is None else f"by {count[0]:.0f} of {count[1]:.0f} paths of the same structure"
-        yield KeyNumber("path range", _range(*ends, unit), by)
+        by = "" if count is None else f"by {count[0]:.0f} of {count[1]:.0f} paths of the same structure, "
+        yield KeyNumber("path range", _range(*ends, unit), f"{by}without their bars")
         upper = number(part(beside, "associative").get("upper"))
         if upper is not None:
             yield KeyNumber("bound", f"{known(upper, 0.0, 5)} {unit}".rstrip(), "associative: no path exceeds it")

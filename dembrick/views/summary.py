@@ -187,7 +187,7 @@ def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> ValueWithRe
         least = "" if lower is None or lower >= V else f"; the limit is at least {lower:.6g} {unit}".rstrip()
         bound = number(part(beside, "associative").get("upper"))
         most = "no upper bound" if bound is None else f"at most {bound:.6g} {unit}".rstrip() + " by limit analysis"
-        if lower is not None and lower >= V and "limit_at" in point:  # blocks snap: the greatest load carried
+        if lower is not None and lower >= V and (beside or {}).get("wanders"):  # the greatest load carried
             return ValueWithRemark(f"at least {V:.6g} {unit}".rstrip(), most)
         return ValueWithRemark(f"{V:.6g} {unit}".rstrip(), f"at the end, {most}{least}")
     if path_dependence_unknown(beside or {}):

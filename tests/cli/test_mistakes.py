@@ -369,5 +369,11 @@ def test_histories_that_ask_for_no_limit_load_are_left_out_of_the_table(tmp_path
     assert main(["yield", limit, rest]) == 0
     out, err = capsys.readouterr()
     assert "216.0549" in out and rest not in out and err == f"left out because no limit load was searched: {rest}\n"
+    short = str(tmp_path / "short.h5")
+    assert main(["run", "set4a_curve", "--set", "control.travel=1e-6", "--out", short]) == 1
+    capsys.readouterr()
+    assert main(["yield", limit, short]) == 0
+    out, err = capsys.readouterr()
+    assert "216.0549" in out and short not in out and f"{short} is left out: this run found no yield point" in err
     assert main(["yield", rest]) == 2
     assert f"{rest}: this run searched no limit load" in capsys.readouterr().err

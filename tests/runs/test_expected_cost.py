@@ -65,7 +65,7 @@ def test_a_wall_that_slides_takes_what_was_measured():
 
 def test_check_says_how_far_off_it_may_be(capsys):
     assert main(["check", str(SCENARIOS / "verification" / "goodman_bray.toml")]) == 0
-    assert "steps (within a factor of 4)" in capsys.readouterr().out
+    assert "steps (usually within a factor of 4)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(  # docs/performance.md: walls out of plane, processor time and Newton steps

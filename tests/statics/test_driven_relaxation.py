@@ -156,8 +156,11 @@ def test_a_path_that_is_given_up_is_pushed_on(monkeypatch):
     run, _ = energies_of(given)
     point = run.yield_point
     assert point.bracket == "open" and pushed.yield_point.V_lower <= point.V_lower == point.V <= point.V_peak
-    told = limit_text(point.as_dict(), {"associative": {"upper": 1.5278}}, "")
+    beside = {"associative": {"upper": 1.5278}, "wanders": [point.V_lower, 1.5278]}
+    told = limit_text(point.as_dict(), beside, "")
     assert told == (f"at least {point.V:.6g}", "at most 1.5278 by limit analysis")
+    ends = limit_text(point.as_dict(), {}, "")
+    assert ends == (f"{point.V:.6g}", "at the end, no upper bound"), "as in a cyclic test"
 
 
 def test_without_an_end_it_says_so(impatient, monkeypatch):

@@ -121,7 +121,7 @@ def test_a_structure_tells_what_else_its_run_printed():
     assert told["reaction of base"] == ("1, 0, 20 N", "0, 0, 3 N m about its centroid")
     assert told["blocks that move"][0] == "a, b" and told["hinges"][0] == "b / a"
     assert told["after a peak"] == ("load factor 0.18", "the height of the peak depends on the load path")
-    assert told["path range"] == ("0.19 to 0.21", "by 9 of 10 paths of the same structure")
+    assert told["path range"] == ("0.19 to 0.21", "by 9 of 10 paths of the same structure, without their bars")
     assert told["bound"] == ("0.22", "associative: no path exceeds it")
     settled = names({"collapse": {"settlement": 0.2, "settlement_range": [0.19, 0.21], "mechanism": "rocking"}})
     assert settled["settlement at collapse"].remark.startswith("between 190 and 210 mm; ")
