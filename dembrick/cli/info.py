@@ -63,7 +63,8 @@ def _report(file, options, console) -> int:
     if file.has_new_contacts:
         numbers.append(KeyNumber("new contacts", f"{data['new_contacts']} in all frames"))
     numbers += key_numbers(results, file.curve.unit)
-    numbers += [KeyNumber(part, f"{seconds:.6f} s") for part, seconds in wall.items() if number(seconds) is not None]
+    if (took := number(wall.get("total"))) is not None:
+        numbers.append(KeyNumber("wall time", f"{took:.3g} s", "--profile lists its parts"))
     numbers.append(KeyNumber("versions", ", ".join(f"{name} {version}" for name, version in file.versions.items())))
     lines = [file.title, *aligned([*numbers, *_run_again(file, options.history)])]
     if options.time is not None or options.frame is not None:

@@ -57,7 +57,9 @@ def _unequal(slopes: np.ndarray, weights: np.ndarray, residuals: np.ndarray) -> 
     """Estimate for independent scatter that differs from point to point."""
     n, k = slopes.shape
     others = np.maximum(1.0 - np.einsum("ni,in->n", slopes, weights), ALONE)
-    freedom = np.sum(weights**2 / others, axis=1) ** 2 / np.sum((weights**2 / others) ** 2, axis=1)
+    squares = weights**2 / others
+    total = np.sum(squares**2, axis=1)  # zero for a key on which no force depends
+    freedom = np.divide(np.sum(squares, axis=1) ** 2, total, out=np.zeros(k), where=total > 0.0)
     return np.sum((weights * residuals / others) ** 2, axis=1) * (n - 1) / n, np.maximum(freedom - k, 0.0)
 
 

@@ -118,7 +118,7 @@ def require_comparable(simulated: Curve, measured: Curve, name: str) -> None:
         raise ScenarioError(
             f"{inside or 'none'} of the {len(theirs)} points of {name} ({_range(theirs)}) "
             f"{'lies' if inside == 1 else 'lie'} in the range of the run ({_range(ours)}), and 2 are needed; check "
-            "the unit of its displacement"
+            "the unit of its displacement, and that it begins at 0"
         )
 
 

@@ -77,6 +77,13 @@ def test_a_width_by_hand():
     assert half == pytest.approx(2.262157 * forces.std(ddof=1) / np.sqrt(10.0), rel=1e-6)
 
 
+def test_a_key_without_any_effect_has_no_width():
+    """Those of the others change by the degree of freedom that it takes."""
+    slopes, forces = rise_and_plateau(20, 2), np.sin(np.arange(20.0))
+    alone, beside = (half_widths(own, forces, (), 0.95) for own in (slopes, np.column_stack([slopes, np.zeros(20)])))
+    assert beside[2] == 0.0 and beside[:2] == pytest.approx(alone, rel=0.2)
+
+
 def test_the_width_of_running_scatter_by_its_double_sum():
     """Newey and West: sum_ij a_i a_j g_|i-j| (1 - |i - j| / L) for n equal points, a = 1 / n, with the autocovariance g
     of the residuals and L = n / 3 + 1 lags. Here neighbours are uncorrelated, and every second point is not."""
