@@ -14,6 +14,7 @@ from dembrick.views import structure_numbers as structure
 from dembrick.views.number_lines import Table, no_bar
 from dembrick.views.summary import (
     ValueWithRemark,
+    known,
     length,
     length_unit,
     load_text,
@@ -173,12 +174,12 @@ def _load_path(results: Mapping) -> ValueWithRemark | None:
     increments, error = number(found.get("increments")), number(found.get("path_error"))
     if increments is None or error == 0.0 or found.get("stands") is False:
         return None
-    known = (
+    accuracy = (
         "same forces as in one step"
         if error is None
         else f"forces are known to {rounded_up(error, 1)} of the greatest on a block"
     )
-    return ValueWithRemark(f"{increments:.0f} increment{'s' if increments > 1 else ''}", known)
+    return ValueWithRemark(f"{increments:.0f} increment{'s' if increments > 1 else ''}", accuracy)
 
 
 def _simulated(results: Mapping) -> ValueWithRemark | None:
@@ -208,7 +209,7 @@ def _steps(results: Mapping) -> ValueWithRemark | None:
     steps, seconds = number(results.get("steps")), number(part(results, "wall").get("loop"))
     if steps is None:
         return None
-    return ValueWithRemark(f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop")
+    return ValueWithRemark(f"{steps:.0f}", "" if seconds is None else f"{known(seconds, None)} s in the loop")
 
 
 BESIDE: Table = {"moved": _moved}
