@@ -244,6 +244,15 @@ def test_the_mechanism_is_that_of_the_last_segment_in_which_joints_give_way(form
     assert found.yield_point.mechanism == "torsion"
 
 
+def test_blocks_that_slide_away_from_each_other_are_not_lifted():
+    """The joint between them opens by more than either slides, but both stay on the floor."""
+    beside = block("beside", (-0.4, 0.0, 0.05), (0.4, 0.2, 0.1))
+    beside += PRESSED.replace("stone", "beside").replace("[0.0, 0.0, 0.05]", "[-0.4, 0.0, 0.05]")
+    jacks = JACK + jack("beside", (-0.4, 0.0, 0.0), (-1.0, 0.0, 0.0)).replace('"jack"', '"other jack"')
+    found = driven("concave", f"travel = {TRAVEL}", more=PRESSED + beside, jacks=jacks)
+    assert found.yield_point.mechanism == "sliding"
+
+
 def test_a_restart_after_the_last_turning_point_names_the_same_mechanism(tmp_path):
     text = header("concave", MU, KN, gravity=(0.0, 0.0, 0.0)) + FLOOR + STONE + PRESSED + COUPLE
     text += f'[control]\nkind = "displacement"\nlarge_displacements = true\nprotocol = [{TRAVEL}, {-TRAVEL}, 0.0]\n'

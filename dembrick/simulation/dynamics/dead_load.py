@@ -266,9 +266,9 @@ def _fallen(motion: Motion, falls: np.ndarray) -> NotConvergedError:
     )
 
 
-def unsupported(state: MovingState) -> np.ndarray:
-    """Which blocks (n,) no chain of joints connects to a support."""
-    return ~_supported(state)
+def unsupported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarray:
+    """Which blocks (n,) no chain of joints, only ``sound`` ones (j,) if given, connects to a support."""
+    return ~_supported(state, sound)
 
 
 def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarray:

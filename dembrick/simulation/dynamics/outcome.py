@@ -10,6 +10,7 @@ import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.record import Extremes as Noted
+from dembrick.simulation.dynamics.dead_load import unsupported
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import PushController
@@ -226,7 +227,8 @@ def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     crushing if the rim of a joint that crushes has sunk further than it has tilted.
 
     Uplift of a pair of blocks is the least opening of their joints: a block made of parts has several, and opens all
-    but one when it rocks.
+    but one when it rocks. A joint that opens because its blocks slide apart on others is no uplift: one of the two
+    must hang on no joint that carries a force.
     """
     moves, laws, links = _moves(moving, at_rest), moving.assembly.joints.law, moving.state.links
     if not len(moves):
@@ -237,7 +239,8 @@ def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     _, pair = np.unique(pairs, axis=0, return_inverse=True)
     lifted = np.full(len(pairs), np.inf)
     np.minimum.at(lifted, pair.ravel(), moves[:, 3])
-    moves[:, 3] = lifted[pair.ravel()]
+    floats = unsupported(moving.state, links.wrench[:, :3].any(axis=1))
+    moves[:, 3] = np.where(floats[links.host] | floats[links.other], lifted[pair.ravel()], 0.0)
     names = "sliding", "rocking", "torsion", "uplift", "crushing"
     return max(zip([*moves.max(axis=0), crushed], names, strict=True))[1]
 
