@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from dembrick.errors import NotConvergedError
 from dembrick.runs.limit import limit
 from dembrick.runs.reactions import reaction
 from dembrick.scenario import toml
@@ -13,7 +14,7 @@ from helpers.scenario_text import block, header, jack
 PUSHOVER = '[control]\nkind = "pushover"\ndirection = [{:.17g}, {:.17g}, 0.0]\n'
 
 
-def on_tower(formulation, friction, towers, pins, side, height, direction, apart):
+def on_tower(formulation, friction, towers, pins, side, height, direction, apart, more=""):
     """A tower of blocks 9 by 9 by 2 m, and a pinnacle of ``pins`` blocks on it, or ``apart`` on a floor."""
     text = header(formulation, friction, 1e11) + block("ground", (0.0, 0.0, -0.1), (9.0, 9.0, 0.2), "fixed = true")
     text += block("floor", (20.0, 0.0, -0.1), (2.0, 2.0, 0.2), "fixed = true") if apart else ""
@@ -22,7 +23,7 @@ def on_tower(formulation, friction, towers, pins, side, height, direction, apart
     x, z = (20.0, 0.0) if apart else (0.0, 2.0 * towers)
     for i in range(pins):
         text += block(f"pin{i}", (x, 0.0, z + height * (i + 0.5)), (side, side, height))
-    return toml.loads(text + PUSHOVER.format(*direction))
+    return toml.loads(text + more + PUSHOVER.format(*direction))
 
 
 def printed(found):
@@ -54,6 +55,20 @@ def test_a_pinnacle_that_rocks(side, height, apart, truth):
     found = limit(on_tower("concave", 0.65, 4, 1, side, height, (1.0, 0.0), apart))
     low, high = printed(found)
     assert low <= truth <= high and low <= float(re.search(r"load factor (\S+),", found.text())[1]) <= high
+
+
+def test_a_light_block_falls_beside_heavy_ones():
+    """A cube of 2 cm, its centroid .2 mm beyond its support: it lacks nothing next to the weight of a tower, but
+    the same part of its own weight as alone. It was said to stand up to a load factor of zero."""
+    cube = block("support", (30.0, 0.0, -0.1), (0.02, 0.02, 0.2), "fixed = true")
+    cube += block("cube", (30.0102, 0.0, 0.01), (0.02, 0.02, 0.02))
+    lacks = []
+    for towers in (0, 1, 4):
+        with pytest.raises(NotConvergedError, match="does not stand under its dead loads: rocking of cube;") as caught:
+            limit(on_tower("concave", 0.65, towers, 0, 0.0, 0.0, (1.0, 0.0), False, cube))
+        lacks.append(caught.value.answer["statics"]["unbalanced"])
+    assert lacks == pytest.approx([lacks[0]] * 3, rel=1e-6)
+    assert 0.9 * 2e-4 / np.hypot(0.01, 0.0099) < lacks[0] <= 2e-4 / np.hypot(0.01, 0.0099)
 
 
 @pytest.mark.parametrize("arm", [0.01, 1e-4])

@@ -8,7 +8,7 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
-from dembrick.simulation.limit_analysis import analysis, solver
+from dembrick.simulation.limit_analysis import analysis, optimum, solver
 from dembrick.theory import limit_surface, polygons
 from dembrick.theory.limit_load import gauge
 from helpers import pushed_assemblies as scenes
@@ -158,7 +158,7 @@ def test_a_bonded_convex_joint_that_its_load_presses(push, arm, cohesion):
 @pytest.mark.parametrize("push, arm", PRESSED)
 def test_no_limit_is_only_said_where_forces_can_grow(push, arm, monkeypatch):
     """With too few rounds of planes a finite limit may look unlimited: then there is no answer."""
-    monkeypatch.setattr(analysis, "MOST_ROUNDS", 1)
+    monkeypatch.setattr(optimum, "MOST_ROUNDS", 1)
     with pytest.raises(NotConvergedError, match="no limit was found|further apart"):
         analysis.limit_load(build.assemble(scenes.pressed_cube(law("convex", 0.6, cohesion=1e5), push, arm)))
 

@@ -13,20 +13,18 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.scenario.checks import listed
 from dembrick.simulation.floating_point import not_nan
-from dembrick.simulation.limit_analysis import bounds, solver
+from dembrick.simulation.limit_analysis import solver
 from dembrick.simulation.limit_analysis.equilibrium import JointForces
-from dembrick.simulation.limit_analysis.friction_surface import first_planes
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of, names_of
+from dembrick.simulation.limit_analysis.optimum import LITTLE, optimum
 from dembrick.simulation.limit_analysis.programme import (
-    NO_CUTS,
     Cuts,
     Loads,
     Structure,
-    area_normals,
     programme_of,
     structure_of,
 )
-from dembrick.simulation.limit_analysis.solver import INFEASIBLE, SOLVED, UNBOUNDED, Entries, Programme, Solution
+from dembrick.simulation.limit_analysis.solver import SOLVED, UNBOUNDED, Entries, Programme
 from dembrick.simulation.limit_analysis.strength import (
     Material,
     area_strengths,
@@ -38,34 +36,11 @@ from dembrick.simulation.limit_analysis.strength import (
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-FINE = 3e-7  # of the friction of area joints: reduction of their surface within which the lower bound seeks forces
-CRUSHED = 1e-8  # of N: accepted excess over the surface of crushing, which lowers the lower bound
-MOST_ROUNDS = 80  # of cutting planes
 GAP = 1e-4  # of the load factor: a wider gap between the bounds is an error
-LITTLE = 1e-3  # of the dead loads: least reference load for the accuracy
-APART = 1e-6  # of the bound: bounds further apart are sought again,
-MEASURED = 2  # times at most
 _STANDS = 1e-7  # of the dead loads: out-of-balance force that counts as zero
-RAY = 1e-6  # of the forces of a load without a limit: accepted violation of equilibrium and strengths
-_FAR_OUT = 1e6  # of the strengths, and of the unit of forces
 _NOTHING = 1e-12  # of its forces: a smaller resultant of a load on each block counts as zero
 _TILT_ROUNDS, _TILT_SETTLED = 40, 1e-10
 _STEEPEST = 1e6  # tangent of an angle that is 90 deg
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """The least cost of a programme: ``status``; ``reached``: cost of feasible forces that balance the loads; and
-    ``bound``: lower bound of the cost of all such forces; the unknowns ``x``, the duals ``y`` of equilibrium, and the
-    ``cuts`` that bounded the area joints."""
-
-    status: str
-    reached: float
-    bound: float
-    x: np.ndarray
-    y: np.ndarray
-    rounds: int
-    cuts: Cuts
 
 
 @dataclass(frozen=True)
@@ -287,26 +262,55 @@ def refuse_gap(lower: float, upper: float, heavy: float, what: str) -> None:
 
 
 def standing(structure: Structure) -> Standing:
-    """Whether any forces within the strengths balance the dead loads."""
+    """Whether any forces within the strengths balance the dead loads.
+
+    Blocks between which only supports lie are judged by their own dead loads: a light one may fall beside heavy ones.
+    """
     layout = structure.layout
     found = optimum(structure, Loads(structure.dead, None), np.zeros(layout.n))
     if found.status == SOLVED and found.reached == 0.0:
         return Standing(True, 0.0, found.x, None)
-    missing, y = _least_missing(structure, found.cuts)
-    unbalanced = missing / max(float(np.abs(structure.dead).sum()), 1e-300)
+    group = _groups(structure)
+    missing, y = _least_missing(structure, found.cuts, _lengths(structure, group)[group])
+    dead = np.abs(structure.dead).reshape(len(group), -1).sum(axis=1)
+    lacking = np.bincount(group, missing) / np.maximum(np.bincount(group, dead), 1e-300)
+    unbalanced = float(lacking.max())
     if unbalanced <= _STANDS:
         return Standing(True, unbalanced, found.x if found.status == SOLVED else np.zeros(layout.n), None)
+    falling = np.repeat(lacking[group] > _STANDS, structure.frame.per_block)
     forces = np.ones((len(structure.assembly.joints), 6))  # without equilibrium every joint counts as closed
-    return Standing(False, unbalanced, None, mechanism_of(structure, y, forces))
+    return Standing(False, unbalanced, None, mechanism_of(structure, np.where(falling, y, 0.0), forces))
 
 
-def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]:
-    """The least sum of out-of-balance forces on free blocks, and the dual velocities: those of the fall, of length one
-    at most for each block. ``cuts`` bound the area joints."""
+def _groups(structure: Structure) -> np.ndarray:
+    """Number (f,) of the group of each free block: those that joints and ties connect without a support between."""
+    assembly, number = structure.assembly, structure.frame.number
+    of_joints = np.column_stack([assembly.joints.block_a, assembly.joints.block_b])
+    first, second = number[np.concatenate([of_joints, assembly.ties.ends.block])].T
+    both = (first >= 0) & (second >= 0)
+    return solver.connected(first[both], second[both], len(structure.frame.free))
+
+
+def _lengths(structure: Structure, group: np.ndarray) -> np.ndarray:
+    """Unit of moments (m) of each group of blocks, as that of the `Frame` of all: ``group`` (f,) of each block."""
+    joints, number = structure.assembly.joints, structure.frame.number
+    own = np.repeat(group[np.maximum(number[joints.block_a], number[joints.block_b])], np.diff(joints.start))
+    reach, found = np.linalg.norm(joints.corner, axis=1), np.full(int(group.max()) + 1, structure.frame.length)
+    for i in np.unique(own):
+        found[i] = np.median(reach[own == i])
+    return found
+
+
+def _least_missing(structure: Structure, cuts: Cuts, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The out-of-balance forces (f,) of free blocks with the least sum, and the dual velocities: those of the fall, of
+    length one at most for each block. ``cuts`` bound the area joints; a moment counts as the force that causes it at a
+    ``length`` (f,) m."""
     n, rows, per = structure.layout.n, structure.frame.rows, structure.frame.per_block
     blocks = rows // per
     plain = programme_of(structure, Loads(structure.dead, None), np.zeros(n), cuts)
-    number = np.arange(rows)
+    number, d = np.arange(rows), len(structure.frame.forces)
+    unit = np.ones((blocks, per))
+    unit[:, d:] = (length / structure.frame.length)[:, None]
     size = (per + 1) * np.arange(blocks)
     extra = Entries.joined(
         Entries(size, n + rows + np.arange(blocks), np.full(blocks, -1.0)),
@@ -314,7 +318,7 @@ def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]
     ).moved(rows=len(plain.limits))
     programme = Programme(
         cost=np.concatenate([np.zeros(n + rows), np.ones(blocks)]),
-        equations=Entries.joined(plain.equations, Entries(number, n + number, np.ones(rows))),
+        equations=Entries.joined(plain.equations, Entries(number, n + number, unit.ravel())),
         right_hand=plain.right_hand,
         rows=Entries.joined(plain.rows, extra),
         limits=np.concatenate([plain.limits, np.zeros((per + 1) * blocks)]),
@@ -328,120 +332,4 @@ def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]
         raise NotConvergedError(
             f"limit analysis: the solver ended with the status {found.said} while it balanced the dead loads"
         )
-    return max(0.0, missing), found.equation_dual
-
-
-def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndarray | None = None) -> Optimum:
-    """The least cost . x of joint forces that balance ``loads`` within the strengths, bounded from both sides.
-
-    ``inner``: unknowns that balance them well inside. If the bounds are apart, as the solver takes the forces of light
-    blocks for rounding next to those of heavy ones, each force is measured by the scale of its joint.
-    """
-    found = _optimum(structure, loads, cost, inner)
-    for _ in range(MEASURED):
-        if found.status != SOLVED or found.reached - found.bound <= APART * abs(found.bound):
-            break
-        try:
-            again = _optimum(structure, loads, cost, inner, bounds.sizes(structure, found.x))
-        except NotConvergedError:
-            break
-        if again.status != SOLVED:
-            break
-        best = min(found, again, key=lambda one: one.reached - one.bound)  # only good duals price what is not balanced
-        found = replace(best, bound=max(found.bound, again.bound), rounds=found.rounds + again.rounds)
-    return found
-
-
-def _optimum(
-    structure: Structure,
-    loads: Loads,
-    cost: np.ndarray,
-    inner: np.ndarray | None,
-    sizes: np.ndarray | None = None,
-) -> Optimum:
-    """`optimum` by unknowns of given ``sizes``. Area joints are bounded by cutting planes: each round adds, for
-    every joint beyond its surface of friction or of crushing, the plane that cuts off its forces, until, with slightly
-    reduced strengths, no joint is beyond its exact surface.
-    """
-    crushes = structure.areas.crushes
-    surfaces = len(structure.areas) > 0 and not (structure.layout.flat and not len(crushes))
-    reduced, rounds = (1.0 / (1.0 + FINE) if surfaces else 1.0), 0
-    places, closing = first_planes(structure.areas, crushes)
-    cuts = NO_CUTS._replace(crushed=crushes[places], closing=closing)
-    while True:
-        programme = programme_of(structure, loads, cost, cuts, reduced)
-        found = solver.solve(programme, sizes)
-        rounds += 1
-        if found.status == INFEASIBLE:
-            break
-        x = found.x if found.status == SOLVED else _far(programme, found)
-        further = _cuts_off(structure, x) if surfaces else None
-        if further is None:
-            break
-        if rounds == MOST_ROUNDS:
-            if found.status == SOLVED:
-                break  # the bounds show how accurate it is
-            raise NotConvergedError(
-                f"limit analysis: after {MOST_ROUNDS} rounds no limit was found, because forces still exceed the "
-                "limit surfaces of convex joints; use a formulation with contact points"
-            )
-        cuts = cuts.more(*further)
-    if found.status != SOLVED:
-        return Optimum(found.status, math.nan, math.nan, found.x, found.equation_dual, rounds, cuts)
-    plain, outer = programme, found
-    if surfaces:
-        plain = programme_of(structure, loads, cost, cuts)
-        outer = solver.solve(plain, sizes)
-        if outer.status != SOLVED:
-            return Optimum(outer.status, math.nan, math.nan, outer.x, outer.equation_dual, rounds, cuts)
-    bound, duals = bounds.least_cost(structure, plain, outer)
-    x, reached = _within(structure, plain, found, inner)
-    if cost.any():
-        price = bounds.price_of_excess(plain, x, duals)
-        small = price <= APART * max(abs(reached), LITTLE * float(np.abs(structure.dead).sum()))
-        reached = reached + price if small else math.inf  # forces that far from equilibrium prove nothing
-    return Optimum(SOLVED, reached, bound, x, outer.equation_dual, rounds, cuts)
-
-
-def _far(programme: Programme, ray: Solution) -> np.ndarray:
-    """Forces far along the ray of an unbounded programme, where strengths other than friction are negligible.
-
-    NotConvergedError if it is no ray: if its forces violate strengths or equilibrium, or the cost does not fall.
-    """
-    if programme.cost @ ray.x >= 0.0 or bounds.ray_excess(programme, ray.x) > RAY:
-        raise NotConvergedError(
-            f"limit analysis: the solver Clarabel ended with the status {ray.said}, but its forces cannot grow "
-            "without limit, so there is no answer; the usual cause is joints or blocks of very different sizes"
-        )
-    most = max(1.0, float(np.abs(programme.limits).max(initial=0.0)))
-    return ray.x * (_FAR_OUT * most / float(np.abs(ray.x).max()))
-
-
-def _cuts_off(structure: Structure, x: np.ndarray) -> Cuts | None:
-    """The planes that cut off the forces of a solution, for all area joints beyond a surface; None if there are
-    none."""
-    most = float(np.abs(x).max(initial=0.0))
-    over, twist = bounds.surface_excess(structure, x)
-    crushed, closing = bounds.crushing_excess(structure, x)
-    normal = area_normals(structure.layout, x)[structure.areas.crushes, 0]
-    if not (
-        (over > bounds.ROUNDING * most).any() or (crushed > np.maximum(CRUSHED * normal, bounds.ROUNDING * most)).any()
-    ):
-        return None
-    cut = np.flatnonzero((over > 0.0) & np.any(twist != 0.0, axis=1))
-    pressed = np.flatnonzero((crushed > 0.0) & np.any(closing != 0.0, axis=1))
-    return Cuts(cut, twist[cut], structure.areas.crushes[pressed], closing[pressed])
-
-
-def _within(structure: Structure, programme: Programme, found: Solution, inner: np.ndarray | None):
-    """Unknowns that balance exactly and lie within the strengths, and their cost; infinite if there are none."""
-    x = bounds.balanced(structure, programme, found)
-    parts = bounds.excess(structure, programme, x)
-    over, allowed = np.concatenate(parts), bounds.allowed(structure, x, parts)
-    if not (over > allowed).any():
-        return x, float(programme.cost @ x)
-    if inner is None:
-        return x, math.inf
-    share = bounds.share_of_inner(over, np.concatenate(bounds.excess(structure, programme, inner)), allowed)
-    x = (1.0 - share) * x + share * inner
-    return x, float(programme.cost @ x)
+    return np.maximum(found.x[n + rows :], 0.0), found.equation_dual

@@ -18,8 +18,9 @@ import numpy as np
 
 from dembrick.errors import NotConvergedError
 from dembrick.simulation.floating_point import not_nan
-from dembrick.simulation.limit_analysis.analysis import live_wrench, optimum, prepared
+from dembrick.simulation.limit_analysis.analysis import live_wrench, prepared
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
+from dembrick.simulation.limit_analysis.optimum import optimum
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
 from dembrick.simulation.limit_analysis.solver import SOLVED
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.simulation.limit_analysis.analysis import Standing, falls, optimum, prepared, refuse_gap, standing
+from dembrick.simulation.limit_analysis.analysis import Standing, falls, prepared, refuse_gap, standing
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
+from dembrick.simulation.limit_analysis.optimum import optimum
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
 from dembrick.simulation.limit_analysis.solver import UNBOUNDED
 

@@ -107,7 +107,8 @@ def solve(programme: Programme, sizes: np.ndarray | None = None) -> Solution:
     """Solve a programme; NotConvergedError with the solver's own status if it fails.
 
     ``sizes`` (n,): expected sizes of the unknowns, by which they are measured, so that small ones are as accurate as
-    large ones.
+    large ones. Parts of a programme that have no unknown and no row in common, such as those of blocks between which
+    only supports lie, are solved one by one, each measured by its own loads.
     """
     if sizes is not None:
         scaled, row, cone = _measured(programme, sizes)
@@ -119,6 +120,14 @@ def solve(programme: Programme, sizes: np.ndarray | None = None) -> Solution:
             cone_dual=found.cone_dual / cone,
             slack=cone * found.slack,
         )
+    parts = _parts(programme)
+    if len(parts) == 1:
+        return _solved(programme)
+    return _joined(programme, parts, [_solved_by_own_loads(part.programme) for part in parts])
+
+
+def _solved(programme: Programme) -> Solution:
+    """`solve` of a whole programme, as it is measured."""
     clarabel, sparse = _clarabel(), _scipy()
     n, m, k = len(programme.cost), len(programme.right_hand), len(programme.limits)
     began = time.perf_counter()
@@ -145,6 +154,91 @@ def solve(programme: Programme, sizes: np.ndarray | None = None) -> Solution:
         )
     seconds = time.perf_counter() - began
     return Solution(status, said, x, dual[:m], dual[m:], slack[m:], int(found.iterations), seconds)
+
+
+def connected(first: np.ndarray, second: np.ndarray, count: int) -> np.ndarray:
+    """Number (count,) of the connected component of each node of a graph with edges from ``first`` to ``second``."""
+    graph = _scipy().csr_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
+    from scipy.sparse.csgraph import connected_components
+
+    return connected_components(graph, directed=False)[1]
+
+
+class _Part(NamedTuple):
+    """A part of a programme, and its unknowns, equations and rows in the whole: (n,), (m,), (k,) numbers."""
+
+    programme: Programme
+    unknowns: np.ndarray
+    equations: np.ndarray
+    rows: np.ndarray
+
+
+def _parts(programme: Programme) -> list[_Part]:
+    """The parts of a programme without a common unknown or row; rows of a cone belong together."""
+    n, m, linear = len(programme.cost), len(programme.right_hand), programme.linear
+    cone = np.concatenate(
+        [np.arange(linear), linear + np.repeat(np.arange(len(programme.quadratic)), programme.quadratic)]
+    )
+    nodes = n + m + linear + len(programme.quadratic)
+    ends = (
+        np.concatenate([programme.equations.column, programme.rows.column]),
+        n + np.concatenate([programme.equations.row, m + cone[programme.rows.row]]),
+    )
+    part = connected(*ends, nodes)
+    count = int(part.max(initial=0)) + 1
+    if count > 1:  # rows without unknowns, and unknowns without rows, go with the first part
+        whole = np.isin(np.arange(count), part[:n]) & np.isin(np.arange(count), part[n:])
+        number = np.where(whole, np.cumsum(whole) - 1, 0)
+        count, part = max(int(whole.sum()), 1), number[part]
+    if count == 1:
+        return [_Part(programme, np.arange(n), np.arange(m), np.arange(len(programme.limits)))]
+    of_unknown, of_equation, of_cone = part[:n], part[n : n + m], part[n + m :]
+    of_row = of_cone[cone]
+    return [_part(programme, i, of_unknown, of_equation, of_row, of_cone) for i in range(count)]
+
+
+def _part(programme: Programme, i: int, of_unknown, of_equation, of_row, of_cone) -> _Part:
+    """Part ``i``, by the part of each unknown (n,), equation (m,), row (k,) and cone."""
+    chosen = [np.flatnonzero(of == i) for of in (of_unknown, of_equation, of_row)]
+    column, equation, row = (np.cumsum(of == i) - 1 for of in (of_unknown, of_equation, of_row))
+
+    def taken(entries: Entries, of: np.ndarray, number: np.ndarray) -> Entries:
+        own = of[entries.row] == i
+        return Entries(number[entries.row[own]], column[entries.column[own]], entries.value[own])
+
+    own = Programme(
+        cost=programme.cost[chosen[0]],
+        equations=taken(programme.equations, of_equation, equation),
+        right_hand=programme.right_hand[chosen[1]],
+        rows=taken(programme.rows, of_row, row),
+        limits=programme.limits[chosen[2]],
+        linear=int((of_row[: programme.linear] == i).sum()),
+        quadratic=programme.quadratic[of_cone[programme.linear :] == i],
+    )
+    return _Part(own, *chosen)
+
+
+def _solved_by_own_loads(programme: Programme) -> Solution:
+    """Solution of a programme whose right-hand sides are measured by the greatest of them."""
+    size = max(float(np.abs(side).max(initial=0.0)) for side in (programme.right_hand, programme.limits)) or 1.0
+    found = _solved(replace(programme, right_hand=programme.right_hand / size, limits=programme.limits / size))
+    return replace(found, x=size * found.x, slack=size * found.slack)
+
+
+def _joined(programme: Programme, parts: list[_Part], found: list[Solution]) -> Solution:
+    """Solution of a programme from those of its parts. If some of them have none, the certificate is theirs: the others
+    have zeros in it."""
+    status = next((one for one in (INFEASIBLE, UNBOUNDED) if any(part.status == one for part in found)), SOLVED)
+    sizes = len(programme.cost), len(programme.right_hand), len(programme.limits), len(programme.limits)
+    x, y, z, slack = (np.zeros(size) for size in sizes)
+    for part, own in zip(parts, found, strict=True):
+        if own.status == status:
+            x[part.unknowns], y[part.equations] = own.x, own.equation_dual
+            z[part.rows], slack[part.rows] = own.cone_dual, own.slack
+    said = next((own.said for own in found if own.status == status and own.said != TO_TOLERANCE), TO_TOLERANCE)
+    return Solution(
+        status, said, x, y, z, slack, max(own.iterations for own in found), sum(own.seconds for own in found)
+    )
 
 
 def _measured(programme: Programme, sizes: np.ndarray) -> tuple[Programme, np.ndarray, np.ndarray]:
