@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario import model
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
+from dembrick.simulation.session import Session
 
 
 def case(name, formulation, tolerance=1e-3, checkpoint=0.0, **output):
@@ -98,9 +100,16 @@ def rows_of(path):
 
 
 @contextmanager
-def told_of_checkpoints(tell):
-    """Call ``tell`` after every checkpoint of a staged run: its position, and whether a stage has been completed."""
-    original = stages.Stages._keeping
+def told_of_checkpoints(tell, often=True):
+    """Call ``tell`` after every checkpoint of a staged run: its position, and whether a stage has been completed.
+
+    ``often``: checkpoints are due at every pause, whatever the scenario says.
+    """
+    original, pause = stages.Stages._keeping, Session.pause
+
+    def due(self, run, within=False):
+        self.last_kept = -math.inf
+        pause(self, run, within)
 
     def keeping(self, session, between=False):
         keep = original(self, session, between)
@@ -113,17 +122,18 @@ def told_of_checkpoints(tell):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stages.Stages, "_keeping", keeping)
+        patch.setattr(Session, "pause", due if often else pause)
         yield
 
 
-def stop_in_stages(given, path, stop):
+def stop_in_stages(given, path, stop, often=True):
     """Simulate until ``stop`` of the arguments that `told_of_checkpoints` passes is true."""
 
     def tell(where, later):
         if stop(where, later):
             raise Interrupted(15, "stopped")
 
-    with told_of_checkpoints(tell), pytest.raises(Interrupted):
+    with told_of_checkpoints(tell, often), pytest.raises(Interrupted):
         simulate(given, path, force=True)
 
 

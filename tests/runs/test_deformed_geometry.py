@@ -378,7 +378,7 @@ def test_what_the_deformed_geometry_has_no_use_for_is_one_sentence():
 def test_a_search_after_a_settlement_goes_on_where_it_was_stopped(last, tmp_path, monkeypatch):
     """Stopped between both stages and in the last: bit for bit the same."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
-    given = staged(turns(1.0), last, more=(JACK if last is TRAVEL else "") + "[output]\ncheckpoint = 0.0\n")
+    given = staged(turns(1.0), last, more=JACK if last is TRAVEL else "")
     whole = simulate(given, tmp_path / "whole.h5")
     path = tmp_path / "run.h5"
     for stop in ("stage 1 of 2", "equilibrium 5"):

@@ -169,7 +169,7 @@ def test_a_stiff_block_comes_to_rest_wherever_it_is_pushed(height):
 def test_a_run_that_is_stopped_before_its_first_equilibrium_goes_on(tmp_path, look):
     control = f'[control]\nkind = "displacement"\nlarge_displacements = true\ntravel = {TRAVEL}\n'
     text = header("concave", MU, KN, keys=f"cohesion = {C}") + FLOOR + STONE + JACK + control
-    given = toml.loads(f"{text}[output]\ncheckpoint = 0.0\n")
+    given = toml.loads(text)
     dembrick.simulate(given, tmp_path / "whole.h5")
     stop_at_look(given, tmp_path / "stopped.h5", look)
     dembrick.restart(tmp_path / "stopped.h5")
@@ -256,7 +256,7 @@ def test_blocks_that_slide_away_from_each_other_are_not_lifted():
 def test_a_restart_after_the_last_turning_point_names_the_same_mechanism(tmp_path):
     text = header("concave", MU, KN, gravity=(0.0, 0.0, 0.0)) + FLOOR + STONE + PRESSED + COUPLE
     text += f'[control]\nkind = "displacement"\nlarge_displacements = true\nprotocol = [{TRAVEL}, {-TRAVEL}, 0.0]\n'
-    scenario = toml.loads(text + "[output]\ncheckpoint = 0.0\n")
+    scenario = toml.loads(text)
     dembrick.simulate(scenario, tmp_path / "whole.h5")
     stop_at_look(scenario, tmp_path / "stopped.h5", 260)
     dembrick.restart(tmp_path / "stopped.h5")

@@ -8,7 +8,7 @@ import pytest
 import dembrick
 from dembrick.errors import ScenarioError
 from dembrick.runs.outcomes import cycles
-from dembrick.scenario import model, toml
+from dembrick.scenario import toml
 from dembrick.scenario.controls import DisplacementControl
 from dembrick.scenario.protocols import protocol_of, turning_points
 from helpers.key_lines import key_lines
@@ -27,7 +27,7 @@ def to_and_fro(points, name="set4a_curve", formulation="convex", **control):
 
 
 def test_a_test_that_is_stopped_in_a_cycle_goes_on_to_the_last_bit(tmp_path):
-    scenario = replace(to_and_fro((U, -U, U), formulation="concave"), output=model.Output(checkpoint=0.0))
+    scenario = to_and_fro((U, -U, U), formulation="concave")
     dembrick.simulate(scenario, tmp_path / "whole.h5")
     stop_at_look(scenario, tmp_path / "stopped.h5", 3)
     dembrick.restart(tmp_path / "stopped.h5")

@@ -150,7 +150,7 @@ def test_a_run_with_a_tie_that_came_goes_on_where_it_was_stopped(tmp_path, monke
     """Stopped between the settlement and the stage of the tie, and in the last stage."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
     last = 'kind = "dynamic"\nduration = 0.002\n'
-    given = settled(STATICS, last, parts=wall_tie([2, 3], prestress=10.0), more="[output]\ncheckpoint = 0.0\n")
+    given = settled(STATICS, last, parts=wall_tie([2, 3], prestress=10.0), more="[output]\nrows = 8\nframes = 4\n")
     whole, path, places = tmp_path / "whole.h5", tmp_path / "run.h5", []
     with told_of_checkpoints(lambda where, _: places.append(where)):
         simulate(given, whole)
