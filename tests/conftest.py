@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 import dembrick
-from dembrick.simulation.dynamics.paths import driven_path, load_path
 from dembrick.simulation.statics import stepper
 
 pytest.register_assert_rewrite("helpers")
@@ -68,10 +67,9 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def few(monkeypatch):
     """Fewer equilibria on the path of settlements and of driven displacements."""
-    monkeypatch.setattr(load_path, "EQUILIBRIA", 6)
-    monkeypatch.setattr(load_path, "HALVINGS", 3)
-    monkeypatch.setattr(load_path, "WITHIN", 1.0)
-    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
+    from helpers.few_equilibria import few_equilibria
+
+    few_equilibria(monkeypatch)
 
 
 @pytest.fixture

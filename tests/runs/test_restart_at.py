@@ -14,6 +14,7 @@ from dembrick.cli import main
 from dembrick.errors import HistoryError, OutputError, ScenarioError
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
+from helpers.few_equilibria import few_equilibria
 from helpers.restart_cases import content
 from helpers.scenario_text import block, header
 
@@ -194,25 +195,34 @@ def test_an_installed_tie_keeps_its_length_and_its_past_if_its_strength_changes(
     assert tie["peak"] == pytest.approx(max(tie["tension"], tension.max()), rel=1e-4)
 
 
-@pytest.mark.parametrize("changes", [["ties.0.strength=40.0"], ["ties.0.strength=40.0", "joint.friction=0.3"]])
-def test_after_another_stage_too_a_weakened_tie_lets_its_joint_go(tmp_path, changes):
-    """The block has slid at mu W; then its joint bears the new strength S, which is less than .3 W, and springs forward
-    by (mu W - S) / k_s of its shear stiffness. From there the floor carries it along."""
-    path, k_s = tmp_path / "stages.h5", 4e9 * 0.08
+@pytest.fixture(scope="module")
+def tied_stages(tmp_path_factory):
+    """The spread twice, of six equilibria each."""
+    path = tmp_path_factory.mktemp("stages") / "stages.h5"
     control = TIED[TIED.index("[control]") :]
     text = TIED.replace("[control]", control.replace("[control]", "[[stages]]") + "[control]")
-    dembrick.simulate(dembrick.loads(text), path, progress=False)
-    _, new = go_on(path, 20.0, *changes)
+    with pytest.MonkeyPatch.context() as patch:
+        few_equilibria(patch)
+        dembrick.simulate(dembrick.loads(text), path, progress=False)
+    return path
+
+
+@pytest.mark.parametrize("changes", [["ties.0.strength=40.0"], ["ties.0.strength=40.0", "joint.friction=0.3"]])
+def test_after_another_stage_too_a_weakened_tie_lets_its_joint_go(tied_stages, few, changes):
+    """The block has slid at mu W; then its joint bears the new strength S, which is less than .3 W, and springs forward
+    by (mu W - S) / k_s of its shear stiffness. From there the floor carries it along."""
+    path, k_s = tied_stages, 4e9 * 0.08
+    _, new = go_on(path, 5.0, *changes)
     with dembrick.read_history(new) as found:
-        row = int(np.argmin(np.abs(found.time - 20.0)))
-        first, last = (found.frame("displacement", k) for k in (np.argmin(np.abs(found.frame_time - 20.0)), -1))
+        row = int(np.argmin(np.abs(found.time - 5.0)))
+        first, last = (found.frame("displacement", k) for k in (np.argmin(np.abs(found.frame_time - 5.0)), -1))
         moved = last - first
         assert found.tension[row, 0] == pytest.approx(0.5 * W, rel=1e-4)
         assert found.tension[row + 1 :, 0] == pytest.approx(40.0, rel=1e-6)
         assert moved[1, 0] - moved[0, 0] == pytest.approx((0.5 * W - 40.0) / k_s, rel=1e-3)
         assert found.series("yielded")[-1, 0] == pytest.approx(last[1, 0] - (40.0 - 10.0) / K_WALL, rel=1e-3)
     with pytest.raises(ScenarioError, match=r"of the ties of a run with \[\[stages\]\] only the strength can change"):
-        go_on(path, 20.0, "ties.0.stiffness=3e5")
+        go_on(path, 5.0, "ties.0.stiffness=3e5")
 
 
 def test_in_real_time_a_tie_that_is_weakened_yields_from_the_tension_it_had(tmp_path):
@@ -271,16 +281,16 @@ ON_FLOOR = SETTLED[: SETTLED.index("[control]")] + JACK
 @pytest.mark.parametrize("formulation", [pytest.param("concave", marks=pytest.mark.slow), "convex"])
 def test_a_search_in_the_deformed_geometry_goes_on_on_a_wetted_joint(tmp_path, formulation):
     """V = mu W: half of the weight at first, and a fifth of it for a joint wetted below that load."""
-    search = '[control]\nkind = "yield"\nlarge_displacements = true\ntolerance = 1e-3\n'
+    search = '[control]\nkind = "yield"\nlarge_displacements = true\ntolerance = 4e-3\n'
     path = tmp_path / "searched.h5"
     dembrick.simulate(dembrick.loads(ON_FLOOR.replace('"concave"', f'"{formulation}"') + search), path, progress=False)
     with dembrick.read_history(path) as old:
-        assert old.results["yield_point"]["V"] == pytest.approx(0.5 * W, rel=2e-3)
+        assert old.results["yield_point"]["V"] == pytest.approx(0.5 * W, rel=4e-3)
         low = float(old.time[np.flatnonzero(old.load < 0.15 * W)[-1]])
     _, same = go_on(path, low, name="same.h5")
     same_rows(path, same)
     result, _ = go_on(path, low, "joint.friction=0.2")
-    assert result.yield_point.V == pytest.approx(0.2 * W, rel=2e-3)
+    assert result.yield_point.V == pytest.approx(0.2 * W, rel=4e-3)
 
 
 @pytest.mark.usefixtures("few")
@@ -303,11 +313,11 @@ def test_in_the_middle_of_a_cycle_it_goes_on_bit_for_bit(tmp_path):
 def test_a_lone_joint_goes_on_in_the_middle_of_a_cycle(tmp_path, formulation):
     """Cycles of the shipped test at constant rate, restarted at its first row, at one in between and at its last."""
     path, changes = tmp_path / "cyclic.h5", [f"joint.formulation={formulation}", "output.rows=200", "output.frames=20"]
-    changes += ["control.protocol=[0.0, 2e-5, -2e-5, 2e-5, -2e-5, 2e-5]"]
+    changes += ["control.protocol=[0.0, 2e-5, -2e-5, 2e-5]"]
     dembrick.simulate(dembrick.load("set4a_cyclic", changes), path, progress=False)
     with dembrick.read_history(path) as old:
         times = [float(old.time[row]) for row in (0, old.n_row // 3, old.n_row - 1)]
-    for at in times:
+    for at in times if formulation == "concave" else times[1:2]:
         result, same = go_on(path, at, name="same.h5")
         same_rows(path, same)
     with dembrick.read_history(path) as old:

@@ -28,7 +28,19 @@ CONTROLS = {
 BOTH = pytest.mark.parametrize("large", [False, True], ids=["as drawn", "deformed"])
 
 
-def scene(formulation, large, weaker, pressed=0.0, pushed=0.0, tie=HELD, bond="", control=FREE, before=PUSHED, more="", rows=400):
+def scene(
+    formulation,
+    large,
+    weaker,
+    pressed=0.0,
+    pushed=0.0,
+    tie=HELD,
+    bond="",
+    control=FREE,
+    before=PUSHED,
+    more="",
+    rows=400,
+):
     """A `statics` stage, and a run in time with a ``weaker`` law and so much more (N) that presses and pushes."""
     text = header(formulation, 0.34, 1e10).replace("[joint]\n", f"[joint]\n{bond}{POINTS.get(formulation, '')}")
     text += BLOCKS + tie + load([0.0, 0.0, WEIGHT - PRESSED]) + load([0.0, -before, 0.0], "stages = [1]\n")
