@@ -35,16 +35,22 @@ def start():
     return toml.load("set4a_curve", [*SHORT, *START])
 
 
-def test_known_values_come_back_from_noisy_curves(curve, start):
+@pytest.fixture(scope="module")
+def near(curve, start):
+    """The fit of one noisy curve."""
+    return curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1)], list(TRUE))
+
+
+def test_known_values_come_back_from_noisy_curves(curve, start, near):
     held = 0
-    for seed in range(6):
-        found = curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, seed)], list(TRUE))
+    others = (curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, seed)], list(TRUE)) for seed in (2, 3))
+    for found in (near, *others):
         for key, true in TRUE.items():
             one = found.keys[key]
             assert one.determined and one.value == pytest.approx(true, rel=0.03)
             held += one.lower <= true <= one.upper
         assert found.misfits[0].rms == pytest.approx(0.01, rel=0.3)
-    assert held >= 11
+    assert held >= 5
 
 
 def test_what_the_curve_does_not_change_with_is_not_determined(curve, start):
@@ -64,27 +70,22 @@ def test_keys_that_trade_off_are_named(curve, start, monkeypatch):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1)], ["joint.friction", "materials.tuff.density"])
 
 
-def test_a_plateau_does_not_determine_the_stiffness(curve, start):
+def test_a_plateau_tells_the_least_stiffness_and_no_more(curve, start):
+    """Points on the plateau at 2.5 um show only that the rise is over by then: V / 2.5 um is a lower bound."""
     found = curve_fit.fit_curves([start], [measured(curve, 2.5e-6, 3.4e-6, 2)], list(TRUE)).keys
     assert found["joint.friction"].determined and not found["joint.shear_stiffness"].determined
     assert found["joint.friction"].value == pytest.approx(0.64, rel=0.01)
-
-
-def test_a_plateau_tells_the_least_stiffness(curve, start):
-    """Points on the plateau at 2.5 um show only that the rise is over by then: V / 2.5 um is a lower bound."""
-    stiffness = curve_fit.fit_curves([start], [measured(curve, 2.5e-6, 3.4e-6, 2)], list(TRUE)).keys
-    stiffness = stiffness["joint.shear_stiffness"]
+    stiffness = found["joint.shear_stiffness"]
     assert stiffness.upper is None and 1.5e9 < stiffness.lower < 4e9
 
 
-def test_a_far_start_leads_to_the_same_values(curve, start):
+def test_a_far_start_leads_to_the_same_values(curve, near):
     """A stiffness 250 times too high puts all measured points on the plateau, where the misfit has no slope."""
     lab = [measured(curve, 5e-8, 3.4e-6, 1)]
-    near = curve_fit.fit_curves([start], lab, list(TRUE)).keys
     far = [*SHORT, "joint.friction=0.3", "joint.shear_stiffness=1e12"]
     found = curve_fit.fit_curves([toml.load("set4a_curve", far)], lab, list(TRUE)).keys
     for key in TRUE:
-        assert found[key].value == pytest.approx(near[key].value, rel=2e-3)
+        assert found[key].value == pytest.approx(near.keys[key].value, rel=2e-3)
 
 
 def test_a_start_that_is_too_strong_goes_as_far_as_the_measured_curve(curve):

@@ -6,6 +6,7 @@ from scipy.optimize import root
 
 import dembrick
 from dembrick.scenario import toml
+from dembrick.simulation.dynamics.paths import driven_path
 from helpers.scenario_text import block, header, jack
 
 pytestmark = pytest.mark.usefixtures("few")
@@ -55,7 +56,7 @@ class Corners:
         return float(self.q[4])
 
 
-def test_cycles_of_a_joint_that_dilates_as_it_turns():
+def test_cycles_of_a_joint_that_dilates_as_it_turns(monkeypatch):
     """It dilates most where it slips most, and pressure grows there: V creeps along the plateau, by its path."""
     text = header("concave", MU, KN, keys=f"dilation = {PSI}\n")
     text += block("floor", (0.0, 0.0, -0.05), (*SIZE, 0.1), "fixed = true")
@@ -63,6 +64,7 @@ def test_cycles_of_a_joint_that_dilates_as_it_turns():
     text += f'[[loads]]\nblock = "stone"\nforce = [0.0, 0.0, {-PRESSED}]\n' + jack(
         "stone", (*ARM.tolist(), 0.0), (*DIRECTION.tolist(), 0.0)
     )
+    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
     protocol = f"protocol = {TURNS.tolist()}\nlarge_displacements = true\n"
     found = dembrick.simulate(toml.loads(f'{text}[control]\nkind = "displacement"\n{protocol}'))
     corners = Corners(PRESSED + np.prod(SIZE) * HEIGHT * 2000.0 * 9.81)

@@ -24,10 +24,12 @@ def wall(formulation, *changes):
     return toml.load(SCENARIOS / "wall_tilt.toml", list(given))
 
 
-@pytest.mark.parametrize("formulation", ["concave", pytest.param("convex", marks=pytest.mark.slow)])
-def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation):
+@pytest.mark.parametrize("formulation, rate", [("concave", 2.0), pytest.param("convex", 1.0, marks=pytest.mark.slow)])
+def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation, rate):
     """t / H = 0.4; soft convex joints fall early and a fast table records it late, and these errors must not cancel."""
-    fallen = simulate(wall(formulation, "control.displacement=0.01"), record=False, refine=True).collapse
+    fallen = simulate(
+        wall(formulation, "control.displacement=0.01", f"control.rate={rate}"), record=False, refine=True
+    ).collapse
     away = abs(fallen["load_factor"] - 0.4)
     assert 1e-3 < away < fallen["error_estimate"] < 0.05
 
@@ -37,7 +39,7 @@ def test_a_bar_holds_the_rigid_block_that_is_pushed_over_a_convex_joint(stiffnes
     """The contact strip at its edge makes the error c k^-1/3 plus lower-order terms: the first term alone is no bar."""
     floor = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.2, 0.4, 0.4), (0.0, 0.0, 0.2))
-    control = PushoverControl((1.0, 0.0, 0.0), quasi_static=False, rate=1e-3, displacement=4e-3)
+    control = PushoverControl((1.0, 0.0, 0.0), quasi_static=False, rate=3e-3, displacement=4e-3)
     pushed = simulate(of_stone(law("convex", 0.9, stiffness), control, (floor, block)), record=False, refine=True)
     assert abs(pushed.collapse["load_factor"] - 0.5) < pushed.collapse["error_estimate"] < 0.1
 

@@ -6,7 +6,7 @@ from scipy import stats
 
 from dembrick.runs.fit_intervals import half_widths
 
-DRAWS = 400
+DRAWS = 200
 
 
 def rise_and_plateau(n: int, keys: int) -> np.ndarray:

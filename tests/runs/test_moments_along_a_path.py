@@ -33,7 +33,7 @@ def couple():
 
 def scenario(control, loads, formulation="convex", own="", law=""):
     floor = block("floor", (0.0, 0.0, -0.1), (2.0, 2.0, 0.2), "fixed = true")
-    text = header(formulation, MU, 1e10, keys=law) + floor + block("block", (0.0, 0.0, 0.5 * H), (A, B, H), own)
+    text = header(formulation, MU, 1e9, keys=law) + floor + block("block", (0.0, 0.0, 0.5 * H), (A, B, H), own)
     return toml.loads(f"{text}{loads}[control]\n{control}", "couple.toml")
 
 
