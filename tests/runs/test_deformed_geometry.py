@@ -88,13 +88,17 @@ def test_actuators_across_a_floor_that_has_turned(formulation):
     th = math.radians(10.0)
     lean = (G * math.sin(th), 0.0, -G * math.cos(th))
     level = staged(
-        'kind = "yield"\ntolerance = 1e-6\n', more=JACK.replace("[2]", "[1]"), formulation=formulation, gravity=lean
+        'kind = "yield"\ntolerance = 1e-6\n',
+        more=JACK.replace("[2]", "[1]"),
+        formulation=formulation,
+        gravity=lean,
+        kn=1e9,
     )
     V = simulate(level, record=False).yield_point.V
-    found = simulate(staged(turns(10.0), YIELD, more=JACK, formulation=formulation), record=False)
+    found = simulate(staged(turns(10.0), YIELD, more=JACK, formulation=formulation, kn=1e9), record=False)
     brackets(found, V)
     assert found.status == "yield" and found.collapse is None and found.as_dict()["collapse"] is None
-    driven = simulate(staged(turns(10.0), TRAVEL, more=JACK, formulation=formulation))
+    driven = simulate(staged(turns(10.0), TRAVEL, more=JACK, formulation=formulation, kn=1e9))
     assert driven.status == "completed"
     assert driven.yield_point.V_peak == pytest.approx(V, rel=2e-5)
     assert driven.yield_point.V == pytest.approx(V, rel=1e-4)
@@ -240,11 +244,11 @@ large_displacements = true
 def test_a_travel_ends_where_it_was_to_end(travel, monkeypatch):
     """The path ends at the given travel; V there is that of a rigid block on its toe, and its bracket contains it."""
     monkeypatch.setattr(driven_path, "EQUILIBRIA", 20)
-    given = header(friction=0.9, normal_stiffness=1e11)
+    given = header(friction=0.9, normal_stiffness=1e10)
     found = simulate(toml.loads(f"{given}{FLOOR}{TIED}travel = {travel}\n"), record=False, progress=False)
     path, point = found.run.path, found.yield_point
     assert path[-1, 0] - path[0, 0] == pytest.approx(travel, rel=1e-9)
-    assert path[-1, 1] == pytest.approx(turned_about_its_toe(travel), rel=1e-5)
+    assert path[-1, 1] == pytest.approx(turned_about_its_toe(travel), rel=1e-4)
     assert point.V == path[-1, 1] and point.V_lower <= point.V < point.V_peak
 
 
@@ -277,9 +281,9 @@ def test_an_inclined_tie_yields_by_no_more_than_rest_asks_for(anchored, attached
     tied = tied.replace("[-0.2, 0.0, 0.6]", f"[-0.2, 0.0, {attached}]").replace("5000.0", f"{stiffness}")
     tied = tied.replace("prestress = 300.0", f"prestress = {prestress}\nstrength = {strength}")
     control = '[control]\nkind = "yield"\nlarge_displacements = true\n'
-    given = header(friction=0.9, normal_stiffness=1e11)
+    given = header(friction=0.9, normal_stiffness=1e10)
     point = simulate(toml.loads(f"{given}{FLOOR}{tied}{control}"), record=False, progress=False).yield_point
-    assert point.V_lower <= most * (1.0 + 1e-5) and most <= point.V_upper * (1.0 + 1e-5)
+    assert point.V_lower <= most * (1.0 + 1e-4) and most <= point.V_upper * (1.0 + 1e-4)
     assert point.V_upper - point.V_lower < 2e-3 * point.V
 
 
