@@ -121,6 +121,7 @@ def test_thirty_by_thirty():
 def still(courses, blocks, duration):
     """Displacement of the top course since the dead-load equilibrium (m), and the speed fitted to its path (m/s)."""
     result = simulate(wall(DynamicControl(duration), courses, blocks))
+    assert result.run.unbalanced < 1e-8  # head joints that open and close do not keep the wall from coming to rest
     top = [i for i, name in enumerate(result.assembly.names) if name.startswith(f"wall.{courses}.")]
     path = result.frames["displacement"][:, top] - result.frames["displacement"][:1, top]
     time = result.frames["time"]
@@ -129,7 +130,7 @@ def still(courses, blocks, duration):
 
 
 def test_a_wall_left_alone_stays():
-    moved, drift = still(4, 3, 1.0)
+    moved, drift = still(4, 3, 0.3)
     assert moved < 1e-6 and drift < 1e-9
 
 

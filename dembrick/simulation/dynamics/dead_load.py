@@ -14,7 +14,7 @@ from contextlib import contextmanager, nullcontext
 import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError, UndecidedError, of_joint_forces
-from dembrick.kernels.dynamics.law_memory import SEARCHING
+from dembrick.kernels.dynamics.law_memory import FORGETTING, SEARCHING
 from dembrick.kernels.dynamics.loop import RUNNING, Limits
 from dembrick.scenario.checks import listed, show
 from dembrick.simulation import interrupts
@@ -45,7 +45,8 @@ ELASTIC = 4.0  # times the elastic displacement of the closed joint under its fo
 MOST_STEPS = 200_000  # of one attempt, at the usual time step
 USUAL = 0.9  # of the critical time step: default of solver.step_factor
 CHUNK = 256  # steps between two checks for equilibrium
-REFEREE = 20_000  # steps without rest or fall, after which statics in the geometry of the start decides
+# steps without rest or fall, after which statics in the geometry of the start decides on a fall, and joints that open
+REFEREE = 20_000  # lose their shear, with which they may open and close for ever
 STICKING = 1e9  # friction of joints that may not slip
 
 
@@ -151,6 +152,8 @@ class _Attempt:
         while motion.dead_load_steps - motion.attempt[0] < most:
             if pause is not None and motion.dead_load_steps > begun:
                 pause()
+            late = motion.dead_load_steps - motion.attempt[0] >= REFEREE
+            motion.laws = FORGETTING if late else SEARCHING
             status, done = self._advance(held, CHUNK)
             motion.dead_load_steps += done
             self.ratio, self.enough = unbalanced(motion.state, self.driving, standing)
