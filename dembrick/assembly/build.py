@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -96,6 +97,11 @@ class Assembly:
     ties: TieTable = NO_TIES
     held: np.ndarray = field(default_factory=lambda: np.zeros((0, 6), bool))
     custom_law: CustomLaw | None = None
+
+    @cached_property
+    def least_size(self) -> np.ndarray:
+        """Shortest edge of the bounding box of each block (n,), in its own axes (m)."""
+        return np.array([np.ptp(shape.vertices, axis=0).min() for shape in self.shapes])
 
     @property
     def supporting(self) -> np.ndarray:

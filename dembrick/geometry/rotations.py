@@ -15,20 +15,28 @@ def rotation_matrix(quaternion) -> np.ndarray:
     """Rotation matrix (..., 3, 3) of quaternion(s) (..., 4); its columns are the body axes in the world."""
     q = unit_quaternion(quaternion)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    rows = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    found = np.empty((*w.shape, 3, 3))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            found[..., i, j] = entry
+    return found
+
+
+def rotation_quaternion(rotation) -> np.ndarray:
+    """Quaternion(s) (..., 4) of the rotation vector(s) ``rotation`` (..., 3)."""
+    rotation = np.asarray(rotation, float)
+    half = 0.5 * np.sqrt((rotation**2).sum(axis=-1, keepdims=True))
+    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotation], axis=-1)
 
 
 def turned_by(rotation, quaternion) -> np.ndarray:
     """Quaternion(s) (..., 4) of the rotation ``quaternion`` and then the rotation vector(s) ``rotation`` (..., 3)."""
-    rotation = np.asarray(rotation, float)
-    half = 0.5 * np.sqrt((rotation**2).sum(axis=-1, keepdims=True))
-    turn = np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotation], axis=-1)
-    return quaternion_product(turn, quaternion)
+    return quaternion_product(rotation_quaternion(rotation), quaternion)
 
 
 def turning(quaternion, vectors) -> np.ndarray:

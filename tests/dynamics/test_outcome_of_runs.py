@@ -8,6 +8,7 @@ import pytest
 
 from dembrick.assembly.build import assemble
 from dembrick.errors import EnergyAuditError
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.scenario.controls import (
@@ -49,8 +50,6 @@ def test_a_tumbling_block_keeps_its_angular_momentum_from_frame_to_frame():
     """Spin about the intermediate axis: R I R^T w is the same in every frame, not so with an earlier spin."""
     free = Block("free", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 3.0), angular_velocity=(0.02, 9.0, 0.03))
     result = simulate(scene(FLOOR, free, control=DynamicControl(2.0), gravity=(0.0, 0.0, 0.0)))
-    from dembrick.geometry.rotations import rotation_matrix
-
     R = rotation_matrix(result.frames["orientation"][:, 1])
     momentum = np.einsum("fij,jk,flk,fl->fi", R, result.assembly.inertia[1], R, result.frames["spin"][:, 1])
     np.testing.assert_allclose(
@@ -169,8 +168,8 @@ def test_what_falls_on_for_ever_ends_the_run():
     control = BaseMotionControl(20.0, (1.0, 0.0, 0.0), pulse=Pulse(5.0, 0.8))
     floor = Block("f", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     stone, said = Block("b", "stone", (0.4, 0.4, 0.2), (0.0, 0.0, 0.1)), []
-    result = simulate(of_stone(law("concave", 0.3, 1e8), control, (floor, stone)), report=said.append)
-    assert result.as_dict()["outcome"] == "fell" and 3.0 < result.run.motion.time < 10.0
+    result = simulate(of_stone(law("concave", 0.3, 1e7), control, (floor, stone)), report=said.append)
+    assert result.as_dict()["outcome"] == "fell" and 1.0 < result.run.motion.time < 5.0
     assert any("block 'b' has fallen by" in one and "has nothing below it" in one for one in said)
     assert result.rows["time"][-1] == pytest.approx(result.run.motion.time)
 
@@ -216,9 +215,9 @@ def test_a_support_carries_blocks_by_what_it_has_moved_in_its_stage():
     degrees, from its position at the start of that stage."""
     scenario = turned_table(10.0, 2.0, 0.5)
     turn = Turn((0.0, 1.0, 0.0), 5.0, (0.0, 0.0, 0.0))
-    control = SettlementControl(("table",), rotation=turn, quasi_static=False, rate=0.1)
+    control = SettlementControl(("table",), rotation=turn, quasi_static=False, rate=0.5)
     moving = simulate(replace(scenario, control=control), record=False).run.motion
-    ((carried, turned),) = _carried(moving)
+    ((carried, turned),) = _carried(moving, rotation_matrix(moving.upright))
 
     def about_y(angle):
         c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))

@@ -147,7 +147,7 @@ class LoadPathResult(MotionResult):
         turned = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0))
         away = np.maximum(shifted, 0.5 * bodies.reach * turned)
         furthest = int(np.argmax(away))
-        size = float(np.ptp(self.assembly.shapes[furthest].vertices, axis=0).min())
+        size = float(self.assembly.least_size[furthest])
         return {
             "block": self.assembly.names[furthest],
             "displacement": float(shifted[furthest]),

@@ -151,7 +151,7 @@ class Motion:
     @property
     def smallest(self) -> float:
         """Shortest edge of the bounding boxes of all blocks (m)."""
-        return min(float(np.ptp(shape.vertices, axis=0).min()) for shape in self.assembly.shapes)
+        return float(self.assembly.least_size.min())
 
     @property
     def displacement(self) -> np.ndarray:

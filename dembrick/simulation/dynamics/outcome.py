@@ -99,11 +99,10 @@ def fallen(moving: Motion) -> np.ndarray:
     if not weight > 0.0:
         return np.zeros(len(assembly.names), bool)
     down = np.asarray(assembly.gravity, float) / weight
-    least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
-    line = np.einsum("nij,i->nj", rotation_matrix(moving.upright), down)  # of the start, in body axes
-    away, found = moving.displacement, free.copy()
-    for carried, turn in _carried(moving):
-        dropped = (away - carried) @ down > DROPPED * least
+    upright, away, found = rotation_matrix(moving.upright), moving.displacement, free.copy()
+    line = np.einsum("nij,i->nj", upright, down)  # of the start, in body axes
+    for carried, turn in _carried(moving, upright):
+        dropped = (away - carried) @ down > DROPPED * assembly.least_size
         turned = np.einsum("nij,nj,i->n", bodies.rotation, line, turn @ down) < TURNED_OVER
         found &= dropped | turned
     return found
@@ -112,9 +111,8 @@ def fallen(moving: Motion) -> np.ndarray:
 def speed_at_the_end(moving: Motion) -> float:
     """The greatest speed (m/s) of any point of a free block, relative to the supports; zero if all are at rest."""
     assembly, bodies = moving.assembly, moving.state.bodies
-    least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
     speed = np.linalg.norm(bodies.velocity, axis=1) + np.linalg.norm(bodies.spin, axis=1) * bodies.reach
-    moves = speed > MOVES * np.sqrt(float(np.linalg.norm(assembly.gravity)) * least)
+    moves = speed > MOVES * np.sqrt(float(np.linalg.norm(assembly.gravity)) * assembly.least_size)
     return float(speed[moves & ~np.asarray(assembly.fixed)].max(initial=0.0))
 
 
@@ -136,17 +134,16 @@ def standing(bodies: Bodies, kept: Mapping[str, np.ndarray] | None = None) -> Bo
     return bodies._replace(position=kept["bodies.position"], rotation=kept["bodies.rotation"])
 
 
-def _carried(moving: Motion) -> list[tuple[np.ndarray, np.ndarray]]:
+def _carried(moving: Motion, upright: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Displacements (n, 3) and rotation (3, 3) of all blocks if they had moved with each support as a rigid body; one
-    entry for all supports that have not moved."""
-    assembly, bodies, away = moving.assembly, moving.state.bodies, moving.displacement
-    turn = bodies.rotation @ np.swapaxes(rotation_matrix(moving.upright), 1, 2)
-    still = (away == 0.0).all(axis=1) & (np.abs(turn - np.eye(3)).max(axis=(1, 2)) < STILL)
-    moved = np.flatnonzero(np.asarray(assembly.fixed) & ~still)
-    rides = [(np.zeros(3), np.eye(3))] if len(moved) < int(np.sum(assembly.fixed)) or not len(moved) else []
-    for i in moved.tolist():
+    entry for all supports that have not moved. ``upright`` (n, 3, 3): rotations of the start."""
+    fixed, bodies, away = np.flatnonzero(moving.assembly.fixed), moving.state.bodies, moving.displacement
+    turn = bodies.rotation[fixed] @ np.swapaxes(upright[fixed], 1, 2)
+    still = (away[fixed] == 0.0).all(axis=1) & (np.abs(turn - np.eye(3)).max(axis=(1, 2)) < STILL)
+    rides = [(np.zeros(3), np.eye(3))] if still.any() or not len(fixed) else []
+    for i, rotation in zip(fixed[~still], turn[~still], strict=True):
         arm = bodies.start - bodies.start[i]
-        rides.append((away[i] + arm @ (turn[i] - np.eye(3)).T, turn[i]))
+        rides.append((away[i] + arm @ (rotation - np.eye(3)).T, rotation))
     return rides
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dembrick.geometry.rotations import rotation_matrix, turned_by
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_quaternion
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -54,9 +54,9 @@ class SupportMotion:
         carried, arm = self.point + part * self.displacement, self.start - self.point
         if not self.turn.any():
             return carried + arm, np.repeat(self.orientation[None], len(part), axis=0)
-        turn = part * self.turn
-        turned = np.einsum("skij,kj->ski", rotation_matrix(turned_by(turn, _NO_TURN)), arm)
-        return carried + turned, turned_by(turn, self.orientation)
+        turn = rotation_quaternion(part * self.turn)
+        turned = np.einsum("skij,kj->ski", rotation_matrix(turn), arm)
+        return carried + turned, quaternion_product(turn, self.orientation)
 
     def __len__(self) -> int:
         return len(self.block)
@@ -92,7 +92,6 @@ class SupportMotion:
         return -float((force * along + moment * self.turn).sum()) / self.length
 
 
-_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 AT_REST = SupportMotion(
     np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), *np.zeros((3, 0, 3)), length=1.0
 )

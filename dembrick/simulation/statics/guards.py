@@ -53,7 +53,7 @@ def new_guard(assembly: Assembly, state: State, steps: int | None = None) -> Gua
         look = min(LOOK, 1 << (wanted.bit_length() - 1))
         stretch = look * (wanted // look)
     return Guard(
-        longest=LONGEST_MOVE * min(float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes),
+        longest=LONGEST_MOVE * float(assembly.least_size.min()),
         mask=look - 1,
         stretch=stretch,
         weights=float(np.abs(state.actuators.weight).sum()),
@@ -100,8 +100,7 @@ def came_down(assembly: Assembly, state: State) -> str | None:
     if not weight > 0.0:
         return None
     drop = state.blocks.displacement @ (np.asarray(assembly.gravity, float) / weight)
-    least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
-    low = np.flatnonzero(~np.asarray(assembly.fixed) & (drop > DROPPED * least))
+    low = np.flatnonzero(~np.asarray(assembly.fixed) & (drop > DROPPED * assembly.least_size))
     if not len(low):
         return None
     deepest = int(low[np.argmax(drop[low])])
@@ -117,7 +116,7 @@ def other_joints(assembly: Assembly, state: State, travel: float) -> str | None:
     """Remark on the joint that has lost the greatest share of its area over an edge after a ``travel`` (m) of the head,
     if that is more than `LESS`, as a constant-rate test does not cut joints. Raises NotConvergedError if it is more
     than `OVERHANG`, or if blocks without a joint meet, as such a test detects no new contacts."""
-    least = min(float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes)
+    least = float(assembly.least_size.min())
     if not _farthest(assembly, state) > STILL_THERE * least:
         return None
     lost, (deep, pair) = overhang(assembly, state), meeting(assembly, state)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by, turning
+from dembrick.geometry.rotations import quaternion_product, rotation_quaternion, rotation_vector, turning
 from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
 from dembrick.simulation.joint_laws import about_start, pressed_parts
 from dembrick.views.motion.bending import crushed_share, eccentricity_utilisation
@@ -64,7 +64,7 @@ class JointFrames:
             apart += np.cross(turned[:, b], joints.arm_b) - np.cross(turned[:, a], joints.arm_a)
             shift, vector = joints.along_axes(apart), joints.along_axes(turned[:, b] - turned[:, a])
             plane = np.stack([shift[..., 2], -vector[..., 1], vector[..., 0]], axis=-1)
-            return RelativeMotion(joints, shift, turned_by(vector, [1.0, 0.0, 0.0, 0.0]), plane, vector)
+            return RelativeMotion(joints, shift, rotation_quaternion(vector), plane, vector)
         of_a, of_b = self._turned[:, a], self._turned[:, b]
         apart += turning(of_b, joints.arm_b) - turning(of_a, joints.arm_a)
         back = of_a * [1.0, -1.0, -1.0, -1.0]

@@ -106,8 +106,7 @@ class EquilibriumPath(ABC):
         self.collapse: dict | None = None
         self.fall: list[dict] | None = None
         self.free = ~np.asarray(moving.assembly.fixed)
-        least = [float(np.ptp(shape.vertices, axis=0).min()) for shape in moving.assembly.shapes]
-        self.least = np.array(least)[self.free]
+        self.least = moving.assembly.least_size[self.free]
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
         self.recorder = Recorder(moving, driving, session, self.past.extremes, 1, 1, equilibria=True)
 
