@@ -32,13 +32,13 @@ def block(height, **more):
 
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.9])
 def test_a_dropped_block_bounces(restitution):
-    """From 0.1 m the block lands after sqrt(2 h/g), at sqrt(2 g h), and rebounds at the given restitution."""
-    output = Output(("frames", "velocity", "energy"), rows=2325, frames=2325)
-    result = simulate(scene(DynamicControl(0.155, restitution), FLOOR, block(0.1), output=output))
+    """From 20 mm the block lands after sqrt(2 h/g), at sqrt(2 g h), and rebounds at the given restitution."""
+    output = Output(("frames", "velocity", "energy"), rows=1050, frames=1050)
+    result = simulate(scene(DynamicControl(0.07, restitution), FLOOR, block(0.02), output=output))
     time, speed = result.frames["time"], result.frames["velocity"][:, 1, 2]
     landing = int(np.argmin(speed))
-    assert time[landing] == pytest.approx(math.sqrt(0.2 / G), abs=2e-4)
-    assert speed[landing] == pytest.approx(-math.sqrt(0.2 * G), rel=1e-3)
+    assert time[landing] == pytest.approx(math.sqrt(0.04 / G), abs=2e-4)
+    assert speed[landing] == pytest.approx(-math.sqrt(0.04 * G), rel=2e-3)
     assert speed[landing : landing + 75].max() == pytest.approx(
         -restitution * speed[landing], rel=0.025 if restitution == 0.2 else 0.008
     )
@@ -93,9 +93,9 @@ def test_every_impact_of_a_rocking_block_loses_as_housner_says(slenderness, part
     """The angular velocity falls to 1 - 1.5 sin^2 alpha of itself, also after the block was tossed clear of the floor
     or rotated too far for its joint."""
     found = tool_module("drawn_impacts").rock(
-        0.3, slenderness, 0.5, part, e, JointLaw("concave", friction, 1e10, 4e9), impacts=3
+        0.3, slenderness, 0.5, part, e, JointLaw("concave", friction, 1e10, 4e9), impacts=2
     )
-    assert len(found) == 3 and found == pytest.approx([1.0] * 3, abs=0.01)
+    assert len(found) == 2 and found == pytest.approx([1.0] * 2, abs=0.01)
 
 
 @pytest.mark.parametrize("formulation, softer", [("convex", True), ("distributed", True), ("corrected-shear", False)])

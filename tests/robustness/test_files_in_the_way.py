@@ -145,7 +145,7 @@ def test_claims_of_many_processes_never_meet(folder, system):
 import os, random, time
 from dembrick.errors import OutputError
 from dembrick.history.claims import claimed
-end, got = time.monotonic() + 0.3, 0
+end, got = time.monotonic() + 0.15, 0
 while time.monotonic() < end:
     try:
         with claimed("run.h5"):
@@ -160,7 +160,7 @@ print(got)
         subprocess.Popen([sys.executable, "-c", system + code], stdout=subprocess.PIPE, text=True) for _ in range(3)
     ]
     assert [one.wait() for one in started] == [0, 0, 0]
-    assert sum(int(one.stdout.read()) for one in started) > 100
+    assert sum(int(one.stdout.read()) for one in started) > 40
     assert time.monotonic()
 
 
@@ -172,7 +172,7 @@ def test_check_draws_a_file_again_after_an_edit_and_no_other_file(folder, capsys
     assert main(check) == 0
     first = (folder / "p.png").read_bytes()
     (folder / "mine.toml").write_text(SET4A.replace("0.64 ", "0.62 "))
-    assert main(check) == 0 and main([*check, "--set", "joint.friction=0.5"]) == 0
+    assert main([*check, "--set", "joint.friction=0.5"]) == 0
     again = (folder / "p.png").read_bytes()
     assert again != first
     (folder / "other.toml").write_text(SET4A.replace("0.64 ", "0.63 "))
@@ -184,9 +184,8 @@ def test_check_draws_a_file_again_after_an_edit_and_no_other_file(folder, capsys
     assert (folder / "p.png").read_bytes() == again
 
 
-def test_a_result_is_not_replaced_by_the_picture_of_an_edited_scenario(folder):
-    assert main(["run", "mine.toml", "--to", "p.png", "--quiet"]) == 0
-    assert main(["render", "results/mine.h5", "--to", "r.png", "--quiet"]) == 0
+def test_a_result_is_not_replaced_by_the_picture_of_an_edited_scenario(run, folder):
+    assert main(["render", run, "--to", "r.png", "--quiet"]) == 0
     (folder / "mine.toml").write_text(SET4A.replace("0.64 ", "0.63 "))
     assert main(["check", "mine.toml", "--picture", "r.png"]) == 2
 

@@ -53,8 +53,8 @@ def limit(size):
 finished("run.h5")
 for write, largest in ((finished, 250_000), (exported, 400_000), (tables, 400_000)):
     failed = done = 0
-    for step in range(1, 41):
-        size = int(largest * step / 40.0)
+    for step in range(1, 17):
+        size = int(largest * step / 16.0)
         if write is not tables:
             limit(size)
         try:

@@ -44,7 +44,7 @@ def long_run(tmp_path_factory):
 
 
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_run_and_restart_finishes_it(tmp_path, long_run, signum):
+def test_a_signal_ends_the_run_and_restart_finishes_it(tmp_path, long_run, capsys, signum):
     path = tmp_path / "run.h5"
     child = dembrick("run", str(long_run / "long.toml"), "--out", str(path), "--json", "--quiet", code=SLOW)
     wait_for(lambda: Checkpoints(path).existing(), child, "a checkpoint")
@@ -57,9 +57,8 @@ def test_a_signal_ends_the_run_and_restart_finishes_it(tmp_path, long_run, signu
     with read(path) as file:
         assert file.status == "interrupted" and 0 < file.n_row and file.n_frames == file.n_row
         assert file.settings["scenario"] == str(long_run / "long.toml")
-    done = dembrick("restart", str(path), "--json")
-    out, err = done.communicate(timeout=120)
-    assert done.returncode == 0, err
+    assert main(["restart", str(path), "--json"]) == 0
+    out, err = capsys.readouterr()
     assert json.loads(out)["status"] == "completed" and "continuing from step" in err
     check_same(long_run / "whole.h5", path)
     assert os.listdir(tmp_path) == ["run.h5"]
@@ -140,9 +139,9 @@ def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monk
 
 
 def test_killed_and_restarted_again_and_again(tmp_path, long_run):
-    """Killed before the first row, then at random moments of the time loop, and finally run to its end."""
+    """Killed before the first row, then at a random moment of the time loop, and finally run to its end."""
     path, rng, numbers = tmp_path / "run.h5", random.Random(4), []
-    for kill, rows in enumerate((0, 1, rng.randrange(300, 900), rng.randrange(900, 1800))):
+    for kill, rows in enumerate((0, rng.randrange(300, 1800))):
         command = ["restart", str(path)] if kill else ["run", str(long_run / "long.toml"), "--out", str(path)]
         child = dembrick(*command, code=SLOW)
         wait_for(lambda rows=rows: rows_of(path) >= rows, child, f"row {rows}")

@@ -105,9 +105,8 @@ def test_why_kernels_of_a_package_are_not_taken(packaged, tmp_path, monkeypatch,
     assert not reason or _packaged_kernels.why_compiled() == reason
 
 
-@pytest.mark.parametrize("change, reason", [MISFITS[0], MISFITS[-1]])
-def test_kernels_are_compiled_instead(packaged, tmp_path, change, reason):
-    copy, found = packaged
+def test_kernels_are_compiled_instead(packaged, tmp_path):
+    (copy, found), (change, reason) = packaged, MISFITS[0]
     manifest = copy / "_kernels" / "manifest.json"
     before = manifest.read_text()
     manifest.write_text(changed(copy, change))
@@ -126,4 +125,3 @@ def test_an_edited_kernel_is_compiled(packaged, tmp_path):
         assert call(copy, tmp_path)[:2] == (0, value)
     finally:
         source.write_text(before)
-    assert call(copy, tmp_path)[0] == 1

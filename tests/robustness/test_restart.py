@@ -94,7 +94,7 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
     whole = simulate(given, tmp_path / "whole.h5")
     assert whole.status == "collapse" and whole.run.motion.steps > 1000
     n_row = len(whole.rows["time"])
-    for row in (1, n_row // 2, n_row - 3):
+    for row in (1, n_row // 2):
         path = tmp_path / f"{row}.h5"
         with stop_after(row, match="dembrick restart"):
             simulate(given, path)
@@ -112,7 +112,7 @@ def test_a_settlement_that_waits_for_a_fall_goes_on_too(tmp_path, stop_after):
     given = toml.loads(text + "[output]\nrows = 50\nframes = 50\ncheckpoint = 1e9\n")
     whole = simulate(given, tmp_path / "whole.h5")
     assert whole.fallen == ["b"]
-    for row in (2, 8, len(whole.rows["time"]) // 3):
+    for row in (2, len(whole.rows["time"]) // 3):
         path = tmp_path / f"{row}.h5"
         with stop_after(row):
             simulate(given, path)
@@ -129,7 +129,7 @@ def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeyp
     whole = simulate(given, tmp_path / "whole.h5")
     every = whole.run.motion.steps // 20
     assert every > 60 and len(whole.rows["time"]) in (21, 22)
-    for looks in (1, 2, 17):
+    for looks in (1, 17):
         path = tmp_path / f"{looks}.h5"
         with stop_after(looks) as stopped:
             simulate(given, path)
