@@ -33,7 +33,7 @@ def history(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("command", ["schema", "joints {}", "info {} --json", "--help", "--version", "check set4a"])
+@pytest.mark.parametrize("command", ["schema", "joints {}", "info {} --json", "--help", "--version"])
 def test_a_full_device_is_said_in_a_sentence(history, command):
     done = shell(f"$DEMBRICK {command.format(history.name)} > {FULL}", history.parent)
     assert done.returncode == 1

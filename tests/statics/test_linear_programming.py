@@ -169,6 +169,6 @@ def test_refining_shows_what_the_path_leaves_open():
     low, high = fallen["path_range"]
     assert low <= min(found) < max(found) <= high
     assert fallen["error_estimate"] >= max(abs(factor - fallen["load_factor"]) for factor in (low, *found, high))
-    pushed = PushoverControl(scenario.control.direction, displacement=3e-4, quasi_static=False, rate=1e-4)
+    pushed = PushoverControl(scenario.control.direction, displacement=3e-4, quasi_static=False, rate=3e-4)
     slow = simulate(replace(scenario, control=pushed), record=False).collapse["load_factor"]
     assert abs(slow - fallen["load_factor"]) < fallen["error_estimate"]
