@@ -243,7 +243,8 @@ def test_frames_of_the_fall_follow_the_last_equilibrium(too_far):
     assert frames["time"][~falling].tolist() == rows["time"].tolist()
     crown = too_far.assembly.names.index("arch.10")
     assert (np.diff(frames["displacement"][last:, crown, 2]) < 0.0).all()
-    away = np.linalg.norm(frames["displacement"][last:] - frames["displacement"][last], axis=2).max(axis=1)
+    # from the equilibrium before, as the last two are closer than the tolerance
+    away = np.linalg.norm(frames["displacement"][last:] - frames["displacement"][last - 1], axis=2).max(axis=1)
     least = min(np.ptp(shape.vertices, axis=0).min() for shape in too_far.assembly.shapes)
     assert 0.5 * least < away[-1] < least and away[1] < 0.5 * away[-1]
 
