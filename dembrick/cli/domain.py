@@ -24,7 +24,9 @@ def add_arguments(parser) -> None:
     )
     parser.add_argument("--formulation", nargs="+", metavar="F", help="formulations (default: all five)")
     parser.add_argument(
-        "--pressure", default="full", metavar="P", help="pressure of convex joints: full, effective or linear"
+        "--pressure",
+        metavar="P",
+        help="pressure of convex joints: full, effective or linear (default: that of the scenario, else full)",
     )
     parser.add_argument("--points", type=int, default=13, metavar="n", help="points of each theoretical curve")
     parser.add_argument(
@@ -54,14 +56,17 @@ def run(options, console) -> int:
     from dembrick.runs.lab import write_csv
     from dembrick.scenario.model import FORMULATIONS
 
-    joint, own, inputs = _joint(options)
-    formulations = options.formulation or ([own] if own else FORMULATIONS)
+    joint, law, inputs = _joint(options)
+    formulations = options.formulation or ([law.formulation] if law else FORMULATIONS)
     if options.tolerance is not None and not options.simulate:
         raise ScenarioError("--tolerance belongs to simulated tests, and theory needs none: add --simulate n")
-    if options.pressure != "full" and "convex" not in formulations:
+    if options.pressure not in (None, "full") and "convex" not in formulations:
         raise ScenarioError(f"--pressure {options.pressure} belongs to convex joints: add --formulation convex")
     tolerance = TOLERANCE if options.tolerance is None else options.tolerance
-    request = domain.Request(options.space, options.shear_angle, options.height, options.pressure, tolerance=tolerance)
+    pressure, points = (law.pressure, law.points) if law else ("full", None)
+    request = domain.Request(
+        options.space, options.shear_angle, options.height, options.pressure or pressure, points, tolerance
+    )
     if options.plot and options.space != "quarter":
         raise ScenarioError("--plot draws the quarter V, M_T of a rectangle: leave --space out")
     if options.plot and joint.edges is None:
@@ -118,7 +123,7 @@ def _curves(rows: list[dict], height: float) -> dict:
 
 
 def _joint(options):
-    """The joint asked for, the formulation of its scenario (None without one), and the files that were read."""
+    """The joint asked for, its law in the scenario (None without one), and the files that were read."""
     from dembrick.errors import ScenarioError
     from dembrick.runs.domain import DomainJoint
 
@@ -142,7 +147,7 @@ def _joint(options):
         changed = {key: value for key, value in changed.items() if value is not None}
         return (
             dataclasses.replace(joint, **changed),
-            built.joints[0].law.formulation,
+            built.joints[0].law,
             [options.scenario, *inputs_of(scenario)],
         )
     for name in ("a", "b") if given[0] else ():

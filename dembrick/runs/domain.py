@@ -78,12 +78,15 @@ class DomainJoint:
     @staticmethod
     def of_assembly(assembly: Assembly) -> DomainJoint:
         """The joint of a scene that has one, under its dead loads: N and eccentricity from statics."""
-        if len(assembly.joints) != 1 or not assembly.joint_force_exact:
+        if len(assembly.joints) != 1:
             raise ScenarioError(
                 f"a domain belongs to one joint, but this scenario has {len(assembly.joints)}: give one with two blocks"
             )
-        if len(assembly.ties):
-            raise ScenarioError("a domain belongs to a joint alone, but this scenario has [[ties]]: leave them out")
+        for key, found in (("[[ties]]", len(assembly.ties)), ("blocks.held", len(assembly.guided))):
+            if found:
+                raise ScenarioError(f"a domain belongs to a joint alone, but this scenario has {key}: leave it out")
+        if not assembly.joint_force_exact:
+            raise ScenarioError("a domain needs one free block on a fixed one, so that statics gives its N")
         joint = assembly.joints[0]
         free = joint.block_a if assembly.fixed[joint.block_b] else joint.block_b
         arm = joint.arm_a if free == joint.block_a else joint.arm_b
@@ -153,10 +156,11 @@ def _check(joint: DomainJoint, formulations: Sequence[str], request: Request) ->
             raise ScenarioError(f"unknown formulation {name!r}: {nearest(name, FORMULATIONS)}")
     if request.pressure not in PRESSURES:
         raise ScenarioError(f"unknown pressure {request.pressure!r}: {nearest(request.pressure, PRESSURES)}")
-    if joint.has_several_pieces and (joint.cohesion > 0.0 or set(formulations) != {"convex"}):
+    known = joint.cohesion == 0.0 and set(formulations) == {"convex"} and request.pressure == "full"
+    if joint.has_several_pieces and not known:
         raise ScenarioError(
-            "the domain of a joint of several feet is known only for the convex formulation without cohesion: give "
-            "--formulation convex without cohesion, or run the scenario for single limits"
+            "the domain of a joint of several feet is known only for the convex formulation with full pressure, "
+            "without cohesion: give --formulation convex without cohesion, or run the scenario for single limits"
         )
 
 

@@ -99,14 +99,41 @@ def test_a_block_on_two_feet_does_not_tip_between_them(capsys, two_feet):
         (["--eccentricity", "0.51", "0"], "lies 10 mm outside the joint, where N overturns the block"),
         (
             ["--formulation", "concave"],
-            "a joint of several feet is known only for the convex formulation without cohesion",
+            "a joint of several feet is known only for the convex formulation with full pressure, without cohesion",
         ),
-        (["--cohesion", "1e4"], "a joint of several feet is known only for the convex formulation without cohesion"),
+        (["--pressure", "linear"], "with full pressure, without cohesion"),
+        (
+            ["--cohesion", "1e4"],
+            "a joint of several feet is known only for the convex formulation with full pressure, without cohesion",
+        ),
     ],
 )
 def test_what_the_domain_of_two_feet_does_not_know_is_said(capsys, two_feet, words, said):
     assert main(["domain", "--scenario", two_feet, "--simulate", "2", *words]) == 2
     assert said in capsys.readouterr().err
+
+
+COUPLE = (
+    header("convex", 0.6, 1e9, keys='pressure = "linear"')
+    + block("floor", (0.0, 0.0, -0.1), (3.0, 2.0, 0.2), "fixed = true")
+    + block("stone", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
+    + '[[loads]]\nblock = "stone"\nforce = [0.0, 0.0, -300.0]\npoint = [0.15, 0.0, 0.1]\n'
+    + jack("stone", (0.1, 0.0, 0.0), (0.0, 1.0, 0.0))
+    + jack("stone", (-0.1, 0.0, 0.0), (0.0, -1.0, 0.0)).replace("jack", "other")
+    + '[control]\nkind = "yield"\n'
+)
+
+
+def test_the_domain_of_a_scenario_has_its_pressure(capsys, tmp_path):
+    """Torsion under an eccentric N is 40 % less with linear than with full pressure; a guide has no domain."""
+    path = tmp_path / "couple.toml"
+    path.write_text(COUPLE, encoding="utf-8")
+    code, found = answer(capsys, "--scenario", str(path), "--points", "2")
+    point = dembrick.simulate(dembrick.loads(COUPLE), record=False).yield_point
+    assert code == 0 and found["rows"][-1]["pressure"] == "linear"
+    assert found["rows"][-1]["M_T"] == pytest.approx(point.M_T, rel=1e-6)
+    path.write_text(COUPLE.replace("0.05]", '0.05]\nheld = ["ry"]'), encoding="utf-8")
+    assert main(["domain", "--scenario", str(path)]) == 2 and "blocks.held" in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -250,7 +277,7 @@ def test_a_bonded_scenario_has_the_domain_of_its_theory():
     ends = TieEnd("lower", (0.0, 0.0, -0.1)), TieEnd("upper", (0.0, 0.0, 0.1))
     tied = build.assemble(dataclasses.replace(given, ties=(Tie(ends, 1e6),)))
     assert theory_of(tied) is None
-    with pytest.raises(ScenarioError, match="leave them out"):
+    with pytest.raises(ScenarioError, match="leave it out"):
         domain.DomainJoint.of_assembly(tied)
 
 
