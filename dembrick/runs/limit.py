@@ -95,7 +95,7 @@ class LimitResult:
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick limit --json``."""
         found = {
-            **heading(self.scenario),
+            **heading(self.scenario, self.assembly),
             "status": self.status,
             "unlimited": self.limit.unlimited,
             "load_factor": finite(self.load_factor),

@@ -127,7 +127,7 @@ class StandingResult:
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick limit --json`` for ``kind = "statics"``."""
         return {
-            **heading(self.scenario),
+            **heading(self.scenario, self.assembly),
             "status": self.status,
             "statics": analysis.statics(self.assembly, self.found),
             "remarks": [SQUEEZE] if self.found.stands else [],

@@ -67,7 +67,7 @@ class ReactionResult:
             }
 
         return {
-            **heading(self.scenario),
+            **heading(self.scenario, self.assembly),
             "status": "reaction",
             "support": self.support,
             "on": self.on,

@@ -112,13 +112,27 @@ def test_a_sweep_says_what_the_run_of_a_case_says(tmp_path, capsys):
         assert float(row["V_lower"]) <= float(row["V_2"]) <= float(row["V_upper"])
 
 
-@pytest.mark.parametrize("more", ["tie", "large"])
-def test_cases_of_a_sweep_keep_ties_and_the_deformed_geometry(more, tmp_path):
-    """Batched cases support neither: a block with a tie once got the limit without it, called "certified"."""
+FEET = BLOCKS.replace("convex", "concave").replace("[0.12, 0.0, 0.075]", "[0.12, 0.0, 0.0]")
+FEET = FEET.replace(
+    "box = [0.4, 0.2, 0.15]\nposition = [0.0, 0.0, 0.075]\n",
+    "".join(
+        f"[[blocks.parts]]\nbox = {list(box)}\nposition = {list(position)}\n"
+        for box, position in (
+            ((0.1, 0.2, 0.1), (-0.15, 0.0, 0.05)), ((0.2, 0.2, 0.1), (0.1, 0.0, 0.05)),
+            ((0.4, 0.2, 0.05), (0.0, 0.0, 0.125)),
+        )
+    ),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("more", ["tie", "large", "feet"])
+def test_cases_of_a_sweep_keep_ties_the_deformed_geometry_and_feet(more, tmp_path):
+    """Batched cases support none of them: a block with a tie once got the limit without it, called "certified", and one
+    on two feet that of a single outline around both."""
     ends = '{ block = "lower", point = [0.0, -0.1, -0.01] }, { block = "upper", point = [0.0, 0.1, 0.05] }'
     tie = f"[[ties]]\nbetween = [{ends}]\nstiffness = 1e6\nstrength = 50.0\n"
     large = BLOCKS.replace('kind = "yield"', 'kind = "yield"\nlarge_displacements = true')
-    text = BLOCKS + tie if more == "tie" else large
+    text = {"tie": BLOCKS + tie, "large": large, "feet": FEET}[more]
     (tmp_path / "base.toml").write_text(text, encoding="utf-8")
     (tmp_path / "study.toml").write_text('base = "base.toml"\n[list]\n"joint.friction" = [0.5]\n', encoding="utf-8")
     assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--jobs", "1"]) == 0
@@ -126,6 +140,15 @@ def test_cases_of_a_sweep_keep_ties_and_the_deformed_geometry(more, tmp_path):
     point = dembrick.simulate(toml.loads(text.replace("0.62", "0.5")), record=False).yield_point
     assert row["bracket"] == point.bracket
     assert float(row["V"]) == pytest.approx(point.V, rel=1e-9)
+
+
+def test_a_run_is_that_of_the_law_of_its_joints(tmp_path, capsys):
+    """The law of [joint] is that of no joint here: the formulation is another, and its few points are asked for."""
+    law = '[[joints]]\nbetween = ["lower", "upper"]\nformulation = "distributed"\npoints = [2, 2]\n'
+    (tmp_path / "run.toml").write_text(BLOCKS.replace("0.0, 0.075]\ndirection", "0.0, 0.0]\ndirection") + law)
+    for command in (["run", "--out", str(tmp_path / "run.h5")], ["limit"]):
+        assert main([*command, str(tmp_path / "run.toml"), "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["formulation"] == "distributed"
 
 
 def test_a_sweep_says_of_one_path_what_a_run_says(tmp_path):

@@ -80,7 +80,7 @@ class RunResult:
         """The JSON object of ``dembrick run --json``."""
         ties = tied(self.assembly, **self.run.ties) if len(self.assembly.ties) else []
         return {
-            **heading(self.scenario),
+            **heading(self.scenario, self.assembly),
             **self.entries(),
             "reactions": self.reactions,
             "energy": None if self.energy is None else self.energy.as_dict(),
@@ -136,7 +136,7 @@ class RunResult:
     def text(self) -> str:
         """Text of the command line: the title, the formulation, and the key numbers."""
         law = self.assembly.custom_law
-        lines = [KeyNumber("formulation", self.scenario.joint.formulation)]
+        lines = [KeyNumber("formulation", formulations(self.scenario, self.assembly))]
         lines += [] if law is None else [KeyNumber("joint law", described(law.as_dict()))]
         lines += key_numbers(self.as_dict(), self.curve.unit)
         lines += [] if self.history is None else [KeyNumber("history", self.history)]
@@ -208,9 +208,16 @@ class RunResult:
         return page.fragment(self)
 
 
-def heading(scenario: Scenario) -> dict:
-    """First entries in the JSON object of any run or limit analysis."""
-    return {"scenario": scenario.path or "", "title": scenario.title, "formulation": scenario.joint.formulation}
+def heading(scenario: Scenario, assembly: Assembly | None = None) -> dict:
+    """First entries in the JSON object of a run or limit analysis; a failed one may have no ``assembly``."""
+    formulation = formulations(scenario, assembly)
+    return {"scenario": scenario.path or "", "title": scenario.title, "formulation": formulation}
+
+
+def formulations(scenario: Scenario, assembly: Assembly | None) -> str:
+    """The formulations of the joints, separated by commas; that of ``[joint]`` if no joints are known."""
+    names = [] if assembly is None else [law.formulation for law in assembly.joints.law]
+    return ", ".join(dict.fromkeys(names or [scenario.joint.formulation]))
 
 
 def load_in_words(control: Control, V: float) -> str:
@@ -311,7 +318,7 @@ class Result(RunResult):
             gap = -largest_edge_shortfall(*table, chosen=True)[0] if mechanism == "rocking" else 0.0
         else:
             found = self.theory.discretisation_error
-            if found is None or control.ends_with != YIELD or self.scenario.joint.points is not None:
+            if found is None or control.ends_with != YIELD or self.assembly.joints.law[0].points is not None:
                 return None
             gap = found
         return gap if abs(gap) > (control.tolerance or math.inf) else None

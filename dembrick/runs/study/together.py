@@ -93,7 +93,7 @@ class _Case:
 def _case(scenario: Scenario) -> _Case | None:
     try:
         bare = _at_rest(_Geometry(scenario))
-        if len(bare.joints) != 1:
+        if len(bare.joints) != 1 or bare.joints[0].pieces:  # points are placed piece by piece in a separate run
             return None
         case = _Case(scenario, assemblies.with_loads(scenario, bare, points=False))
     except ScenarioError:

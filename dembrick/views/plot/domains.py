@@ -84,7 +84,7 @@ def domain_points(histories) -> list[dict]:
         row = {key: point.get(key) for key in ("V", "V_lower", "V_upper", "bracket", "V_1", "V_2", "M_T", "N")}
         row |= {"a": float(a), "b": float(b), "friction": joint["friction"], "title": history.title}
         row |= {"cohesion": strengths(joint)[1], "brittle": is_brittle(joint)}
-        row |= {"formulation": history.results.get("formulation", joint["formulation"])}
+        row |= {"formulation": joint["formulation"]}
         row |= {"load_height": float(np.mean(heights)) if heights else 0.0, "history": history.path}
         row |= {"pressure": joint["pressure"], "eccentricity": _eccentricity(history, number, row["load_height"])}
         rows.append(row)
