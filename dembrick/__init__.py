@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow lazy imp
     from dembrick.errors import OutputError as OutputError
     from dembrick.errors import OverlapError as OverlapError
     from dembrick.errors import ScenarioError as ScenarioError
+    from dembrick.errors import StageFellError as StageFellError
     from dembrick.errors import UndecidedError as UndecidedError
     from dembrick.errors import WriteError as WriteError
     from dembrick.history import History as History
@@ -106,8 +107,8 @@ __version__ = "0.1.0"
 _NAMES = {  # by module
     "dembrick": "theory",
     "dembrick.errors": "BracketError DembrickError DivergedError EnergyAuditError HistoryError "
-    "MissingDependency NotConvergedError OutputError OverlapError ScenarioError UndecidedError "
-    "WriteError",
+    "MissingDependency NotConvergedError OutputError OverlapError ScenarioError "
+    "StageFellError UndecidedError WriteError",
     "dembrick.history": "History read_history",
     "dembrick.runs.causes": "Causes find_causes",
     "dembrick.runs.domain": "simulate_domain",

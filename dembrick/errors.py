@@ -30,6 +30,14 @@ class OverlapError(ScenarioError):
         self.blocks = blocks
 
 
+class StageFellError(ScenarioError):
+    """An earlier stage fell, so that the next cannot start; ``result`` is the result of that stage."""
+
+    def __init__(self, message: str, result=None):
+        super().__init__(message)
+        self.result = result
+
+
 class HistoryError(DembrickError):
     """A history file cannot be read: missing, truncated, or not written by this package."""
 

@@ -197,8 +197,9 @@ PYTHON = {  # heading of the Python reference: names at the top level of the pac
     "Runs": "simulate restart restart_at steps sweep find_causes limit reaction simulate_domain replay_lab",
     "Results and histories": "Result LoadPathResult StaticsResult MotionResult LimitResult StandingResult "
     "ReactionResult YieldPoint Theory Step Outcome Causes History read_history export",
-    "Errors": "DembrickError ScenarioError OverlapError HistoryError OutputError WriteError DivergedError "
-    "NotConvergedError UndecidedError BracketError EnergyAuditError MissingDependency Interrupted ClusterError",
+    "Errors": "DembrickError ScenarioError OverlapError StageFellError HistoryError OutputError WriteError "
+    "DivergedError NotConvergedError UndecidedError BracketError EnergyAuditError MissingDependency Interrupted "
+    "ClusterError",
     "Studies": "Study",
     "Scenarios": "load loads dumps Scenario Material JointLaw JointOverride Load Pressure Fill Tie TieEnd Actuator "
     "ControlPoint Solver Output Sine Pulse",

@@ -17,7 +17,7 @@ import numpy as np
 
 from dembrick.assembly import build as assemblies
 from dembrick.assembly.validation import refuse
-from dembrick.errors import DembrickError, HistoryError, UndecidedError
+from dembrick.errors import DembrickError, HistoryError, StageFellError, UndecidedError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.outcomes.result import fell
 from dembrick.scenario.checks import present, show
@@ -131,10 +131,11 @@ class Stages:
         except UndecidedError as error:
             raise UndecidedError(f"stage {number} ({scenario.control.kind}): {error}") from None
         if down:
-            refuse(
-                scenario,
-                f"stage {number} of kind {show(scenario.control.kind)} fell, and no stage can start on blocks that "
-                "fall: end the stages there, or change what brings them down",
+            raise StageFellError(
+                f"{f'{scenario.path}: ' if scenario.path else ''}stage {number} of kind {show(scenario.control.kind)} "
+                "fell, and no stage can start on blocks that fall: end the stages there, or change what brings them "
+                "down",
+                result,
             )
         told = {"stage": number, "kind": scenario.control.kind, **answer}
         self.results.append(json.loads(json.dumps(told)))  # as a checkpoint gives it back

@@ -46,6 +46,12 @@ def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
     assert studies.sweep(path, tmp_path / "out").ran == 0
 
 
+def test_a_fall_in_an_earlier_stage_is_a_fall(write, tmp_path):
+    outcome = studies.sweep(write(SEARCH, BASE + '[[stages]]\nkind = "statics"\n'), tmp_path / "out")
+    (row,) = read_csv(outcome.csv)
+    assert row["status"] == "found" and float(row["falls"]) <= SLOPE <= float(row["stands"])
+
+
 def test_no_bar_leaves_out_what_points_inside_the_edge_do(write, tmp_path, capsys):
     """The least thickness of an arch against that of rigid stones, which rotate about their edges."""
     arch = '[[arches]]\nname = "arch"\nmaterial = "stone"\nradius = 5.0\nthickness = 0.6\ndepth = 0.5\nvoussoirs = 7\n'

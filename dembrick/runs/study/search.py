@@ -11,7 +11,8 @@ A study asks for it by a table::
 
 A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end without being taken
 along by a support: its centroid is lower by more than half of its least dimension, or it has turned by more than 45
-deg. An undecided run is neither: the search tries values beside it, and ends without an answer if all are undecided.
+deg, or if one of its stages falls. An undecided run is neither: the search tries values beside it, and ends without an
+answer if all are undecided.
 
 The bracket is an error bar of the runs. If their model error exceeds it, as for blocks that rock about contact points
 which stop short of the edge, there is no error bar, and a remark says why.
@@ -26,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from dembrick.assembly.contact_points import largest_edge_shortfall
-from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, UndecidedError
+from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, StageFellError, UndecidedError
 from dembrick.runs.outcomes.result import fell
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
@@ -178,7 +179,10 @@ def _row(search: Search, base: str, base_path: str, changes: Mapping[str, Any]) 
         try:
             scenario = scenarios.varied(base, base_path, {**changes, search.key: value})
             check(scenario)
-            found = simulate(scenario, record=False, progress=False)
+            try:
+                found = simulate(scenario, record=False, progress=False)
+            except StageFellError as error:
+                found = error.result
             result = found.as_dict()
             seconds += result["wall"]["loop"]
             short[value] = _short_of_the_edge(found.assembly, result, search.tolerance)
