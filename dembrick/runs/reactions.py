@@ -21,6 +21,7 @@ from dembrick.scenario.checks import listed, nearest, show
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis.analysis import refuse_gap
 from dembrick.simulation.limit_analysis.mechanism import names_of
+from dembrick.simulation.limit_analysis.optimum import LITTLE
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
 
 if TYPE_CHECKING:
@@ -215,10 +216,11 @@ def range_along(scenario: Scenario, assembly: Assembly) -> dict:
     moving = np.unique([i for name in path.supports for i in scenario.members(name)])
     way = np.array(path.displacement)
     ends = reaction_range(assembly, moving, -way / np.linalg.norm(way))  # the action on the structure is opposite
+    least = LITTLE * float(np.abs(assembly.dead_force[~assembly.fixed]).sum())  # guides may carry all but rounding
     for end in ends:
         if math.isfinite(end.value):
             low, high = sorted((end.reached, end.bound))
-            refuse_gap(low, high, end.carried, "a reaction")
+            refuse_gap(low, high, max(end.carried, least), "a reaction")
     return {name: finite(end.value) for name, end in zip(("least", "greatest"), ends, strict=True)}
 
 

@@ -9,6 +9,7 @@ from dembrick.runs.limit import limit
 from dembrick.runs.reactions import ReactionResult, reaction
 from dembrick.runs.reading import load
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.generators import Arch, Wall
@@ -16,6 +17,7 @@ from dembrick.scenario.model import Scenario
 from dembrick.simulation import limit_analysis
 from dembrick.simulation.limit_analysis.reactions import Extreme
 from helpers import pushed_assemblies as scenes
+from helpers.scenario_text import block, header
 from helpers.stone_scenes import law, of_stone
 
 
@@ -198,6 +200,17 @@ FIRST_SPREADS = [
     'stages=[{ kind = "settlement", supports = ["arch.right"], displacement = [0.002, 0.0, 0.0] }]',
     'control={ kind = "tilt", axis = [0.0, 1.0, 0.0] }',
 ]
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_block_whose_guides_carry_its_weight(formulation):
+    """No other load acts on it, so along y nothing pushes; along z its guide may press it down without limit."""
+    floor = block("floor", (0.0, 0.0, -0.05), (1.0, 1.0, 0.1), "fixed = true")
+    guided = block("guided", (0.0, 0.0, 0.05), more='held = ["x", "z"]')
+    scenario = toml.loads(header(formulation) + floor + guided + '[control]\nkind = "statics"\n')
+    for direction, greatest in (((0.0, 1.0, 0.0), 0.0), ((0.0, 0.0, 1.0), math.inf)):
+        found = reaction(scenario, "floor", direction)
+        assert (found.least.value, found.greatest.value) == (0.0, greatest)
 
 
 def test_the_thrust_before_a_springing_spreads():

@@ -247,14 +247,15 @@ def greatest(structure: Structure, live: np.ndarray, inner: Standing) -> Limit:
         rounds=found.rounds,
         seconds=0.0,
     )
-    heavy = float(np.abs(structure.dead).sum()) / size  # the multiplier that makes the load as great as the dead loads
+    heavy = structure.weight / size  # the multiplier that makes the load as great as the dead loads
     refuse_gap(lower, upper, heavy, "the load factor")
     return limit
 
 
 def refuse_gap(lower: float, upper: float, heavy: float, what: str) -> None:
     """Raise NotConvergedError if two bounds are too far apart; ``heavy``: the value that equals the dead loads."""
-    if not upper - lower <= GAP * max(abs(lower), abs(upper), LITTLE * heavy):
+    gap = upper - lower
+    if not (math.isfinite(gap) and gap <= GAP * max(abs(lower), abs(upper), LITTLE * heavy)):
         raise NotConvergedError(
             f"limit analysis: the bounds {lower:.6g} and {upper:.6g} of {what} are further apart than {GAP:g} of it, "
             "so there is no answer; the usual cause is joints or blocks of very different sizes"
@@ -327,7 +328,7 @@ def _least_missing(structure: Structure, cuts: Cuts, length: np.ndarray) -> tupl
     )
     found = solver.solve(programme)
     missing = not_nan(float(programme.cost @ found.x), "what limit analysis leaves out of balance")
-    little = missing <= LITTLE * float(np.abs(structure.dead).sum())
+    little = missing <= LITTLE * structure.weight
     if found.status != SOLVED or (little and found.said != solver.TO_TOLERANCE):
         raise NotConvergedError(
             f"limit analysis: the solver ended with the status {found.said} while it balanced the dead loads"

@@ -105,7 +105,7 @@ def _optimum(
     x, reached = _within(structure, plain, found, inner)
     if cost.any():
         price = bounds.price_of_excess(plain, x, duals)
-        small = price <= APART * max(abs(reached), LITTLE * float(np.abs(structure.dead).sum()))
+        small = price <= APART * max(abs(reached), LITTLE * structure.weight)
         reached = reached + price if small else math.inf  # forces that far from equilibrium prove nothing
     return Optimum(SOLVED, reached, bound, x, outer.equation_dual, rounds, cuts)
 

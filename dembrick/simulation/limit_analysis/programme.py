@@ -44,6 +44,12 @@ class Structure:
     equilibrium: Entries
     dead: np.ndarray
 
+    @property
+    def weight(self) -> float:
+        """Sum of the dead loads of the free blocks in ``frame.unit``, with those that guides carry."""
+        own = self.assembly.dead_force[self.frame.free] / self.frame.unit
+        return max(float(np.abs(self.dead).sum()), float(np.abs(own).sum()))
+
     def carried(self, x: np.ndarray) -> tuple[JointForces, np.ndarray]:
         """The joint forces of a vector of unknowns, and their resultants (j, 6) of all joints (N, N m)."""
         forces = self.layout.forces(x)

@@ -66,7 +66,7 @@ def reaction_range(
             ends.append(Extreme(-sign * math.inf, -sign * math.inf, None, None))
             continue
         reached, bound = (unit * (sign * value + level) for value in (found.reached, found.bound))
-        refuse_gap(min(reached, bound), max(reached, bound), unit * float(np.abs(structure.dead).sum()), "a reaction")
+        refuse_gap(min(reached, bound), max(reached, bound), unit * structure.weight, "a reaction")
         _, resultants = structure.carried(found.x)
         given = np.zeros((len(assembly.fixed), 3))
         given[support] = -sign * np.asarray(direction, float)
