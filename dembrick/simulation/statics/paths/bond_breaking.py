@@ -26,7 +26,8 @@ class BondBreaking:
     """The bonds of a ``state`` whose path is followed; inactive in dry scenes.
 
     ``reserves``: unused strength of the bonds at the last equilibrium (N). ``borne``: the part of the last step that
-    they withstood. ``strength``: sum of the strengths of all bonds (N).
+    they withstood, zero if it is a jump at whose end some are overloaded. ``strength``: sum of the strengths of all
+    bonds (N).
     """
 
     def __init__(self, state: State):
@@ -37,13 +38,11 @@ class BondBreaking:
 
     def bear(self, way: PathState) -> bool:
         """Whether the bonds withstand the step that was found; if not, shorten ``way.step`` to the first failure."""
-        self.borne = 1.0
-        if not self.present or way.broke:
+        self.jumped(way.V)
+        if self.borne == 1.0 or way.broke:
             return True
         now = joint_families.reserves(self._state)
         over = now < 0.0
-        if not over.any():
-            return True
         before = np.maximum(self.reserves, 0.0)
         slipping = np.isinf(before)
         tension = joint_families.tensile_strengths(self._state)
@@ -55,6 +54,12 @@ class BondBreaking:
             return True
         way.step = max((1.0 + 0.5 * BRINK) * self.borne * way.step, least)
         return False
+
+    def jumped(self, V: float) -> float:
+        """Note whether the bonds withstand the equilibrium at ``V`` to which the blocks jumped, or which they found
+        after others broke. No shorter step leads to it, so if they do not, it proves nothing of the load. Returns V."""
+        self.borne = 0.0 if self.present and joint_families.overloaded(self._state).any() else 1.0
+        return V
 
     def give_way(self, search: Equilibria, way: PathState) -> bool:
         """Break the bonds that are overloaded in the present equilibrium; whether there are any.

@@ -181,7 +181,7 @@ class PathFollower:
         """V of the next equilibrium, None if there is none yet; and whether there is anything left to try."""
         way = self.way
         if way.wasted > self.patience:
-            return self.relaxation.push(self.search, way), True
+            return self.bonds.jumped(self.relaxation.push(self.search, way)), True
         guess = way.motion + way.step * way.direction, way.V + way.step * way.gain
         V = None
         if not way.dragged:
@@ -373,7 +373,7 @@ class PathFollower:
         self.search.attempt(drift.motion, drift.V)
         if self.search.is_balanced():
             self.way.drift = None
-            return drift.V, True
+            return self.bonds.jumped(drift.V), True
         if iterations <= EASY:
             drift.drag *= 0.5
         return None, drift.steps < MOST_DRIFTS
@@ -400,7 +400,8 @@ class PathFollower:
         began = time.perf_counter()
         lower, upper = self.instant.bounds(V, moved, hidden)
         self.phases["bracket"] += time.perf_counter() - began
-        if self.bonds.borne < 1.0:  # a bond broke just before the end of the step
+        if self.bonds.borne < 1.0:  # a bond broke before the end of the step
+            before = min(before, way.seen[-1][2])
             lower = min(lower, before + self.bonds.borne * (V - before))
         sure = min(V, lower)  # the share of V that a drag carries does not count for the peak
         if sure > now.peak:
