@@ -62,6 +62,8 @@ def test_a_light_block_falls_beside_heavy_ones():
     the same part of its own weight as alone. It was said to stand up to a load factor of zero."""
     cube = block("support", (30.0, 0.0, -0.1), (0.02, 0.02, 0.2), "fixed = true")
     cube += block("cube", (30.0102, 0.0, 0.01), (0.02, 0.02, 0.02))
+    cube += block("rest", (40.0, 0.0, -0.1), (0.2, 0.2, 0.2), "fixed = true")
+    cube += block("held", (40.0, 0.0, 0.1), (0.2, 0.2, 0.2), 'held = ["z"]')
     lacks = []
     for towers in (0, 1, 4):
         with pytest.raises(NotConvergedError, match="does not stand under its dead loads: rocking of cube;") as caught:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -51,7 +52,7 @@ def fell(answer: Mapping) -> bool:
 
 
 @dataclasses.dataclass(repr=False)
-class RunResult:
+class RunResult(ABC):
     """Result of any run: the ``scenario`` that was run and its geometry (``assembly``), the finished ``run`` with its
     state, the record, the ``energy`` audit (None if nothing was recorded), and how long it took (``wall``, s).
 
@@ -72,9 +73,9 @@ class RunResult:
     energy: EnergyAudit | None = None
     stages: list[dict] = dataclasses.field(default_factory=list)
 
+    @abstractmethod
     def entries(self) -> dict:
         """Entries of the JSON object that are those of this kind of run."""
-        raise NotImplementedError
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick run --json``."""
@@ -93,9 +94,9 @@ class RunResult:
         }
 
     @property
+    @abstractmethod
     def status(self) -> str:
         """How the run ended, in a word."""
-        raise NotImplementedError
 
     @property
     def collapse(self) -> dict | None:

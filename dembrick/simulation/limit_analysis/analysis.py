@@ -273,8 +273,8 @@ def standing(structure: Structure) -> Standing:
         return Standing(True, 0.0, found.x, None)
     group = _groups(structure)
     missing, y = _least_missing(structure, found.cuts, _lengths(structure, group)[group])
-    dead = np.abs(structure.dead).reshape(len(group), -1).sum(axis=1)
-    lacking = np.bincount(group, missing) / np.maximum(np.bincount(group, dead), 1e-300)
+    least = max(_NOTHING * structure.weight, 1e-300)  # of blocks without dead loads
+    lacking = np.bincount(group, missing) / np.maximum(np.bincount(group, structure.weights), least)
     unbalanced = float(lacking.max())
     if unbalanced <= _STANDS:
         return Standing(True, unbalanced, found.x if found.status == SOLVED else np.zeros(layout.n), None)

@@ -45,10 +45,15 @@ class Structure:
     dead: np.ndarray
 
     @property
+    def weights(self) -> np.ndarray:
+        """Sum of the dead loads of each free block (f,) in ``frame.unit``, with those that guides carry."""
+        own = np.abs(self.assembly.dead_force[self.frame.free]).sum(axis=1) / self.frame.unit
+        return np.maximum(np.abs(self.dead).reshape(len(own), -1).sum(axis=1), own)
+
+    @property
     def weight(self) -> float:
-        """Sum of the dead loads of the free blocks in ``frame.unit``, with those that guides carry."""
-        own = self.assembly.dead_force[self.frame.free] / self.frame.unit
-        return max(float(np.abs(self.dead).sum()), float(np.abs(own).sum()))
+        """The sum of these."""
+        return float(self.weights.sum())
 
     def carried(self, x: np.ndarray) -> tuple[JointForces, np.ndarray]:
         """The joint forces of a vector of unknowns, and their resultants (j, 6) of all joints (N, N m)."""
