@@ -154,7 +154,7 @@ def _search_result(bound: bool = False, **fields) -> Result:
         run.yield_point = cut_at_bound(run.yield_point, others.bound)
     slid = control.regime is CONSTANT_RATE or bool(scenario.stages or scenario.among)  # perhaps in an earlier stage
     expected = theory_check.theory_of(assembly, slid)
-    no_limit = run.yield_point.bracket == "open" and getattr(control, "cyclic", False)  # V is that at the end
+    no_limit = run.yield_point.bracket == "open" and control.cyclic  # V is that at the end
     if expected is not None and run.yield_point.V is not None and not no_limit:
         expected = expected.compared(run.yield_point.V)
     falls = control.ends_with == COLLAPSE and not run.yield_point.unlimited

@@ -22,6 +22,7 @@ from dembrick.errors import MissingDependency, NotConvergedError
 TOLERANCE = 1e-9  # of residuals and gap, relative, as Clarabel defines them
 MOST_ITERATIONS = 300
 LARGE = 60_000  # unknowns from which supernodal factors are faster
+SIMILAR = 2.0  # powers of ten: loads of parts of a programme that are solved together
 REGULAR = 1e-12  # of the diagonal: added to it before a symmetric matrix is factorized; refinement removes its effect
 NEEDED = "limit analysis needs the package {name}: install it with pip install 'dembrick[limit]'"
 
@@ -73,6 +74,12 @@ class Programme:
     linear: int
     quadratic: np.ndarray
 
+    @property
+    def cone(self) -> np.ndarray:
+        """Number (k,) of the cone of each row; each linear row is one by itself."""
+        of_quadratic = np.repeat(np.arange(len(self.quadratic)), self.quadratic)
+        return np.concatenate([np.arange(self.linear), self.linear + of_quadratic])
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -108,7 +115,7 @@ def solve(programme: Programme, sizes: np.ndarray | None = None) -> Solution:
 
     ``sizes`` (n,): expected sizes of the unknowns, by which they are measured, so that small ones are as accurate as
     large ones. Parts of a programme that have no unknown and no row in common, such as those of blocks between which
-    only supports lie, are solved one by one, each measured by its own loads.
+    only supports lie, are solved apart if their loads differ much, each measured by its own.
     """
     if sizes is not None:
         scaled, row, cone = _measured(programme, sizes)
@@ -174,48 +181,67 @@ class _Part(NamedTuple):
 
 
 def _parts(programme: Programme) -> list[_Part]:
-    """The parts of a programme without a common unknown or row; rows of a cone belong together."""
-    n, m, linear = len(programme.cost), len(programme.right_hand), programme.linear
-    cone = np.concatenate(
-        [np.arange(linear), linear + np.repeat(np.arange(len(programme.quadratic)), programme.quadratic)]
-    )
-    nodes = n + m + linear + len(programme.quadratic)
+    """The parts of a programme without a common unknown or row, those of similar loads together; rows of a cone belong
+    together."""
+    n, m, linear, cone = len(programme.cost), len(programme.right_hand), programme.linear, programme.cone
     ends = (
         np.concatenate([programme.equations.column, programme.rows.column]),
         n + np.concatenate([programme.equations.row, m + cone[programme.rows.row]]),
     )
-    part = connected(*ends, nodes)
+    part = connected(*ends, n + m + linear + len(programme.quadratic))
     count = int(part.max(initial=0)) + 1
     if count > 1:  # rows without unknowns, and unknowns without rows, go with the first part
         whole = np.isin(np.arange(count), part[:n]) & np.isin(np.arange(count), part[n:])
         number = np.where(whole, np.cumsum(whole) - 1, 0)
-        count, part = max(int(whole.sum()), 1), number[part]
+        size, part = np.zeros(max(int(whole.sum()), 1)), number[part]
+        np.maximum.at(size, part[n : n + m], np.abs(programme.right_hand))
+        np.maximum.at(size, part[n + m :][cone], np.abs(programme.limits))
+        alike = np.unique(np.floor(np.log10(np.maximum(size, 1e-300)) / SIMILAR), return_inverse=True)[1]
+        count, part = int(alike.max()) + 1, alike[part]
     if count == 1:
-        return [_Part(programme, np.arange(n), np.arange(m), np.arange(len(programme.limits)))]
-    of_unknown, of_equation, of_cone = part[:n], part[n : n + m], part[n + m :]
-    of_row = of_cone[cone]
-    return [_part(programme, i, of_unknown, of_equation, of_row, of_cone) for i in range(count)]
+        return [_Part(programme, np.arange(n), np.arange(m), np.arange(len(cone)))]
+    of_equation, of_cone = part[n : n + m], part[n + m :]
+    (unknowns, column), (equations, equation), (rows, row), (balance, _), (strength, _), (quadratic, _) = (
+        _grouped(of, count)
+        for of in (
+            part[:n],
+            of_equation,
+            of_cone[cone],
+            of_equation[programme.equations.row],
+            of_cone[cone[programme.rows.row]],
+            of_cone[linear:],
+        )
+    )
 
-
-def _part(programme: Programme, i: int, of_unknown, of_equation, of_row, of_cone) -> _Part:
-    """Part ``i``, by the part of each unknown (n,), equation (m,), row (k,) and cone."""
-    chosen = [np.flatnonzero(of == i) for of in (of_unknown, of_equation, of_row)]
-    column, equation, row = (np.cumsum(of == i) - 1 for of in (of_unknown, of_equation, of_row))
-
-    def taken(entries: Entries, of: np.ndarray, number: np.ndarray) -> Entries:
-        own = of[entries.row] == i
+    def taken(entries: Entries, own: np.ndarray, number: np.ndarray) -> Entries:
         return Entries(number[entries.row[own]], column[entries.column[own]], entries.value[own])
 
-    own = Programme(
-        cost=programme.cost[chosen[0]],
-        equations=taken(programme.equations, of_equation, equation),
-        right_hand=programme.right_hand[chosen[1]],
-        rows=taken(programme.rows, of_row, row),
-        limits=programme.limits[chosen[2]],
-        linear=int((of_row[: programme.linear] == i).sum()),
-        quadratic=programme.quadratic[of_cone[programme.linear :] == i],
-    )
-    return _Part(own, *chosen)
+    return [
+        _Part(
+            Programme(
+                cost=programme.cost[unknowns[i]],
+                equations=taken(programme.equations, balance[i], equation),
+                right_hand=programme.right_hand[equations[i]],
+                rows=taken(programme.rows, strength[i], row),
+                limits=programme.limits[rows[i]],
+                linear=int(np.searchsorted(rows[i], linear)),
+                quadratic=programme.quadratic[quadratic[i]],
+            ),
+            unknowns[i],
+            equations[i],
+            rows[i],
+        )
+        for i in range(count)
+    ]
+
+
+def _grouped(of: np.ndarray, count: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """The members of each of ``count`` groups in their order, by the group ``of`` each, and their numbers in it."""
+    order = np.argsort(of, kind="stable")
+    ends = np.searchsorted(of[order], np.arange(1, count))
+    number = np.empty(len(of), np.int64)
+    number[order] = np.arange(len(of)) - np.append(0, ends)[of[order]]
+    return np.split(order, ends), number
 
 
 def _solved_by_own_loads(programme: Programme) -> Solution:
@@ -254,11 +280,8 @@ def _measured(programme: Programme, sizes: np.ndarray) -> tuple[Programme, np.nd
         return np.where(most > 0.0, most, 1.0)[group]
 
     equations, rows = columns(programme.equations), columns(programme.rows)
-    linear, m = programme.linear, len(programme.right_hand)
-    cone = np.concatenate(
-        [np.arange(linear), linear + np.repeat(np.arange(len(programme.quadratic)), programme.quadratic)]
-    )
-    row, of_cone = greatest(equations, np.arange(m), m), greatest(rows, cone, linear + len(programme.quadratic))
+    m, cones = len(programme.right_hand), programme.linear + len(programme.quadratic)
+    row, of_cone = greatest(equations, np.arange(m), m), greatest(rows, programme.cone, cones)
     scaled = replace(
         programme,
         cost=programme.cost * sizes,

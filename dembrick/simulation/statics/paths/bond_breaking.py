@@ -38,7 +38,7 @@ class BondBreaking:
 
     def bear(self, way: PathState) -> bool:
         """Whether the bonds withstand the step that was found; if not, shorten ``way.step`` to the first failure."""
-        self.jumped(way.V)
+        self.borne = self._withstood()
         if self.borne == 1.0 or way.broke:
             return True
         now = joint_families.reserves(self._state)
@@ -58,8 +58,12 @@ class BondBreaking:
     def jumped(self, V: float) -> float:
         """Note whether the bonds withstand the equilibrium at ``V`` to which the blocks jumped, or which they found
         after others broke. No shorter step leads to it, so if they do not, it proves nothing of the load. Returns V."""
-        self.borne = 0.0 if self.present and joint_families.overloaded(self._state).any() else 1.0
+        self.borne = self._withstood()
         return V
+
+    def _withstood(self) -> float:
+        """1 if no bond is overloaded at present, else 0."""
+        return 0.0 if self.present and joint_families.overloaded(self._state).any() else 1.0
 
     def give_way(self, search: Equilibria, way: PathState) -> bool:
         """Break the bonds that are overloaded in the present equilibrium; whether there are any.
